@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Builds the documents as a site, into target/docs-site; what `make docs` runs.
 #
-#   scripts/docs.sh PROGRAM     PROGRAM is phasewarp, whose help becomes docs/commands.md
+#   scripts/docs.sh PROGRAM     PROGRAM is phasewarp, whose help becomes docs/commands.md and whose
+#                               keys become docs/keys.md
 #
 # A broken link, a missing anchor and a page without a place in mkdocs.yml end the build.
 
@@ -28,6 +29,7 @@ cp -r --parents ./*.md docs cases jobscripts/README.md python/README.md python/n
         fi
     done
 } >"$pages/docs/commands.md"
+"$program" schema --markdown >"$pages/docs/keys.md"
 
 NO_MKDOCS_2_WARNING=1 "$target/docs/bin/mkdocs" build --strict
 echo "The site is in target/docs-site (python3 -m http.server --directory target/docs-site)"

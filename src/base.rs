@@ -15,6 +15,7 @@ pub mod memory;
 pub mod piecewise;
 pub mod progress;
 pub mod quadrature;
+pub mod refusal;
 pub mod stopwatch;
 pub mod table;
 pub mod text;

@@ -37,7 +37,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run(args) => run::execute(world, args),
         Command::Sweep(args) => sweep::execute(world, args),
-        Command::Schema => schema::execute(world),
+        Command::Schema(args) => schema::execute(world, args),
         Command::Init(args) => init::execute(world, args),
         Command::Completions(args) => shell::completions(world, args),
         Command::Man(args) => shell::man(world, args),

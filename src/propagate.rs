@@ -21,6 +21,7 @@ pub mod classical;
 pub mod commutator_free;
 pub mod evolution;
 pub mod implicit;
+pub mod interruption;
 pub mod krylov;
 pub mod limiter;
 pub mod method;

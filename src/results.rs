@@ -54,15 +54,15 @@ pub(crate) fn file_names(case: &Case) -> Vec<String> {
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<DirectoryLock>> {
     let clear_way = || -> std::io::Result<()> {
         let given = [
-            case.start.as_ref().map(|start| ("initial.warped", &start.path)),
-            case.start_field.as_ref().map(|start| ("initial.field", &start.path)),
-            case.initial_table.as_ref().map(|file| ("initial.table", &file.path)),
+            case.start.as_ref().map(|start| ("initial.warped".to_owned(), &start.path)),
+            case.start_field.as_ref().map(|start| ("initial.field".to_owned(), &start.path)),
         ];
         let given = given
             .into_iter()
             .flatten()
+            .chain(case.tables.iter().map(|file| (file.of.key(), &file.path)))
             .filter_map(|(key, path)| std::fs::canonicalize(path).ok().map(|path| (key, path)));
-        let given: Vec<(&str, std::path::PathBuf)> = given.collect();
+        let given: Vec<(String, std::path::PathBuf)> = given.collect();
         let names = file_names(case);
         for name in names.iter().map(String::as_str).chain([summary::NAME]) {
             let path = directory.join(name);
@@ -70,7 +70,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
                 return Err(std::io::Error::other(format!("{name} in it is a directory")));
             }
             let same =
-                |(_, file): &&(&str, _)| std::fs::canonicalize(&path).ok().as_ref() == Some(file);
+                |(_, file): &&(String, _)| std::fs::canonicalize(&path).ok().as_ref() == Some(file);
             if let Some((key, _)) = given.iter().find(same) {
                 let what = format!(
                     "the run would overwrite {name}, from which it starts ({key}); give another \

@@ -36,7 +36,7 @@ def test_a_table_replaces_the_whole_table(small: pw.Case) -> None:
     small["solver.propagator"] = {"method": "chebyshev"}
     assert "solver.propagator.step" not in small
     # And the program applies both in the same order.
-    assert "propagator chebyshev" in pw.check(small)
+    assert "propagator chebyshev" in pw.describe(small)
 
 
 @pytest.mark.parametrize("name", sorted(p.name for p in CASES.glob("*.toml")))
@@ -60,9 +60,29 @@ def test_toml_of_odd_values(tmp_path: Path) -> None:
 
 
 def test_the_program_reads_what_is_made_here(made: pw.Case) -> None:
-    said = pw.check(made)
+    said = pw.describe(made)
     assert 'A "barrier" \\ of tests' in said
     assert "V = 0.2  where abs(x) < 0.25" in said
+
+
+def test_check_returns_data(made: pw.Case) -> None:
+    with pytest.warns(pw.PhasewarpWarning, match="mass"):
+        found = pw.check(made)
+    assert found["ok"] and found["cells"] > 0 and "mass" in found["warnings"][0]
+    assert [axis["name"] for axis in found["axes"]] == ["x", "vx"]
+    made["constants"] = {"T": 0.5}
+    made["time.end"] = "-2*T"
+    with pytest.raises(pw.CaseError, match=r"time\.end = \"-2\*T\" \(-1\)") as caught:
+        pw.check(made)
+    details = caught.value.details
+    assert details is not None and details["key"] == "time.end" and details["value"] == '"-2*T"'
+
+
+def test_faces_of_constants(made: pw.Case) -> None:
+    expected = made.faces("x")
+    made["constants"] = {"L": float(expected[-1])}
+    made["axis.0.x.lower"], made["axis.0.x.upper"] = "-L", "L"
+    np.testing.assert_array_equal(made.faces("x"), expected)
 
 
 def test_grid(made: pw.Case) -> None:
@@ -143,7 +163,7 @@ def test_a_long_table_over_a_file(small: pw.Case) -> None:
     edges = np.linspace(-1.5, 1.5, 401)
     small["axis.0.x.cells"] = 400
     small["potential"] = pw.potential_table(np.where(edges < 0, 0.2, 0.0)[:-1], edges)
-    assert "V = 0.2  where x < " in pw.check(small)
+    assert "V = 0.2  where x < " in pw.describe(small)
 
 
 def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
@@ -186,6 +206,11 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
         found = pw.run(made, tmp_path / f"table{number}").open()
         difference = np.linalg.norm(found["f"] - expected["f"])
         assert difference < 2e-8 * np.linalg.norm(expected["f"])
+    v = xr.DataArray(0.1 * grid["x"] ** 2, coords={"x": grid["x"]})
+    table = pw.write_table(v, tmp_path / "V.h5")
+    made["potential"] = [{"table": table, "interpolation": "linear"}]
+    points = pw.run(made, tmp_path / "potential").open()["potential"]
+    assert np.allclose(points, v, atol=1e-12)
     with pytest.raises(ValueError, match="each with a coordinate"):
         pw.write_table(xr.DataArray(f.values, dims=("x", "vx")), tmp_path / "none.h5")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -77,6 +78,115 @@ def test_blocks_of(
             assert title, f"a file without a name: {block}"
             (tmp_path / title).write_text(block, "utf-8")
     assert seen == set(languages)
+
+
+# What stands for something of the reader's, and what a test takes for it.
+PLACEHOLDERS = {
+    "--vary KEY=VALUE": "--vary solver.tolerance=1e-2,1e-1",
+    "CASE": "small.toml",
+    "-np N": "-np 2",
+    "-np 64": "-np 2",
+    "T2": "0.6",
+    "DIR2": "other",
+    "DIR": "results/small",
+    "~/.local/share/man/man1": "man1",
+}
+# Commands that take a minute or more, or that build.
+LONG = re.compile(r"phasewarp (advise|chart|stability)|--accuracy|--calibrate|scripts/")
+
+
+def commands(text: str) -> Iterator[str]:
+    """Yield the commands of a page that stand indented, each on one line, as they are written."""
+    lines = [line for line in FENCE.sub("", text).splitlines() if line.startswith("    ")]
+    joined = "\n".join(re.sub(r"\s+#\s.*", "", line[4:]) for line in lines)
+    joined = re.sub(r"\s*\\?\n\s+(?=[-\[(])", " ", joined)
+    for line in joined.splitlines():
+        if re.match(r"(mpirun .*)?(phasewarp|scripts/\w+\.sh) ", line):
+            yield line
+
+
+def runnable(command: str) -> str:
+    """Return a command of a page without what may be left out, for a small case."""
+    while "[" in command:
+        command = re.sub(r"(?:-o )?\[[^\[\]]*\]…?", "", command)
+    for word, meant in PLACEHOLDERS.items():
+        command = re.sub(rf"(?<![\w-]){re.escape(word)}\b", meant, command)
+    return command.replace("…", "")
+
+
+@pytest.mark.parametrize("name", ["usage.md", "quantum.md", "high-order.md"])
+def test_commands_of(
+    name: str, small: pw.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands of a page run on a small case, in their order, and have the options they name."""
+    program = pw.find_program()
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cases").symlink_to(CASES)
+    # Of a size that every command takes, with times for a movie.
+    settings = {
+        "axis.0.x": {"lower": -1.5, "upper": 1.5, "cells": 8},
+        "axis.0.v": {"lower": -1.6, "upper": 1.6, "cells": 8},
+        "time.end": 0.2,
+        "scheme.interface": "conservative",
+        "solver.tolerance": 1e-2,
+        "solver.warp": {"profile": "exponential", "points": 32},
+        "output.field_times": [0.1],
+    }
+    small.replace(settings).save("small.toml")
+    subprocess.run(["phasewarp", "run", "small.toml"], check=True, capture_output=True)
+    found = 0
+    for written in commands((ROOT / "docs" / name).read_text("utf-8")):
+        command = re.search(r"phasewarp ([a-z-]+)", written)
+        if command:
+            said = subprocess.run(
+                ["phasewarp", "help", command[1]], check=True, capture_output=True, text=True
+            ).stdout
+            for option in re.findall(r"(?<=[\s\[])--[a-z-]+", written):
+                assert option in said, f"{written}: {command[1]} has no {option}"
+        words = runnable(written)
+        if LONG.search(words):
+            continue
+        # What is there already is replaced, as by a reader who tries one after the other.
+        forced = re.search(r"phasewarp (run|sweep|export\S*) ", words) and "--continue" not in words
+        run = subprocess.run(
+            ["bash", "-ec", words + (" --force" if forced else "")],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert run.returncode == 0, f"{written}\n{words}\n{run.stdout}\n{run.stderr}"
+        found += 1
+    # The same in fences; of a row of sizes the first two.
+    for language, _, block in FENCE.findall((ROOT / "docs" / name).read_text("utf-8")):
+        if language == "sh":
+            words = re.sub(r"(for N in \d+ \d+)[ \d]*", r"\1", block)
+            subprocess.run(["bash", "-ec", words], check=True, capture_output=True, timeout=60)
+            found += 1
+    assert found >= {"usage.md": 15, "quantum.md": 7, "high-order.md": 2}[name]
+
+
+def test_parts_of_a_case_in_readout(small: pw.Case) -> None:
+    """The tables that the page shows are those of a case."""
+    found = 0
+    for language, _, block in FENCE.findall((ROOT / "docs/readout.md").read_text("utf-8")):
+        if language == "toml":
+            tables = tomllib.loads(block)
+            assert pw.check(small.replace(tables))["ok"]
+            found += 1
+    assert found > 0
+
+
+def test_commands_are_made_runnable() -> None:
+    text = (
+        "    mpirun -np N phasewarp run CASE [-o DIR] [--set K=V]… [-v]   # why\n"
+        "                                    [--ranks-x N[,N…]]\n"
+        "    phasewarp run --continue DIR --until T2 [the same options]\n"
+    )
+    assert [" ".join(runnable(command).split()) for command in commands(text)] == [
+        "mpirun -np 2 phasewarp run small.toml",
+        "phasewarp run --continue results/small --until 0.6",
+    ]
 
 
 def missing(text: str, folder: Path) -> Iterator[str]:

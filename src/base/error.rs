@@ -1,5 +1,6 @@
 //! The errors, in one place. A message names the key, the value and the limit, and says what to do.
 
+use crate::base::refusal::Refusal;
 use std::path::PathBuf;
 
 /// What takes less memory, whatever the run.
@@ -9,9 +10,12 @@ pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), mor
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The case file or a `--set` is wrong; the text carries file, line, key, value and limit.
+    /// An option or an input file is wrong; the text carries it, its value and the limit.
     #[error("{0}")]
     Input(String),
+    /// The case file or a `--set` is wrong: file, line, key, value and limit.
+    #[error("{0}")]
+    Case(Box<Refusal>),
     /// A formula yields NaN or infinity.
     #[error(
         "{key} = \"{formula}\" is {value} at {place}; it must be finite everywhere on the grid"
@@ -218,6 +222,9 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
+    /// A batch of modes was left before its end; the run stops.
+    #[error("a batch of modes was left before its end")]
+    Left,
     /// The run was stopped before its end on request, and can be resumed.
     #[error(
         "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same \
@@ -339,6 +346,11 @@ impl Error {
         }
     }
 
+    /// Whether it is no error, but a batch that was left as the run is to stop.
+    pub fn is_left(&self) -> bool {
+        matches!(self, Error::Left)
+    }
+
     /// Whether it is no error, but a run that was asked to stop.
     pub fn is_stop(&self) -> bool {
         matches!(self, Error::Stopped { .. } | Error::SweepStopped { .. })
@@ -349,6 +361,7 @@ impl Error {
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Input(_)
+            | Error::Case(_)
             | Error::Formula { .. }
             | Error::Memory { .. }
             | Error::Tolerance { .. }
@@ -366,6 +379,7 @@ impl Error {
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
             | Error::Checkpoint { .. }
+            | Error::Left
             | Error::Weights { .. }
             | Error::Negative { .. }
             | Error::Unitarity { .. }
@@ -373,6 +387,24 @@ impl Error {
             | Error::Factors(_)
             | Error::Missed(_)
             | Error::NotFinite(_) => 1,
+        }
+    }
+}
+
+impl From<&Error> for Refusal {
+    /// What an error says of a case; its text where it knows no key.
+    fn from(error: &Error) -> Self {
+        let text = error.to_string();
+        match error {
+            Error::Case(refusal) => (**refusal).clone(),
+            Error::Formula { key, formula, .. } => Self::at_place(key, formula, &text),
+            Error::Tolerance { place, tolerance, .. } => {
+                Self::at_place(place, &format!("{tolerance:e}"), &text)
+            }
+            Error::Interval { place, given, .. } => {
+                Self::at_place(place, &format!("{given:?}"), &text)
+            }
+            _ => Self { message: text, ..Self::default() },
         }
     }
 }

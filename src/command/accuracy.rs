@@ -38,9 +38,11 @@ impl Choice {
     }
 }
 
-/// Checksum of what a case was read of.
+/// Checksum of what a case was read of, tables in files included.
 fn checksum_of(case: &Case) -> String {
+    let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
     let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
+    let text = if tables.is_empty() { text } else { format!("{text}\n{tables:?}") };
     format!("{:016x}", checksum::of_text(text.as_bytes()))
 }
 
@@ -60,7 +62,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
     let settings = serde_json::from_str::<Option<Vec<String>>>(&text).ok()??;
     let set: Vec<String> = case.overrides.iter().cloned().chain(settings).collect();
     let found = Case::parse(&case.name, &case.text, &set).ok()?;
-    Some(Case { accuracy: Some(accuracy), ..found.with_table_of(case) })
+    Some(Case { accuracy: Some(accuracy), ..found.with_tables_of(case) })
 }
 
 /// The case of a run: where an accuracy is asked for, with what [`advise`] chooses for it, which is
@@ -125,7 +127,7 @@ fn with_accuracy(
         }
     }
     let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
-    let chosen = Case::parse(&case.name, &case.text, &set)?.with_table_of(&case);
+    let chosen = Case::parse(&case.name, &case.text, &set)?.with_tables_of(&case);
     Ok(Case { accuracy: Some(accuracy), ..chosen })
 }
 

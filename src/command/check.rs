@@ -1,6 +1,7 @@
 //! `phasewarp check` and `phasewarp check-result`: cases and results without solving anything.
 
 use crate::base::error::Result;
+use crate::base::refusal::Refusal;
 use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
@@ -21,6 +22,8 @@ use serde::Serialize;
 /// What `check --json` prints.
 #[derive(Serialize)]
 struct Checked<'a> {
+    /// True.
+    ok: bool,
     title: &'a str,
     /// The keys that are given, with their values.
     settings: &'a std::collections::BTreeMap<String, String>,
@@ -37,6 +40,24 @@ struct Checked<'a> {
     warnings: &'a [String],
 }
 
+/// What `check --json` prints of a case that is refused.
+#[derive(Serialize)]
+struct Refused {
+    /// False.
+    ok: bool,
+    error: RefusedBy,
+}
+
+/// Why.
+#[derive(Serialize)]
+struct RefusedBy {
+    #[serde(flatten)]
+    refusal: Refusal,
+    exit_code: i32,
+    /// The error as it stands on standard error.
+    text: String,
+}
+
 /// An axis in `check --json`.
 #[derive(Serialize)]
 struct CheckedAxis {
@@ -49,11 +70,22 @@ struct CheckedAxis {
     periodic: bool,
 }
 
-/// Prints the case as it was read, and warnings about it. Collective.
+/// Prints the case as it was read, and warnings about it; as JSON also why it is refused.
+/// Collective.
 ///
 /// # Errors
 /// As [`planning::plan`].
 pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
+    let outcome = check(world, args);
+    if let (true, Err(error)) = (args.json, &outcome) {
+        let (exit_code, text) = (error.exit_code(), error.to_string());
+        let error = RefusedBy { refusal: error.into(), exit_code, text };
+        print_json(world, &Refused { ok: false, error });
+    }
+    outcome
+}
+
+fn check(world: &World, args: &CheckArgs) -> Result<()> {
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     refuse_hopeless_here(world, &case)?;
     announce_look(world, &case);
@@ -97,6 +129,7 @@ fn checked<'a>(
         periodic,
     });
     Checked {
+        ok: true,
         title: &case.title,
         settings: &case.settings,
         axes: axes.collect(),

@@ -42,7 +42,7 @@ pub enum Command {
     /// ffmpeg, as a WebM, into DIR/plots
     Movie(MovieArgs),
     /// Write a finished run as one self-contained page, DIR/report.html
-    Report(ReportArgs),
+    Report(PlotArgs),
     /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
     Chart(ChartArgs),
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
@@ -62,7 +62,7 @@ pub enum Command {
     /// Write a commented case file to begin with
     Init(InitArgs),
     /// The keys of a case file as a JSON schema, by which editors complete and check them
-    Schema,
+    Schema(SchemaArgs),
     /// What a shell needs to complete commands and options
     Completions(CompletionsArgs),
     /// Write manual pages
@@ -329,17 +329,17 @@ pub struct PlotArgs {
     /// Results of another run on the same grid, drawn beside
     #[arg(long, value_name = "DIR")]
     pub beside: Option<PathBuf>,
-}
-
-/// Options of `report`.
-#[derive(Debug, Args)]
-pub struct ReportArgs {
-    /// What is shown, and where it goes.
-    #[command(flatten)]
-    pub plot: PlotArgs,
-    /// Replace a report.html of another case, or one that no report wrote
+    /// Replace what is of another case, or what phasewarp did not write
     #[arg(long)]
     pub force: bool,
+}
+
+/// Options of `schema`.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct SchemaArgs {
+    /// Print a page of the keys in Markdown instead
+    #[arg(long)]
+    pub markdown: bool,
 }
 
 /// Options of `movie`.
@@ -371,6 +371,9 @@ pub struct MovieArgs {
         value_parser = clap::value_parser!(u32).range(1..=10_000)
     )]
     pub every: u32,
+    /// Replace movies of another case, or what phasewarp did not write
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Options of `chart`.

@@ -6,7 +6,7 @@ use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
-use crate::results::table_file::with_table;
+use crate::results::table_file::with_tables;
 use crate::results::untrusted;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let text = load_text(world, &args.case)?;
     let case = Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))?;
-    Ok(with_table(&world.group(), &case)?.into_owned())
+    Ok(with_tables(&world.group(), &case)?.into_owned())
 }
 
 /// Reads the text of a case file on rank 0, for all. Collective.
@@ -72,7 +72,7 @@ pub fn load_continued(
         let keys = found.left_out.join(" and ");
         report(&format!("--continue: {keys} left out, whose times are before the start"));
     }
-    Ok(with_table(&group, &case)?.into_owned())
+    Ok(with_tables(&group, &case)?.into_owned())
 }
 
 /// What there is to go on from. By one rank.

@@ -4,19 +4,18 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::command::cli::MovieArgs;
-use crate::command::plot::Written;
+use crate::command::plot::{Place, Written, open};
 use crate::parallel::communicator::World;
 use crate::results::movie::{self, MOST_FRAMES};
 use crate::results::pictures;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
 use crate::results::pictures::stored::{Snapshot, Stored};
-use crate::results::untrusted;
 
 /// Writes the movies of a run; the first rank reads and writes. Collective.
 ///
 /// # Errors
-/// As [`untrusted::open`], [`Cut::parse`] and [`movie::write`], the same on all ranks;
+/// As [`open`], [`Cut::parse`] and [`movie::write`], the same on all ranks;
 /// [`Error::Input`] where there is one time only, or too many.
 pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| movies(args))?;
@@ -26,31 +25,41 @@ pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
 
 /// A movie through each cut.
 fn movies(args: &MovieArgs) -> Result<Written> {
-    let run = untrusted::open(&args.directory)?;
+    let run = open(&args.directory)?;
     let times = times(args, &run)?;
     let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
     let mut cuts = cuts?;
     if cuts.is_empty() {
         cuts.push(Cut::usual(&run));
     }
-    let directory = args.output.clone();
-    let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));
+    let names: Vec<String> = (1..=cuts.len()).map(name).collect();
+    let place = Place::new(&run, args.output.as_deref());
+    if !args.force {
+        let files =
+            names.iter().flat_map(|name| ["gif", "webm"].map(|end| format!("{name}.{end}")));
+        place.refuse_to_replace(&files.collect::<Vec<_>>())?;
+    }
     let mut written = Written::default();
-    for (k, cut) in cuts.iter().enumerate() {
-        let name = match k {
-            0 => pictures::MOVIE.to_owned(),
-            k => format!("{}_{}", pictures::MOVIE, k + 1),
-        };
+    for (name, cut) in names.iter().zip(&cuts) {
         let film = Film::new(&run, cut, times.clone());
         let film = film.map_err(|why| failure(&args.directory, &why))?;
         if let Some(why) = &film.without_exact {
             written.left_out.push(("the exact density".to_owned(), why.clone()));
         }
-        let movie = movie::write(&film, &directory, &name, args.fps)?;
+        let movie = movie::write(&film, &place.directory, name, args.fps)?;
         written.files.extend(movie.files);
         written.left_out.extend(movie.left_out);
     }
+    place.claim()?;
     Ok(written)
+}
+
+/// The name of the `k`-th movie, from 1, without its ending.
+fn name(k: usize) -> String {
+    match k {
+        1 => pictures::MOVIE.to_owned(),
+        k => format!("{}_{k}", pictures::MOVIE),
+    }
 }
 
 /// The times of the frames.

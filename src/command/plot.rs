@@ -2,22 +2,24 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::command::cli::{PlotArgs, ReportArgs};
+use crate::command::cli::PlotArgs;
 use crate::command::describe::describe;
 use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
+use crate::quantum::exported::{self, Kind, Owner};
 use crate::results::pictures;
 use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
+use crate::results::table_file::with_tables_known;
 use crate::results::untrusted;
 use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Cells of space at most for which a report describes the case: `V` is evaluated on all of them.
 const MOST_POINTS: usize = 10_000_000;
@@ -42,6 +44,48 @@ impl Written {
     }
 }
 
+/// Where pictures and movies of a run go.
+pub(super) struct Place {
+    pub directory: PathBuf,
+    /// Whose they are; nobody's in the directory of the run.
+    owner: Option<Owner>,
+}
+
+impl Place {
+    /// Into `output`, by default among the results of the run.
+    pub fn new(run: &Stored, output: Option<&Path>) -> Self {
+        let own = run.directory.join(pictures::FOLDER);
+        match output.filter(|output| **output != own) {
+            None => Self { directory: own, owner: None },
+            Some(output) => {
+                let settings = run.case.as_ref().map(|case| case.settings.clone());
+                // A case that this program does not read is known by its text.
+                let settings =
+                    settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
+                let owner = Some(Owner { export: Kind::Pictures, settings });
+                Self { directory: output.to_owned(), owner }
+            }
+        }
+    }
+
+    /// Refuses to replace files of another case, and those of `names` that phasewarp did not write.
+    ///
+    /// # Errors
+    /// [`Error::Directory`].
+    pub fn refuse_to_replace(&self, names: &[String]) -> Result<()> {
+        (self.owner.as_ref())
+            .map_or(Ok(()), |owner| owner.refuse_to_replace(&self.directory, names))
+    }
+
+    /// Says whose the files are.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn claim(&self) -> Result<()> {
+        self.owner.as_ref().map_or(Ok(()), |owner| exported::write(&self.directory, owner))
+    }
+}
+
 /// Draws a run; the first rank reads and writes. Collective.
 ///
 /// # Errors
@@ -49,10 +93,13 @@ impl Written {
 /// ranks.
 pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
-        let Drawn { album, .. } = album(args)?;
-        let directory = args.output.clone();
-        let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));
-        let files = album.write(&directory)?;
+        let Drawn { run, album, .. } = album(args)?;
+        let place = Place::new(&run, args.output.as_deref());
+        if !args.force {
+            place.refuse_to_replace(&album.file_names())?;
+        }
+        let files = album.write(&place.directory)?;
+        place.claim()?;
         Ok(Written { files, left_out: album.left_out })
     })?;
     written.print(world);
@@ -64,9 +111,9 @@ pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
 /// # Errors
 /// As [`execute`]; [`Error::Input`] where there is no `summary.json`; as
 /// [`Report::refuse_to_replace`].
-pub fn execute_report(world: &World, args: &ReportArgs) -> Result<()> {
+pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
     let group = world.group();
-    let opened = group.on_first_rank(|| album(&args.plot).map(Some))?;
+    let opened = group.on_first_rank(|| album(args).map(Some))?;
     let description = description(world, opened.as_ref().map(|drawn| &drawn.run));
     let written = group.on_first_rank(|| match opened {
         Some(drawn) => write_report(args, drawn, description),
@@ -78,7 +125,7 @@ pub fn execute_report(world: &World, args: &ReportArgs) -> Result<()> {
 
 /// Writes the page. On the first rank.
 fn write_report(
-    args: &ReportArgs,
+    args: &PlotArgs,
     drawn: Drawn,
     description: std::result::Result<String, String>,
 ) -> Result<Written> {
@@ -99,7 +146,7 @@ fn write_report(
         times: times.as_ref(),
         description: description.as_deref().map_err(String::as_str),
     };
-    let directory = args.plot.output.as_ref().unwrap_or(&args.plot.directory);
+    let directory = args.output.as_ref().unwrap_or(&args.directory);
     if !args.force {
         page.refuse_to_replace(directory)?;
     }
@@ -148,10 +195,20 @@ struct Drawn {
     cut: Cut,
 }
 
+/// The run in a directory, with the tables that it was computed of as far as they are there.
+///
+/// # Errors
+/// As [`untrusted::open`].
+pub(super) fn open(directory: &Path) -> Result<Stored> {
+    let mut run = untrusted::open(directory)?;
+    run.case = run.case.map(|case| with_tables_known(case, &run.provenance));
+    Ok(run)
+}
+
 /// The run and its pictures.
 fn album(args: &PlotArgs) -> Result<Drawn> {
-    let run = untrusted::open(&args.directory)?;
-    let beside = (args.beside.as_deref()).map(untrusted::open).transpose()?;
+    let run = open(&args.directory)?;
+    let beside = (args.beside.as_deref()).map(open).transpose()?;
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;

@@ -125,8 +125,8 @@ pub(super) fn has_counts(case: &Case) -> Result<()> {
         return Err(Error::Input(format!("{}: {what}", case.name)));
     }
     if case.varies() {
-        let what =
-            "inflow.value depends on t; the paper's counts are for a generator that does not";
+        let what = "depends on t; the paper's counts are for a generator that does not";
+        let what = format!("{} {what}", case.inflow_key());
         return Err(Error::Input(format!("{}: {what}", case.name)));
     }
     if let Some(start) = &case.start {

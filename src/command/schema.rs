@@ -1,7 +1,9 @@
-//! `phasewarp schema`: the case file as a JSON schema, by which editors complete and check keys.
+//! `phasewarp schema`: the case file as a JSON schema, by which editors complete and check keys;
+//! and as a page of reference.
 
 use crate::base::error::Result;
-use crate::command::printing::print_json;
+use crate::command::cli::SchemaArgs;
+use crate::command::printing::{print_json, print_unwrapped};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Kind, keys};
 use serde_json::{Map, Value, json};
@@ -10,13 +12,85 @@ use std::collections::BTreeMap;
 /// The tables of keys in this document are what the schema says of them.
 const DOCUMENT: &str = include_str!("../../docs/usage.md");
 
-/// Prints the schema. Collective.
+/// Prints the schema, or the page. Collective.
 ///
 /// # Errors
 /// None.
-pub fn execute(world: &World) -> Result<()> {
-    print_json(world, &schema());
+pub fn execute(world: &World, args: &SchemaArgs) -> Result<()> {
+    match args.markdown {
+        true => print_unwrapped(world, &page()),
+        false => print_json(world, &schema()),
+    }
     Ok(())
+}
+
+/// Every key of a case file in Markdown, a table for each table of the file.
+fn page() -> String {
+    let of_keys = descriptions();
+    let mut text = String::from(
+        "# Keys of a case file\n\n\
+         Every key that the program reads, printed by `phasewarp schema --markdown`.\n\
+         [Usage](usage.md#the-case-file) explains them. `N` counts from 0.\n",
+    );
+    let mut section = "";
+    let keys = every_key();
+    for (key, kind) in &keys {
+        let top = key.split('.').next().unwrap_or_default();
+        if top != section {
+            section = top;
+            text += &format!("\n## {top}\n\n| key | takes | meaning |\n|---|---|---|\n");
+        }
+        let meaning = of_keys.get(key).map_or("", String::as_str).replace('|', "\\|");
+        let takes = words_of(kind).replace('|', "\\|");
+        text += &format!("| `{key}` | {takes} | {meaning} |\n");
+    }
+    text
+}
+
+/// What a key takes, in words.
+fn words_of(kind: &Kind) -> String {
+    let quoted = |words: &[&str]| {
+        words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
+    };
+    match kind {
+        Kind::Unknown => String::new(),
+        Kind::Number => "number".to_owned(),
+        Kind::Whole => "whole number".to_owned(),
+        Kind::Switch => "`true`, `false`".to_owned(),
+        Kind::Text => "text".to_owned(),
+        Kind::Formula => "formula".to_owned(),
+        Kind::Word(words) => quoted(words),
+        Kind::NumberOr(words) => format!("number, {}", quoted(words)),
+        Kind::List(item) => format!("list: {}", words_of(item)),
+        Kind::Table(_) => "table".to_owned(),
+        Kind::Switches(_) => "`true`, `false`, table".to_owned(),
+        Kind::Names(value) => format!("table of names: {}", words_of(value)),
+    }
+}
+
+/// All keys with what they take, tables before what is in them; `N` stands for the number of a
+/// table in a list.
+fn every_key() -> Vec<(String, Kind)> {
+    fn look(path: &str, kind: &Kind, found: &mut Vec<(String, Kind)>) {
+        if !path.is_empty() && !path.ends_with(".N") {
+            found.push((path.to_owned(), kind.clone()));
+        }
+        match kind {
+            Kind::Table(entries) | Kind::Switches(entries) => {
+                for (name, below) in entries {
+                    let path = if path.is_empty() { "" } else { &format!("{path}.") };
+                    look(&format!("{path}{name}"), below, found);
+                }
+            }
+            Kind::List(item) if matches!(**item, Kind::Table(_)) => {
+                look(&format!("{path}.N"), item, found);
+            }
+            _ => {}
+        }
+    }
+    let mut found = Vec::new();
+    look("", &keys(), &mut found);
+    found
 }
 
 /// JSON schema, draft 7, of a case file: every key of the tables that read one, with what
@@ -54,13 +128,15 @@ fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Valu
     };
     match kind {
         Kind::Unknown => json!({}),
-        Kind::Number => json!({ "type": "number" }),
+        // A text is a formula of constants.
+        Kind::Number | Kind::Formula => json!({ "type": ["number", "string"] }),
         Kind::Whole => json!({ "type": "integer" }),
         Kind::Switch => json!({ "type": "boolean" }),
         Kind::Text => json!({ "type": "string" }),
-        Kind::Formula => json!({ "type": ["string", "number"] }),
         Kind::Word(words) => json!({ "enum": words }),
-        Kind::NumberOr(words) => json!({ "anyOf": [{ "type": "number" }, { "enum": words }] }),
+        Kind::NumberOr(words) => {
+            json!({ "anyOf": [{ "enum": words }, { "type": ["number", "string"] }] })
+        }
         Kind::List(item) => {
             let item = described(&format!("{path}.N"), item, of_keys);
             json!({ "type": "array", "items": item })
@@ -207,10 +283,10 @@ mod tests {
     fn mistakes_do_not_fit() {
         for (text, key) in [
             ("tme.end = 1", ".tme"),
-            ("time.end = \"one\"", ".time.end"),
+            ("time.end = true", ".time.end"),
             ("axis = [{ x = { cells = 1.5 } }]", ".axis.x.cells"),
             ("solver.method = \"clasical\"", ".solver.method"),
-            ("solver.warp.delta = \"most\"", ".solver.warp.delta"),
+            ("solver.warp.delta = true", ".solver.warp.delta"),
             ("solver.reduce = 3", ".solver.reduce"),
             ("output.field_times = 0.5", ".output.field_times"),
             ("initial.f = true", ".initial.f"),
@@ -223,22 +299,28 @@ mod tests {
         }
     }
 
-    /// Every key and every table is in the document.
+    /// Every key and every table is in the document, and the document has no other.
     #[test]
-    fn every_key_is_described() {
-        fn look(path: &str, schema: &Value, found: &mut Vec<String>) {
-            let table = schema["anyOf"].as_array().map_or(schema, |choices| &choices[1]);
-            let entries = [table, &table["items"]].map(|table| table["properties"].as_object());
-            for (name, below) in entries.into_iter().flatten().flatten() {
-                let path = format!("{path}.{name}");
-                if below["description"].is_null() {
-                    found.push(path.clone());
-                }
-                look(&path, below, found);
-            }
+    fn the_document_has_every_key_and_no_other() {
+        let (described, keys) = (descriptions(), every_key());
+        let known: Vec<&str> = keys.iter().map(|(key, _)| key.as_str()).collect();
+        assert!(known.len() > 80, "{known:?}");
+        let missing: Vec<_> = known.iter().filter(|key| !described.contains_key(**key)).collect();
+        let stale: Vec<_> = described.keys().filter(|key| !known.contains(&key.as_str())).collect();
+        assert!(missing.is_empty() && stale.is_empty(), "missing {missing:?}, stale {stale:?}");
+    }
+
+    /// The page has a row for every key, of three cells.
+    #[test]
+    fn the_page_has_every_key() {
+        let page = page();
+        let rows: Vec<&str> = page.lines().filter(|line| line.starts_with("| `")).collect();
+        assert_eq!(rows.len(), every_key().len());
+        for row in rows {
+            let bars = row.replace("\\|", "").matches('|').count();
+            assert_eq!(bars, 4, "{row}");
         }
-        let mut found = Vec::new();
-        look("", &schema(), &mut found);
-        assert!(found.is_empty(), "{found:?}");
+        assert!(page.contains("| `axis.N.x.cells` | whole number |"), "{page}");
+        assert!(page.contains("| `solver.warp.delta` | number, `max` |"), "{page}");
     }
 }

@@ -181,9 +181,9 @@ impl<'a> FullestRank<'a> {
         if chunks > 0 {
             list.push(("chunks being written".to_owned(), chunks));
         }
-        if let Some(table) = case.fields.first().and_then(|field| field.initial.table()) {
+        for (file, table) in case.table_values() {
             // Copies of a case share it.
-            list.push(("table of initial.table".to_owned(), 8 * table.values().len() as u64));
+            list.push((format!("table of {}", file.of.key()), 8 * table.values().len() as u64));
         }
         if self.listed > 0 {
             let each = size_of::<Inflow>() as u64 + 8 * bounds.stages as u64;

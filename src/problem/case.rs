@@ -2,7 +2,8 @@
 //!
 //! [`Case::parse`] reads a case in three steps, without MPI: `file` reads TOML and `--set` into a
 //! tree that remembers where each value stands; serde makes a `Tables` of it, by `reader`, which
-//! refuses unknown keys and wrong types; `Case::new` turns that into a [`Case`], a section after
+//! refuses unknown keys and wrong types, and takes formulas of constants for numbers; `Case::new`
+//! turns that into a [`Case`], a section after
 //! the other, and `Case::validate` refuses what does not go together.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
@@ -24,7 +25,7 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA, Extension};
 pub use crate::problem::case::data::{
-    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile,
+    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile, TableOf,
     WarpedStart,
 };
 pub use crate::problem::case::keys::Kind;
@@ -52,7 +53,7 @@ use crate::problem::case::output::OutputTable;
 use crate::problem::case::reader::List;
 use crate::problem::case::readout::ReadoutTable;
 use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
-use crate::problem::formula::Constants;
+use crate::problem::formula::{Constants, Expression};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::LONGEST_FILE;
 use crate::problem::table::Table;
@@ -69,7 +70,9 @@ use std::time::Duration;
 struct Tables {
     title: String,
     reference: String,
-    constants: ConstantsTable,
+    /// Read before all else, as numbers may be formulas of them.
+    #[serde(rename = "constants")]
+    _constants: ConstantsTable,
     axis: List<AxisPair>,
     potential: List<RegionTable>,
     initial: InitialTable,
@@ -120,8 +123,8 @@ pub struct Case {
     pub start: Option<WarpedStart>,
     /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
     pub start_field: Option<StartField>,
-    /// `initial.table`: the file of `f0`, where that is no formula.
-    pub initial_table: Option<TableFile>,
+    /// The files of `f0`, `V` and what enters, where these are no formulas.
+    pub tables: Vec<TableFile>,
     /// `time.start`, 0 unless a file gives `f` there. Formulas and outputs count from 0.
     pub begin: f64,
     /// `time.end`: final time `T`.
@@ -199,8 +202,8 @@ impl Case {
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
+        file.constants = constants::resolved(&file)?;
         let tables: Tables = file.read()?;
-        file.constants = constants::resolved(&file, &tables.constants)?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);
@@ -231,7 +234,8 @@ impl Case {
         let output = tables.output;
         let start = tables.initial.start(file)?;
         let start_field = tables.initial.field(file, &data)?;
-        let initial_table = tables.initial.table(file, n)?;
+        let regions = &tables.potential.0;
+        let files = data::tables(file, regions, &tables.initial, &tables.inflow, n)?;
         let times = output.times(file, begin..end, start.is_none())?;
         let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
@@ -245,7 +249,7 @@ impl Case {
             fields,
             start,
             start_field,
-            initial_table,
+            tables: files,
             begin,
             end,
             interface: tables.scheme.interface(degree > 0 || reflects),
@@ -431,6 +435,7 @@ impl Case {
 
     /// Refuses methods that do not know of an inflow that depends on time.
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
+        let inflow = self.inflow_key();
         let timed = [
             "output.moments_every",
             "output.moment_times",
@@ -440,21 +445,23 @@ impl Case {
         if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
             return file.refuse(
                 key,
-                "with t in inflow.value results are written at time.end only; leave it out",
+                format!("with t in {inflow} results are written at time.end only; leave it out"),
             );
         }
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "takes the inflow at time 0; with t in inflow.value only \"none\"",
+                format!("takes the inflow at time 0; with t in {inflow} only \"none\""),
             );
         }
         let modes = self.method == Method::Schrodingerized;
         if modes && self.propagator.method != PropagatorMethod::Chebyshev {
             return file.refuse(
                 "solver.propagator.method",
-                "with t in inflow.value the generator depends on time; only \"chebyshev\" is \
-                 stepped",
+                format!(
+                    "with t in {inflow} the generator depends on time; only \"chebyshev\" is \
+                     stepped"
+                ),
             );
         }
         Ok(())
@@ -467,10 +474,10 @@ impl Case {
             return refuse("solver.method = \"classical\" knows no p; \"schrodingerized\" does");
         }
         if self.enters() {
-            return refuse(
-                "nothing may enter, as the file has no auxiliary unknowns: leave inflow.value out \
-                 or 0",
-            );
+            let inflow = self.inflow_key();
+            return refuse(&format!(
+                "nothing may enter, as the file has no auxiliary unknowns: leave {inflow} out or 0"
+            ));
         }
         if matches!(self.exact, Some(Exact::Characteristics)) {
             return refuse(
@@ -516,28 +523,62 @@ impl Case {
         Ok(())
     }
 
-    /// The same case with the values that were read of `initial.table`.
-    #[must_use]
-    pub fn with_initial_table(mut self, table: Table) -> Self {
-        if let (Some(file), Some(field)) = (&mut self.initial_table, self.fields.first_mut()) {
-            file.checksum = Some(table.checksum());
-            field.initial = field.initial.with_table(table);
+    /// What stands for the values of a table.
+    fn of_table(&self, of: TableOf) -> Option<&Expression> {
+        match of {
+            TableOf::Initial => self.fields.first().map(|field| &field.initial),
+            TableOf::Inflow => self.fields.first().map(Field::entering),
+            TableOf::Potential(i) => self.potential.get(i).map(|region| &region.value),
+        }
+    }
+
+    /// The same case with `values` of table number `k`, and its checksum.
+    fn with_values(mut self, k: usize, values: Expression, checksum: Option<u64>) -> Self {
+        self.tables[k].checksum = checksum;
+        match (self.tables[k].of, self.fields.first_mut()) {
+            (TableOf::Initial, Some(field)) => field.initial = values,
+            (TableOf::Inflow, Some(field)) => field.inflow = Inflow::Formula(values),
+            (TableOf::Potential(i), _) => self.potential[i].value = values,
+            (_, None) => {}
         }
         self
     }
 
-    /// The same case with the table that `other` has read of the same file, if it has.
+    /// The same case with the values that were read of table number `k`.
     #[must_use]
-    pub fn with_table_of(mut self, other: &Self) -> Self {
-        let is_same = (self.initial_table.as_ref().zip(other.initial_table.as_ref()))
-            .is_some_and(|(own, other)| own.is_same(other));
-        if let (true, Some(field), Some(read)) =
-            (is_same, self.fields.first_mut(), other.fields.first())
-        {
-            field.initial = read.initial.clone();
-            self.initial_table.clone_from(&other.initial_table);
+    pub fn with_table(self, k: usize, table: Table) -> Self {
+        let TableFile { of, interpolation, .. } = self.tables[k];
+        let checksum = Some(table.checksum());
+        let table = table.with_interpolation(interpolation);
+        match self.of_table(of).map(|formula| formula.with_table(table)) {
+            Some(values) => self.with_values(k, values, checksum),
+            None => self,
+        }
+    }
+
+    /// The same case with the tables that `other` has read of the same files.
+    #[must_use]
+    pub fn with_tables_of(mut self, other: &Self) -> Self {
+        for k in 0..self.tables.len() {
+            let same = other.tables.iter().find(|table| table.is_same(&self.tables[k]));
+            let values = same.and_then(|table| other.of_table(table.of).zip(Some(table.checksum)));
+            if let Some((values, checksum)) = values {
+                self = self.with_values(k, values.clone(), checksum);
+            }
         }
         self
+    }
+
+    /// The values of all tables that were read.
+    pub fn table_values(&self) -> impl Iterator<Item = (&TableFile, &Table)> {
+        let values = |file: &TableFile| self.of_table(file.of).and_then(Expression::table);
+        self.tables.iter().filter_map(move |file| Some((file, values(file)?)))
+    }
+
+    /// The key of what enters.
+    pub fn inflow_key(&self) -> &'static str {
+        let is_table = self.tables.iter().any(|table| table.of == TableOf::Inflow);
+        if is_table { "inflow.table" } else { "inflow.value" }
     }
 
     /// Whether anything may enter, of any field.

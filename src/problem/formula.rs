@@ -130,8 +130,8 @@ enum Node {
     Function(Unary, Box<Node>),
     /// The values of a file.
     Table(Arc<Table>),
-    /// Those of a file that was not read: undefined everywhere.
-    Unread,
+    /// Those of a file that was not read, at these coordinates at most: undefined everywhere.
+    Unread(Vec<usize>),
     /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is
     /// that of the text.
     Chain(Box<Node>, Vec<(Binary, Node)>),
@@ -160,7 +160,7 @@ impl Node {
             Self::Coordinate(position) => coordinates[*position],
             Self::Function(function, argument) => function(argument.eval(coordinates)),
             Self::Table(table) => table.eval(coordinates),
-            Self::Unread => f64::NAN,
+            Self::Unread(_) => f64::NAN,
             Self::Chain(first, rest) => (rest.iter())
                 .fold(first.eval(coordinates), |left, (operator, right)| {
                     operator(left, right.eval(coordinates))
@@ -174,10 +174,20 @@ impl Node {
             Self::Coordinate(own) => *own == position,
             Self::Function(_, argument) => argument.depends_on(position),
             Self::Table(table) => table.depends_on(position),
-            Self::Unread => true,
+            Self::Unread(positions) => positions.contains(&position),
             Self::Chain(first, rest) => {
                 first.depends_on(position) || rest.iter().any(|(_, n)| n.depends_on(position))
             }
+        }
+    }
+
+    fn is_stepped(&self) -> bool {
+        match self {
+            Self::Table(table) => table.is_stepped(),
+            Self::Chain(first, rest) => {
+                first.is_stepped() || rest.iter().any(|(_, n)| n.is_stepped())
+            }
+            _ => false,
         }
     }
 }
@@ -212,16 +222,22 @@ impl Expression {
         Ok(Self { text: text.to_owned(), tree, place: String::new() })
     }
 
-    /// The values of a file, which stands at `place`; undefined until
-    /// [`with_table`](Self::with_table) has them.
-    pub fn of_file(text: String, place: String) -> Self {
-        Self { text, tree: Node::Unread, place }
+    /// The values of a file, which stands at `place`, of coordinates at `positions` at most;
+    /// undefined until [`with_table`](Self::with_table) has them.
+    pub fn of_file(text: String, place: String, positions: Vec<usize>) -> Self {
+        Self { text, tree: Node::Unread(positions), place }
     }
 
     /// The same with the values that were read of the file.
     pub fn with_table(&self, table: Table) -> Self {
-        let text = format!("{} ({} points)", self.text, table.shape_text());
+        let steps = if table.is_stepped() { ", constant around each" } else { "" };
+        let text = format!("{} ({} points{steps})", self.text, table.shape_text());
         Self { text, tree: Node::Table(Arc::new(table)), place: self.place.clone() }
+    }
+
+    /// Whether it jumps between the points of a table: whether it is the same all over a cell.
+    pub fn is_stepped(&self) -> bool {
+        self.tree.is_stepped()
     }
 
     /// The table, if this is the values of a file.

@@ -5,7 +5,8 @@
 //! `where` holds at its centre. So jumps lie on faces by construction (paper, section 4.1:
 //! discontinuities at grid points). In between, along an axis of degree 0 `V` is linear; of a
 //! higher degree it is the polynomial of degree 8 through the formula's values at Gauss–Lobatto
-//! points of the element, whose derivative at a node is the slope there.
+//! points of the element, whose derivative at a node is the slope there. A table that is constant
+//! around its points is constant in an element: it has the value at the element's centre there.
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Region};
@@ -72,6 +73,30 @@ fn region<'r>(
     Ok(regions.len() - 1)
 }
 
+/// What gives `V` in an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    /// The region.
+    region: usize,
+    /// Its value all over the element, where it is a table that is constant around its points.
+    level: Option<f64>,
+}
+
+/// The piece of the element around `centre`; or the condition that is undefined there.
+fn piece<'r>(
+    regions: &'r [Region],
+    centre: &[f64; 6],
+) -> std::result::Result<Piece, &'r Expression> {
+    let region = region(regions, centre)?;
+    let value = &regions[region].value;
+    Ok(Piece { region, level: value.is_stepped().then(|| value.eval(centre)) })
+}
+
+/// Whether `V` is of one piece all over the grid.
+fn is_one_piece(case: &Case) -> bool {
+    case.potential.len() == 1 && !case.potential[0].value.is_stepped()
+}
+
 /// Centre of space cell `i`, its node, as formulas take it.
 fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
@@ -97,19 +122,19 @@ struct Values<'c> {
 }
 
 impl Values<'_> {
-    /// The region a space cell belongs to, by its centre.
-    fn region(&mut self, centre: &[f64; 6]) -> usize {
-        region(&self.case.potential, centre).unwrap_or_else(|condition| {
+    /// The piece of the element around `centre`.
+    fn piece(&mut self, centre: &[f64; 6]) -> Piece {
+        piece(&self.case.potential, centre).unwrap_or_else(|condition| {
             let place = describe_space_point(self.case.space.dimension(), centre);
             self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
-            0
+            Piece { region: 0, level: None }
         })
     }
 
-    /// `V` of a region at a point.
-    fn value(&mut self, region: usize, point: &[f64; 6]) -> f64 {
-        let formula = &self.case.potential[region].value;
-        let value = formula.eval(point);
+    /// `V` of a piece at a point.
+    fn value(&mut self, piece: Piece, point: &[f64; 6]) -> f64 {
+        let formula = &self.case.potential[piece.region].value;
+        let value = piece.level.unwrap_or_else(|| formula.eval(point));
         if !value.is_finite() {
             let place = describe_space_point(self.case.space.dimension(), point);
             self.failure.get_or_insert_with(|| formula.undefined(value, place));
@@ -118,14 +143,14 @@ impl Values<'_> {
     }
 
     /// The jump at the lower face along axis `a` of the element of space cell `i`, if the cell is
-    /// its first, and the slope at the cell; `own` is its region, `below` that of the element
-    /// below, if there is one.
+    /// its first, and the slope at the cell; `own` is its piece, `below` that of the element below,
+    /// if there is one.
     fn jump_and_slope(
         &mut self,
         i: &[usize; MAX_DIMENSION],
         a: usize,
-        own: usize,
-        below: Option<usize>,
+        own: Piece,
+        below: Option<Piece>,
     ) -> [f64; 2] {
         let axes = &self.case.space.x;
         let axis = &axes[a];
@@ -145,7 +170,7 @@ impl Values<'_> {
         if turns {
             lower[a] = axis.face(axis.elements() as i64);
         }
-        let Some(below) = below.filter(|&r| node == 0 && (r != own || turns)) else {
+        let Some(below) = below.filter(|&piece| node == 0 && (piece != own || turns)) else {
             return [0.0, slope];
         };
         let behind = self.value(below, &lower);
@@ -169,7 +194,7 @@ impl Values<'_> {
         &mut self,
         point: &[f64; 6],
         a: usize,
-        region: usize,
+        piece: Piece,
         element: i64,
         node: usize,
     ) -> f64 {
@@ -179,7 +204,7 @@ impl Values<'_> {
         let values: Vec<f64> = (fine.nodes.iter())
             .map(|&xi| {
                 point[a] = axis.at(element, xi);
-                self.value(region, &point)
+                self.value(piece, &point)
             })
             .collect();
         let slopes: Vec<f64> = (fine.derivative.iter())
@@ -216,14 +241,14 @@ impl Potential {
         let reflects = case.potential.iter().any(|region| region.reflection.is_some());
         let mut values = Values { case, failure: None };
         for_each_cell(ranges, |i| {
-            let own = values.region(&element_centre(axes, i));
-            // Regions of the elements below.
-            let below: [Option<usize>; MAX_DIMENSION] = std::array::from_fn(|a| {
+            let own = values.piece(&element_centre(axes, i));
+            // Pieces of the elements below.
+            let below: [Option<Piece>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
                 let element = (a < n).then(|| axes[a].split(i[a] as i64).0)?;
                 let last = element * axes[a].nodes.count() as i64 - 1;
                 below[a] = case.space.wrap(a, last)?;
-                Some(values.region(&element_centre(axes, &below)))
+                Some(values.piece(&element_centre(axes, &below)))
             });
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
             for a in 0..n {
@@ -231,7 +256,7 @@ impl Potential {
             }
             if reflects {
                 let side = |a: usize| if jump[a] > 0.0 { own } else { below[a].unwrap_or(own) };
-                this.higher.push(std::array::from_fn(side));
+                this.higher.push(std::array::from_fn(|a| side(a).region));
             }
             this.jump.push(jump);
             this.slope.push(slope);
@@ -363,8 +388,10 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     let mut values = Vec::with_capacity(ranges.iter().map(Range::len).product());
     for_each_cell(ranges, |i| {
         // Undefined conditions are an error elsewhere.
-        let region = region(&case.potential, &element_centre(axes, i)).unwrap_or(0);
-        values.push(case.potential[region].value.eval(&space_point(axes, i)));
+        let found = piece(&case.potential, &element_centre(axes, i)).ok();
+        let formula = &case.potential[found.map_or(0, |piece| piece.region)].value;
+        let level = found.and_then(|piece| piece.level);
+        values.push(level.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
     });
     values
 }
@@ -446,7 +473,7 @@ fn describe_space_point(n: usize, point: &[f64; 6]) -> String {
     text.split(", ").take(n).collect::<Vec<_>>().join(", ")
 }
 
-/// A region's edge that misses the faces of the grid.
+/// An edge of a piece of `V` that misses the faces of the grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StrayEdge {
     /// Axis along which it was found.
@@ -467,19 +494,20 @@ pub struct Overlooked {
     pub empty: Vec<usize>,
 }
 
-/// Where along each space axis the region changes between the centres of neighbouring cells; `None`
-/// for an axis along which it does so at more than some dozens of places, as a curved edge does.
+/// Where along each space axis the piece of `V` changes between the centres of neighbouring cells:
+/// the region, or the value of a table that is constant around its points; `None` for an axis along
+/// which it does so at more than some dozens of places, as a curved edge does.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
-    if case.potential.len() == 1 {
+    if is_one_piece(case) {
         return found;
     }
     // Undefined conditions are an error elsewhere.
-    let at = |point: &[f64; 6]| region(&case.potential, point).unwrap_or(0);
+    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
     for_each_cell(&ranges, |i| {
         let centre = space_point(axes, i);
         let own = at(&centre);
@@ -511,7 +539,8 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     found
 }
 
-/// Looks for region edges along lines through cell centres, and for regions between the centres.
+/// Looks for edges of regions and of tables along lines through cell centres, and for regions
+/// between the centres.
 pub fn overlooked(case: &Case) -> Overlooked {
     const MOST: usize = 8;
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
@@ -519,15 +548,15 @@ pub fn overlooked(case: &Case) -> Overlooked {
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<StrayEdge> = Vec::new();
     let mut used = vec![false; case.potential.len()];
-    if used.len() == 1 {
+    if is_one_piece(case) {
         return Overlooked::default();
     }
     // Undefined conditions are an error elsewhere.
-    let at = |point: &[f64; 6]| region(&case.potential, point).unwrap_or(0);
+    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
     for_each_cell(&ranges, |i| {
         let centre = space_point(axes, i);
         let own = at(&centre);
-        used[own] = true;
+        used[own.map_or(0, |piece| piece.region)] = true;
         for (a, axis) in axes.iter().enumerate() {
             for side in [0, 1] {
                 let face = axis.face((i[a] + side) as i64);

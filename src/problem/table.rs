@@ -1,7 +1,8 @@
-//! A function that is given by its values on a tensor grid of its own, linear along each axis
-//! between its points.
+//! A function that is given by its values on a tensor grid of its own: linear along each axis
+//! between its points, or constant around each of them.
 
 use crate::base::checksum;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Most values of a table, of which every rank holds all: 128 MiB.
@@ -20,15 +21,27 @@ pub struct TableAxis {
     pub points: Vec<f64>,
 }
 
+/// What a table is between its points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// The value of the nearest point: along each axis it jumps half-way between two points. There
+    /// it is that of the upper one.
+    Constant,
+    /// Linear along each axis.
+    Linear,
+}
+
 /// Values on the points of some axes, the last of which varies fastest.
 #[derive(Clone, PartialEq)]
 pub struct Table {
     axes: Vec<TableAxis>,
     values: Vec<f64>,
+    interpolation: Interpolation,
 }
 
 impl Table {
-    /// `values` at the points of `axes`.
+    /// `values` at the points of `axes`, linear between them.
     ///
     /// # Errors
     /// What is wrong: axes that do not ascend or have one point, a number that is not finite, or
@@ -60,7 +73,18 @@ impl Table {
         if let Some(k) = values.iter().position(|value| !value.is_finite()) {
             return Err(format!("value {k} is {}", values[k]));
         }
-        Ok(Self { axes, values })
+        Ok(Self { axes, values, interpolation: Interpolation::Linear })
+    }
+
+    /// The same values with this between them.
+    #[must_use]
+    pub fn with_interpolation(self, interpolation: Interpolation) -> Self {
+        Self { interpolation, ..self }
+    }
+
+    /// Whether it is constant around each point.
+    pub fn is_stepped(&self) -> bool {
+        self.interpolation == Interpolation::Constant
     }
 
     /// Its axes.
@@ -88,9 +112,31 @@ impl Table {
         self.axes.iter().any(|axis| axis.position == position)
     }
 
-    /// The multilinear interpolant at `coordinates`; beyond the first and the last point of an axis
-    /// the value there. NaN where a coordinate is.
+    /// The interpolant at `coordinates`; beyond the first and the last point of an axis the value
+    /// there. NaN where a coordinate is.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
+        match self.interpolation {
+            Interpolation::Constant => self.nearest(coordinates),
+            Interpolation::Linear => self.multilinear(coordinates),
+        }
+    }
+
+    fn nearest(&self, coordinates: &[f64]) -> f64 {
+        let mut place = 0;
+        for axis in &self.axes {
+            let x = coordinates[axis.position];
+            if x.is_nan() {
+                return f64::NAN;
+            }
+            let points = &axis.points;
+            let above = points.partition_point(|p| *p <= x).clamp(1, points.len() - 1);
+            let [a, b] = [points[above - 1], points[above]];
+            place = place * points.len() + above - usize::from(x < a + 0.5 * (b - a));
+        }
+        self.values[place]
+    }
+
+    fn multilinear(&self, coordinates: &[f64]) -> f64 {
         // The place of the lower corner, and for each axis its stride and the part of the step.
         let (mut lower, mut stride) = (0, 1);
         let mut steps = [(0, 0.0); MOST_AXES];
@@ -191,6 +237,21 @@ mod tests {
         assert_eq!(at(9.0, -9.0, 4.5), f(0.5, 0.0, 4.0));
         assert!(at(f64::NAN, 0.0, 0.0).is_nan());
         assert!(table.depends_on(3) && !table.depends_on(1));
+    }
+
+    #[test]
+    fn a_stepped_table_jumps_half_way_between_its_points() {
+        let axes = vec![axis("x", 0, &[0.0, 1.0, 3.0]), axis("y", 1, &[0.0, 1.0])];
+        let table = Table::new(axes, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).unwrap();
+        assert!(!table.is_stepped());
+        let table = table.with_interpolation(Interpolation::Constant);
+        assert!(table.is_stepped());
+        let rows = [(-9.0, 1.0), (0.49, 1.0), (0.5, 3.0), (1.99, 3.0), (2.0, 5.0), (9.0, 5.0)];
+        for (x, value) in rows {
+            assert_eq!(table.eval(&[x, 0.0]), value, "{x}");
+            assert_eq!(table.eval(&[x, 0.5]), value + 1.0, "{x}");
+        }
+        assert!(table.eval(&[0.0, f64::NAN]).is_nan());
     }
 
     #[test]

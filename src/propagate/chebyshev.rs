@@ -26,11 +26,10 @@
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::{Blocking, MOST_LEVELS, Steps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
-use crate::parallel::communicator::GhostExchange;
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare, Start};
 use crate::propagate::method::{
@@ -161,15 +160,18 @@ impl Chebyshev {
 
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`;
     /// with the `couplings` of a stage, if the inflow varies. Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Left`].
     pub(crate) fn series<R: StartRow>(
         &mut self,
-        matrix: &BlockMatrix,
-        exchange: &mut GhostExchange,
+        system: &mut Evolution<'_>,
         constants: &StepConstants,
         degree: usize,
         couplings: Option<&[f64]>,
         start: &[R],
-    ) {
+    ) -> Result<()> {
+        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let constants = |k: usize| {
             let mut constants = constants.clone();
             let row = &self.coefficients[k * LANES..(k + 1) * LANES];
@@ -196,20 +198,27 @@ impl Chebyshev {
             let (y, x) = (&mut self.previous, &mut self.current);
             matrix.steps(exchange, self.blocking.as_ref(), &steps, y, x, start);
             left -= levels;
+            if system.interruption.after(levels) {
+                return Err(Error::Left);
+            }
         }
+        Ok(())
     }
 
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`,
     /// summed forwards, with its terms read into `passed`. Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Left`].
     fn forwards<R: StartRow>(
         &mut self,
-        matrix: &BlockMatrix,
-        exchange: &mut GhostExchange,
+        system: &mut Evolution<'_>,
         constants: &StepConstants,
         degree: usize,
         start: &[R],
         passed: &mut PassedMoments<'_>,
-    ) {
+    ) -> Result<()> {
+        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let constants = |k: usize| {
             let mut constants = StepConstants { coefficient: [0.0; LANES], ..constants.clone() };
             if k > 0 {
@@ -237,9 +246,13 @@ impl Chebyshev {
             let vectors = [&mut self.previous, &mut self.current];
             let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
             matrix.steps_and_read::<()>(exchange, blocking, &steps, vectors, &[], &mut read);
+            if system.interruption.after(to - done) {
+                return Err(Error::Left);
+            }
             done = to;
         }
         std::mem::swap(&mut self.current, &mut passed.sum);
+        Ok(())
     }
 }
 
@@ -251,11 +264,10 @@ impl Propagator for Chebyshev {
         initial: &Initial<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
-        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let degree = batch.largest_work();
         match initial.state {
-            Start::Real(start) => self.series(matrix, exchange, &constants, degree, None, start),
-            Start::Lanes(start) => self.series(matrix, exchange, &constants, degree, None, start),
+            Start::Real(start) => self.series(system, &constants, degree, None, start)?,
+            Start::Lanes(start) => self.series(system, &constants, degree, None, start)?,
         }
         Ok(report)
     }
@@ -269,15 +281,10 @@ impl Propagator for Chebyshev {
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
         passed.prepare(system, batch);
-        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let degree = batch.largest_work();
         match initial.state {
-            Start::Real(start) => {
-                self.forwards(matrix, exchange, &constants, degree, start, passed);
-            }
-            Start::Lanes(start) => {
-                self.forwards(matrix, exchange, &constants, degree, start, passed);
-            }
+            Start::Real(start) => self.forwards(system, &constants, degree, start, passed)?,
+            Start::Lanes(start) => self.forwards(system, &constants, degree, start, passed)?,
         }
         Ok(report)
     }

@@ -103,8 +103,7 @@ impl Propagator for CommutatorFree<'_> {
         }
         for k in 0..stages {
             let (couplings, start) = (Some(self.schedule.stage(k)), &self.start);
-            let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-            self.chebyshev.series(matrix, exchange, &constants, longest, couplings, start);
+            self.chebyshev.series(system, &constants, longest, couplings, start)?;
             self.add_increment();
         }
         report.applications *= stages;

@@ -7,6 +7,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Mesh;
 use crate::problem::case::Case;
+use crate::propagate::interruption::Interruption;
 use std::ops::Range;
 
 /// What is propagated: the matrix on this rank, how its ranks exchange, and what is known of it.
@@ -23,6 +24,8 @@ pub struct Evolution<'a> {
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
     pub terms: usize,
+    /// Whether a batch is left before its end.
+    pub interruption: Interruption,
 }
 
 impl Evolution<'_> {

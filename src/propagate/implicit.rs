@@ -19,7 +19,7 @@
 //!
 //! Modes go one after the other: one set of factors is kept.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
@@ -120,6 +120,9 @@ impl Propagator for Implicit {
                 report.tails[l] += 2.0 * found.residual + f64::EPSILON;
                 report.applications += found.applications;
                 report.solves += 1;
+                if system.interruption.after(found.applications.max(1)) {
+                    return Err(Error::Left);
+                }
             }
             set_lane(&mut self.state, l, &self.mode[..rows]);
             for _ in 0..=self.order {

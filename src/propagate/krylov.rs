@@ -27,7 +27,7 @@
 //! accuracy (Druskin and Knizhnerman 1991).
 
 use crate::base::bisect::bisect;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Interval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
@@ -425,6 +425,9 @@ impl Propagator for Krylov {
                 }
             }
             self.combine(&coefficients[..m]);
+            if system.interruption.after(m) {
+                return Err(Error::Left);
+            }
         }
         Ok(report)
     }

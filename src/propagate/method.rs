@@ -42,7 +42,8 @@ pub trait Propagator {
     /// Propagates `initial` in every lane. Collective over the space group.
     ///
     /// # Errors
-    /// Where the method does not converge, on all ranks of the space group.
+    /// Where the method does not converge, on all ranks of the space group;
+    /// [`Error::Left`](crate::base::error::Error::Left) where the batch is left before its end.
     fn propagate(
         &mut self,
         system: &mut Evolution<'_>,

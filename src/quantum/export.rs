@@ -35,6 +35,7 @@ use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Method};
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
+use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::exported::{self, Kind, Owner};
@@ -141,7 +142,7 @@ pub fn refuse(case: &Case) -> Result<()> {
         );
     }
     if case.varies() {
-        return wrong("inflow.value depends on t; H does not");
+        return wrong(&format!("{} depends on t; H does not", case.inflow_key()));
     }
     if case.start.is_some() {
         return wrong("initial.warped: a start u(0) g(p) is exported, and a file holds any");
@@ -517,6 +518,7 @@ impl ModeEvolution<'_> {
             bounds,
             time: case.duration(),
             terms: problem.terms,
+            interruption: Interruption::default(),
         };
         for first in (0..modes).step_by(LANES) {
             let used = LANES.min(modes - first);

@@ -19,6 +19,8 @@ pub enum Kind {
     Quantum,
     /// A block encoding of `H` as gates.
     Circuit,
+    /// Pictures and movies of a run.
+    Pictures,
 }
 
 impl Kind {
@@ -28,6 +30,7 @@ impl Kind {
             Self::Matrix => "matrix",
             Self::Quantum => "quantum",
             Self::Circuit => "circuit",
+            Self::Pictures => "pictures",
         }
     }
 }

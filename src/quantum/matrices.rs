@@ -90,7 +90,8 @@ pub fn names(case: &Case) -> Vec<String> {
 pub fn refuse(case: &Case) -> Result<()> {
     let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
     if case.varies() {
-        return wrong("inflow.value depends on t; b, which is exported, does not");
+        let inflow = case.inflow_key();
+        return wrong(&format!("{inflow} depends on t; b, which is exported, does not"));
     }
     if case.start.is_some() {
         return wrong("initial.warped: the start is in that file; initial.f can be exported");

@@ -86,7 +86,7 @@ pub fn refused(case: &Case) -> Option<&'static str> {
         (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
         (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
         _ if case.varies() => Some(
-            "inflow.value depends on t, and the evolution is that of a Hamiltonian that does not",
+            "what enters depends on t, and the evolution is that of a Hamiltonian that does not",
         ),
         _ => None,
     }

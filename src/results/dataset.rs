@@ -45,7 +45,7 @@ pub struct Results<'a> {
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Attributes of the file: what produced it.
-    pub provenance: &'a [(&'static str, String)],
+    pub provenance: &'a [(String, String)],
 }
 
 /// Attributes of a file as a whole.
@@ -59,7 +59,7 @@ pub struct About<'a> {
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Attributes of the file: what produced it.
-    pub provenance: &'a [(&'static str, String)],
+    pub provenance: &'a [(String, String)],
 }
 
 impl<'a> Results<'a> {

@@ -69,9 +69,9 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     let given = [
         case.start.as_ref().map(|start| &start.path),
         case.start_field.as_ref().map(|start| &start.path),
-        case.initial_table.as_ref().map(|file| &file.path),
     ];
-    let mut given = given.into_iter().flatten();
+    let tables = case.tables.iter().map(|file| &file.path);
+    let mut given = given.into_iter().flatten().chain(tables);
     let older = given.all(|path| modified(path).is_some_and(|start| start < result));
     let fields = warped::names(case);
     let stopped = directory.join("checkpoint").exists();

@@ -136,6 +136,12 @@ impl Album {
         }
     }
 
+    /// The names of the files that [`write`](Self::write) writes.
+    pub fn file_names(&self) -> Vec<String> {
+        let names = self.pictures.iter().map(|picture| &picture.name);
+        names.flat_map(|name| ["svg", "png"].map(|end| format!("{name}.{end}"))).collect()
+    }
+
     /// Writes every picture as SVG and PNG into `directory`; gives the paths.
     ///
     /// # Errors

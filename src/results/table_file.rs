@@ -1,14 +1,17 @@
-//! `initial.table`: a function on a tensor grid in a file, HDF5 or CSV, read by one rank for all.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in files, HDF5
+//! or CSV, read by one rank for all.
 
 use crate::base::error::{Error, Result};
+use crate::base::refusal::Refusal;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, TableFile};
+use crate::problem::case::{Case, TIME, TableFile, TableOf};
 use crate::problem::table::{Table, TableAxis, check_size};
 use crate::results::readback::numbers;
 use crate::results::untrusted::{self, Inspection};
 use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 /// Most bytes of a CSV file.
 const MOST_TEXT: u64 = 256 << 20;
@@ -16,27 +19,72 @@ const MOST_TEXT: u64 = 256 << 20;
 /// What a file holds, or what is wrong with it.
 type Found<T> = std::result::Result<T, String>;
 
-/// `case` with the table that it names, if it names one that is not read yet. Collective over
-/// `world`.
+/// `case` with the tables that it names, as far as they are not read yet. Collective over `world`.
 ///
 /// # Errors
-/// [`Error::Input`], the same on all ranks, saying what is wrong with the file.
-pub fn with_table<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
-    let Some(file) = case.initial_table.as_ref().filter(|file| file.checksum.is_none()) else {
-        return Ok(Cow::Borrowed(case));
+/// [`Error::Input`], the same on all ranks, saying what is wrong with a file.
+pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    let mut case = Cow::Borrowed(case);
+    for k in 0..case.tables.len() {
+        if case.tables[k].checksum.is_none() {
+            let table = read_for_all(world, &case, &case.tables[k])?;
+            case = Cow::Owned(case.into_owned().with_table(k, table));
+        }
+    }
+    Ok(case)
+}
+
+/// The table of `file` on all ranks, which reaches as far as `case` does. Collective over `world`.
+fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
+    let wrong = |what: &str| {
+        let path = format!("\"{}\"", file.path.display());
+        Error::Case(Box::new(Refusal::at_place(&file.place, &path, what)))
     };
-    let wrong =
-        |what: &str| Error::Input(format!("{} = \"{}\": {what}", file.place, file.path.display()));
     let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| wrong(&what)))?;
     let table = shared(world, found).map_err(|what| wrong(&what))?;
     let space = case.space.whole();
-    let ends = (space.x.iter().zip(0..)).chain(space.v.iter().zip(3..));
-    for (axis, position) in ends {
-        if let Some(what) = table.beyond(position, [axis.lower, axis.upper]) {
+    let axes = (space.x.iter().zip(0..)).chain(space.v.iter().zip(3..));
+    let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
+    for (position, ends) in ends.chain([(TIME, [case.begin, case.end])]) {
+        if let Some(what) = table.beyond(position, ends) {
             return Err(wrong(&what));
         }
     }
-    Ok(Cow::Owned(case.clone().with_initial_table(table)))
+    Ok(table)
+}
+
+/// `case` with the tables that it names, as far as their files are those that a result was computed
+/// of, which has `checksums` of them by their keys. By one rank.
+pub fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -> Case {
+    for k in 0..case.tables.len() {
+        let file = &case.tables[k];
+        let known = checksums.get(&checksum_name(file.of));
+        let found = known.and_then(|known| {
+            let table = read(file).ok()?;
+            (format!("{:016x}", table.checksum()) == *known).then_some(table)
+        });
+        if let Some(table) = found {
+            case = case.with_table(k, table);
+        }
+    }
+    case
+}
+
+/// The attribute of a result that names the file of a table; that of `f0` is `table_file`.
+pub(crate) fn file_name(of: TableOf) -> String {
+    format!("{}_file", attribute(of))
+}
+
+/// The attribute of a result with the checksum of a table.
+pub(crate) fn checksum_name(of: TableOf) -> String {
+    format!("{}_checksum", attribute(of))
+}
+
+fn attribute(of: TableOf) -> String {
+    match of {
+        TableOf::Initial => "table".to_owned(),
+        _ => of.key().replace('.', "_"),
+    }
 }
 
 /// The axes of a table, for other ranks.
@@ -101,11 +149,10 @@ fn of_hdf5(file: &TableFile) -> Found<Table> {
     let dataset = dataset.map_err(|_| format!("holds no dataset /{}", file.dataset))?;
     let shape = dataset.shape();
     if shape.len() != axes.len() {
-        let names: Vec<&str> = axes.iter().map(|(_, names)| names[0]).collect();
         return Err(format!(
             "/{} has the shape {shape:?}; the axes {} are expected, others by axes = [\"…\"]",
             file.dataset,
-            names.join(", ")
+            file.axes_text()
         ));
     }
     let axis = |(position, names): &(usize, Vec<&str>)| {
@@ -138,13 +185,13 @@ fn of_text(file: &TableFile, text: &str) -> Found<Table> {
     let mut axes: Vec<(String, usize)> = Vec::new();
     let mut column_of_value = None;
     for (column, name) in head.split(',').map(|name| name.trim().trim_matches('"')).enumerate() {
-        match file.position(name) {
+        match file.position_of_axis(name) {
             Some(position) => axes.push((name.to_owned(), position)),
             None if name == file.dataset && column_of_value.is_none() => {
                 column_of_value = Some(column);
             }
             None => {
-                let names = file.names_text();
+                let names = file.axes_text();
                 let value = &file.dataset;
                 return Err(format!(
                     "column \"{name}\" in the first line is neither one of the axes {names} nor \
@@ -224,7 +271,7 @@ mod tests {
     use std::path::Path;
 
     fn file() -> TableFile {
-        TableFile::new(Path::new("f0.csv"), "case: initial.table.file", 1)
+        TableFile::new(TableOf::Initial, Path::new("f0.csv"), "case: initial.table.file", 1)
     }
 
     #[test]

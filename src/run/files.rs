@@ -12,7 +12,7 @@ pub(crate) struct Files<'a> {
     /// Seconds by step so far, for their attributes.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Program, commit, libraries, for their attributes.
-    pub provenance: &'a [(&'static str, String)],
+    pub provenance: &'a [(String, String)],
     /// Checkpoints of a run by modes.
     pub checkpointing: Option<&'a mut Checkpointing>,
 }

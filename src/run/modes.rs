@@ -10,6 +10,7 @@ use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, WarpedStart};
 use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::interruption::Interruption;
 use crate::propagate::propagator;
 use crate::results::dataset::About;
 use crate::results::summary::Summary;
@@ -30,6 +31,7 @@ use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Every field by the modes of the plan. Collective.
@@ -107,6 +109,7 @@ pub(crate) fn by_modes(
         shares: &place.ranges,
         moments: Some(&moments),
     };
+    let stop = checkpointing.as_ref().map(|c| Arc::clone(&c.times.stop));
     let mut evolution = Evolution {
         matrix: &system.matrix,
         exchange: &mut system.exchange,
@@ -114,6 +117,7 @@ pub(crate) fn by_modes(
         bounds: &plan.bounds,
         time: case.duration(),
         terms: system.terms,
+        interruption: Interruption::new(&communicator.space, system.matrix.rows(), stop),
     };
     let mut write = |field: usize, leg: usize, kept: &KeptModes| match &mut warped {
         Some(warped) => warped.write(field, leg, &spread, kept),
@@ -198,7 +202,7 @@ struct WarpedFiles<'a> {
     warp: &'a WarpPlan,
     directory: &'a Path,
     seconds: &'a BTreeMap<String, f64>,
-    provenance: &'a [(&'static str, String)],
+    provenance: &'a [(String, String)],
     /// Seconds that writing took.
     took: f64,
 }

@@ -9,7 +9,7 @@ use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
-use crate::results::table_file::with_table;
+use crate::results::table_file::with_tables;
 use crate::results::warped::given::Given;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
@@ -125,9 +125,9 @@ impl Planned {
 /// the origin of a field, the values of a table. Collective.
 ///
 /// # Errors
-/// As [`Given::new`], [`origin`] and [`with_table`].
+/// As [`Given::new`], [`origin`] and [`with_tables`].
 pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
-    let case = with_table(world, case)?;
+    let case = with_tables(world, case)?;
     if let Some(start) = &case.start_field {
         let origin = Some(origin(world, start, &case)?);
         let start_field = Some(StartField { origin, ..start.clone() });

@@ -114,7 +114,7 @@ fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
     let fields = case.fields.iter().flat_map(|field| {
         [
             (format!("{}(0)", field.name), &field.initial),
-            ("inflow.value".to_owned(), field.entering()),
+            (case.inflow_key().to_owned(), field.entering()),
         ]
     });
     let exact = match &case.exact {
@@ -173,7 +173,7 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
     }
     let x = axis_names(case.space.dimension())[a];
     match varies_along(case, a) {
-        Some(name) if name == "inflow.value" || name == "exact.f" => {
+        Some(name) if name == case.inflow_key() || name == "exact.f" => {
             Some(format!("{x}: V and f(0) do not vary along it, {name} does"))
         }
         Some(_) => None,

@@ -334,9 +334,10 @@ impl ModeRun<'_, '_, '_, '_, '_> {
     ) -> Result<Result<()>> {
         let task = self.task;
         let mut batches = batches.iter();
-        let mut outcome = Ok(());
+        let mut outcome: Result<()> = Ok(());
         loop {
             let standing = match (&outcome, batches.len()) {
+                (Err(e), _) if e.is_left() => Standing::Left,
                 (Err(_), _) => Standing::Failed,
                 (Ok(()), 0) => Standing::Finished,
                 _ => Standing::Working,
@@ -351,7 +352,8 @@ impl ModeRun<'_, '_, '_, '_, '_> {
                 None => standing != Standing::Working,
             };
             if over {
-                return Ok(outcome);
+                // What failed, failed on another rank.
+                return Ok(outcome.or_else(|e| if e.is_left() { Ok(()) } else { Err(e) }));
             }
             let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
                 continue;
@@ -433,6 +435,8 @@ fn add_batch(
     for leg in stage.legs.clone() {
         let Leg { time, passed: times, .. } = &task.legs[leg];
         system.time = *time;
+        // Nothing of the batch was added to a sum so far.
+        system.interruption.allowed = leg == stage.legs.start;
         let spec = specification(warp, leg, batch);
         let start = Initial {
             state: match leg {

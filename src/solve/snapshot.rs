@@ -12,12 +12,11 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Beginnings of the keys that change no bit of a checkpoint.
-pub(crate) const WITHOUT_EFFECT: [&str; 11] = [
+pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
     "title",
     "reference",
     "initial.warped",
     "initial.field",
-    "initial.table.",
     "output.compression",
     "output.chunks",
     "output.expand",
@@ -37,8 +36,8 @@ pub struct Fingerprint {
     pub(crate) start: Option<Start>,
     /// The checksum of the field that it starts from, if that is of a file.
     pub(crate) field: Option<u64>,
-    /// The checksum of the table of `f0`, if it is one.
-    pub(crate) table: Option<u64>,
+    /// The checksums of tables in files, by their keys.
+    pub(crate) tables: BTreeMap<String, Option<u64>>,
     /// Of the plan.
     pub(crate) plan: u64,
     /// Whether the inner loop has fused multiply-adds.
@@ -58,7 +57,10 @@ impl Fingerprint {
     /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose
     /// values are.
     pub fn new(case: &Case, warp: &WarpPlan) -> Self {
-        let counts = |key: &String| !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start));
+        // What a table is, its checksum says.
+        let counts = |key: &String| {
+            !key.contains(".table.") && !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start))
+        };
         let mut settings = case.settings.clone();
         settings.retain(|key, _| counts(key));
         let planned = (warp.fingerprint(), warp.interval, &warp.readings, &warp.plateau);
@@ -70,7 +72,7 @@ impl Fingerprint {
                 values: None,
             }),
             field: case.start_field.as_ref().and_then(|start| Some(start.origin?.checksum)),
-            table: case.initial_table.as_ref().and_then(|file| file.checksum),
+            tables: case.tables.iter().map(|file| (file.of.key(), file.checksum)).collect(),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
             fused: InstructionSet::here().is_fused(),
         }
@@ -102,8 +104,9 @@ impl Fingerprint {
         if self.field != other.field {
             return Some("began from another field: that of initial.field has changed".to_owned());
         }
-        if self.table != other.table {
-            return Some("began from another table: that of initial.table has changed".to_owned());
+        let keys = self.tables.keys().chain(other.tables.keys());
+        if let Some(key) = keys.into_iter().find(|k| self.tables.get(*k) != other.tables.get(*k)) {
+            return Some(format!("is of another table: that of {key} has changed"));
         }
         if self.fused != other.fused {
             let [own, other] = [self, other].map(|run| if run.fused { "with" } else { "without" });

@@ -57,11 +57,89 @@ fn a_case_is_checked_as_json() {
     assert!(found["warnings"].to_string().contains("velocit"), "{}", found["warnings"]);
 }
 
+/// A case that is refused is told in parts, beside the message for people.
+#[test]
+fn a_refused_case_is_told_as_json() {
+    let example = crate::support::case("example1.toml");
+    // The setting, then key, value, --set, and what the message says.
+    let rows = [
+        ("time.end=-1", "time.end", "-1", "above"),
+        ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
+        ("initial.f=1/x + ln(v)", "initial.f", "1/x + ln(v)", "finite"),
+        ("initial={table={file='none.csv'}}", "initial.table.file", "none.csv", "No such file"),
+        ("solver.tolerance=1e-16", "solver.tolerance", "1e-16", "round-off"),
+    ];
+    check_all(&rows, |(set, key, value, says)| {
+        let finished = Job::new(["check", &example, "--json"]).set(&[set]).on(2).run()?;
+        finished.ended(2, &[says])?;
+        let found = finished.json()?;
+        let error = &found["error"];
+        let said = |name: &str| error[name].as_str().unwrap_or_default().to_owned();
+        let is_right = found["ok"] == false
+            && said("key") == *key
+            && said("value").contains(value)
+            && said("message").contains(says)
+            && said("set").starts_with(key.split('.').next().unwrap_or_default())
+            && error["exit_code"] == 2;
+        if is_right { Ok(()) } else { Err(format!("{found:#}")) }
+    });
+    // In a file, with the place.
+    let place = directory();
+    let path = place.path().join("mine.toml");
+    let text = std::fs::read_to_string(&example).expect("a case");
+    std::fs::write(&path, text.replacen("cells = 128", "cells = 0", 1)).expect("a file");
+    let file = path.display().to_string();
+    let finished = Job::new(["check", &file, "--json"]).run().expect("an end");
+    let error = finished.json().expect("JSON")["error"].take();
+    assert_eq!((&error["file"], &error["key"]), (&file.into(), &"axis.0.x.cells".into()));
+    assert!(error["line"].as_u64() > Some(1) && error["column"].as_u64() > Some(1), "{error}");
+    assert!(error["set"].is_null(), "{error}");
+}
+
+/// Constants stand in the place of numbers, in files and in settings.
+#[test]
+fn numbers_are_formulas_of_constants() {
+    let example = crate::support::case("example1.toml");
+    let constants = "constants={T=0.25, L='6*T', eps='2*5e-7'}";
+    let settings = |named: bool| {
+        let pairs = [
+            ("time.end", "2*T", "0.5"),
+            ("axis.0.x.lower", "-L", "-1.5"),
+            ("axis.0.x.upper", "L", "1.5"),
+            ("solver.tolerance", "eps", "1e-6"),
+            ("output.field_times", "['T', 0.3]", "[0.25, 0.3]"),
+            ("solver.warp.shift", "0*T", "0"),
+            ("inflow.value", "1", "1"),
+        ];
+        pairs.map(|(key, name, number)| format!("{key}={}", if named { name } else { number }))
+    };
+    let plan = |named: bool| {
+        let settings = settings(named);
+        let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+        let job = Job::new(["plan", &example, "--json"]).set(&[constants]).set(&settings);
+        job.succeed().unwrap().json().unwrap()["warp"].take()
+    };
+    assert!(plan(true).is_object());
+    assert_eq!(plan(true), plan(false));
+    let rows: [(&str, &[&str]); 6] = [
+        ("time.end=2*U", &["time.end = \"2*U\"", "unknown name \"U\" at character 3", "a number"]),
+        ("time.end=-T", &["time.end = \"-T\" (-0.25)", "above"]),
+        ("time.end=x", &["unknown name \"x\""]),
+        ("time.end=1/0", &["time.end = \"1/0\"", "a finite number"]),
+        ("axis.0.x.cells=2*T", &["axis.0.x.cells", "whole number"]),
+        ("solver.warp.delta=maxx", &["solver.warp.delta", "did you mean \"max\""]),
+    ];
+    check_all(&rows, |(set, says)| {
+        Job::new(["check", &example]).set(&[constants, set]).is_refused(says)
+    });
+}
+
 /// What editors and shells read is about every command and key.
 #[test]
 fn editors_and_shells_are_served() {
     let schema = Job::new(["schema"]).on(2).succeed().unwrap().json().unwrap();
-    assert_eq!(schema["properties"]["time"]["properties"]["end"]["type"], "number");
+    let end = &schema["properties"]["time"]["properties"]["end"]["type"];
+    assert_eq!(*end, serde_json::json!(["number", "string"]));
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let finished = Job::new(["completions", shell]).succeed().unwrap();
         finished.says(&finished.output, &["check-result", "ranks-x", "stability"]).unwrap();

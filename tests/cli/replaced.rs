@@ -82,7 +82,7 @@ fn what_is_replaced_goes_with_its_pictures() {
     assert!(!path.join("plots").exists(), "an empty folder stays");
 }
 
-/// A sweep, an export and a report replace what is theirs, and nothing of others unasked.
+/// A sweep, an export, a report, pictures and a movie replace what is theirs, and nothing of others unasked.
 #[test]
 fn tables_exports_and_reports_are_not_replaced_unasked() {
     let place = directory();
@@ -90,6 +90,11 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
     let example = case("example1.toml");
     run(&[]).into(path).succeed().expect("a run");
     let result = path.display().to_string();
+    let frames = ["output.field_times=[0.1]"];
+    let [timed, other_timed] = [directory(), directory()];
+    run(&frames).into(timed.path()).succeed().expect("a run");
+    run(&frames).set(&["time.end=0.2"]).into(other_timed.path()).succeed().expect("a run");
+    let movie = |path: &Path| Job::new(["movie".to_owned(), path.display().to_string()]);
     let other = directory();
     run(&["time.end=0.2"]).into(other.path()).succeed().expect("a run");
     let second = other.path().display().to_string();
@@ -105,11 +110,13 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
     let sweep = job(&["sweep", &example]).with(vary).set(&tiny[..2]);
     let exports = ["export-matrix", "export-quantum"].map(|name| job(&[name, &example]).set(&tiny));
     // What writes, the same for another case, the first file of its own, and what is said of it.
-    let rows: [(Job, Job, &str, &str); 4] = [
+    let rows: [(Job, Job, &str, &str); 6] = [
         (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
         (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 1"),
         (exports[1].clone(), exports[1].clone().set(&["time.end=0.2"]), "field.npy", "time.end"),
         (job(&["report", &result]), job(&["report", &second]), "report.html", "of another case"),
+        (job(&["plot", &result]), job(&["plot", &second]), "moments.svg", "time.end is 0.3"),
+        (movie(timed.path()), movie(other_timed.path()), "movie.gif", "time.end is 0.3"),
     ];
     check_all(&rows, |(mine, others, name, said)| {
         let place = directory();

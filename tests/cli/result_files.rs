@@ -37,6 +37,66 @@ fn refused_runs_leave_older_results() {
     assert!(after["result.h5"] != before["result.h5"], "result.h5 was not replaced");
 }
 
+/// The table of datasets in docs/usage.md has every dataset of results, and no other.
+#[test]
+fn datasets_are_those_of_the_document() {
+    const PAGE: &str = include_str!("../../docs/usage.md");
+    let section =
+        PAGE.split("\n### ").find(|part| part.starts_with("result.h5")).expect("a section");
+    let rows: Vec<&str> = section.lines().filter(|line| line.starts_with("| `/")).collect();
+    // `/a/{x,y}` are two; `/a/…` is all below.
+    let expanded = |name: &str| -> Vec<String> {
+        match name.split_once('{').and_then(|(head, rest)| Some((head, rest.split_once('}')?))) {
+            Some((head, (words, _))) => words.split(',').map(|w| format!("{head}{w}")).collect(),
+            None => vec![name.to_owned()],
+        }
+    };
+    let names = |text: &str| -> Vec<String> {
+        let quoted = text.split('`').skip(1).step_by(2).filter(|name| name.starts_with('/'));
+        quoted.flat_map(expanded).collect()
+    };
+    // Those that a row is of, and those that it names: the scales that these run over.
+    let own: Vec<String> =
+        rows.iter().flat_map(|row| names(row.split('|').nth(1).unwrap())).collect();
+    let named: Vec<String> = rows.iter().flat_map(|row| names(row)).collect();
+    let cubic = ["scheme.degree=2", "axis.0.x.cells=6", "axis.0.v.cells=6"];
+    let small = ["axis.0.x.cells=12", "axis.0.v.cells=12", "solver.tolerance=1e-2", "time.end=0.2"];
+    let timed = ["output.field_times=[0.1]", "output.plateau={points=4}", "readout={cells=[[3]]}"];
+    let scenes: [(&str, &[&str], &[&str]); 4] = [
+        ("example1.toml", &small, &timed),
+        ("example1.toml", &cubic, &timed[..1]),
+        ("example2.toml", &small, &timed[..1]),
+        ("periodic2d.toml", &["solver.tolerance=1e-2", "time.end=0.05"], &[]),
+    ];
+    let mut found = std::collections::BTreeSet::new();
+    for (name, settings, more) in scenes {
+        let place = directory();
+        run(name).set(settings).set(more).solve(place.path()).unwrap();
+        found.extend(datasets(place.path()).unwrap().into_keys());
+    }
+    // An axis stands for the same of other dimensions, as the dots between them say.
+    let axes = ["x", "y", "z", "vx", "vy", "vz"];
+    let of_axis = |name: &str| {
+        let cut = name.rfind(['/', '_']).map_or(0, |at| at + 1);
+        axes.contains(&&name[cut..]).then(|| name[..cut].to_owned())
+    };
+    let fits = |documented: &str, dataset: &str| match documented.strip_suffix('…') {
+        Some(head) => dataset.starts_with(head),
+        None => {
+            documented == dataset
+                || of_axis(documented).is_some_and(|head| of_axis(dataset) == Some(head))
+        }
+    };
+    let untold: Vec<&String> =
+        found.iter().filter(|dataset| !named.iter().any(|name| fits(name, dataset))).collect();
+    let stale: Vec<&String> = own
+        .iter()
+        // A group with attributes only.
+        .filter(|name| *name != "/timings" && !found.iter().any(|dataset| fits(name, dataset)))
+        .collect();
+    assert!(untold.is_empty() && stale.is_empty(), "not told {untold:?}, not there {stale:?}");
+}
+
 /// However the fields are stored, they are the same, on any ranks; also where a rank has none of
 /// them.
 #[test]

@@ -1,4 +1,4 @@
-//! `initial.table`: f(0) from a file on a grid of its own.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions from files on grids of their own.
 
 use crate::dense;
 use crate::support::{
@@ -246,6 +246,243 @@ fn another_table_is_another_run() {
     // Later than the result, as clocks of files may be coarse.
     std::thread::sleep(std::time::Duration::from_millis(20));
     write(2.0);
+    job.into(to.path()).with(["--resume"]).succeed().unwrap();
+    let after = datasets(to.path()).unwrap();
+    assert!(!differences(&before, &after).is_empty(), "the same result of another table");
+}
+
+/// A table of `V` or of what enters, as `potential` or `inflow` of a case.
+fn given(path: &Path, more: &str) -> String {
+    format!("table={{file='{}'}}{more}", path.display())
+}
+
+/// Writes a CSV file with these axes and this value at the points of their grid.
+fn write_grid(path: &Path, axes: &[(&str, &[f64])], name: &str, value: impl Fn(&[f64]) -> f64) {
+    let names: Vec<&str> = axes.iter().map(|(name, _)| *name).chain([name]).collect();
+    let mut points: Vec<Vec<f64>> = vec![Vec::new()];
+    for (_, axis) in axes {
+        let with = |point: &Vec<f64>, p: f64| point.iter().copied().chain([p]).collect();
+        points = points.iter().flat_map(|point| axis.iter().map(|p| with(point, *p))).collect();
+    }
+    let mut text = names.join(",") + "\n";
+    for point in points {
+        let numbers: Vec<String> =
+            point.iter().chain([&value(&point)]).map(|n| format!("{n:?}")).collect();
+        text += &(numbers.join(",") + "\n");
+    }
+    fs::write(path, text).expect("a file");
+}
+
+/// Whether a table gives what a formula does, but for `most`, with the same bits on 1 and 3 ranks.
+fn same_by_formula_and_table(formula: &Job, table: &Job, most: f64) -> Result<(), String> {
+    let [expected, one, three] = [directory(), directory(), directory()];
+    formula.clone().on(2).solve(expected.path())?;
+    table.clone().on(1).solve(one.path())?;
+    table.clone().on(3).solve(three.path())?;
+    let off = distance(&field(one.path())?, &field(expected.path())?);
+    if off.is_nan() || off > most {
+        return Err(format!("{off:e} off"));
+    }
+    let [one, three] = [datasets(one.path())?, datasets(three.path())?];
+    let differing: Vec<String> = differences(&one, &three)
+        .into_iter()
+        .filter(|name| ["/f", "/density", "/momentum", "/potential"].contains(&name.as_str()))
+        .collect();
+    match differing.is_empty() {
+        true => Ok(()),
+        false => Err(format!("1 and 3 ranks differ: {differing:?}")),
+    }
+}
+
+/// `V` on the centres of cells is constant around them, with the jumps of regions; of linear tables
+/// it has slopes, those of a formula on its faces.
+#[test]
+fn a_potential_by_table_is_that_of_regions() {
+    let place = directory();
+    let grid: Case = dense::case("example1.toml", &GRID);
+    let axis = &grid.space.x[0];
+    let faces: Vec<f64> = (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
+    let step = |x: f64| if x < 0.3 { 0.2 } else { 0.0 };
+    let slope = |x: f64| 0.3 * x * x + 0.1;
+    let path = |name: &str| place.path().join(name);
+    write_grid(&path("step.csv"), &[("x", &axis.centres())], "V", |x| step(x[0]));
+    write_hdf5(
+        &path("step.h5"),
+        &[("x", &axis.centres())],
+        &axis.centres().into_iter().map(step).collect::<Vec<f64>>(),
+    );
+    write_grid(&path("slope.csv"), &[("x", &faces)], "V", |x| slope(x[0]));
+    let regions = "potential=[{where='x<0.3', value='0.2'}, {value='0'}]";
+    let rows: Vec<(&str, String, &[&str])> = vec![
+        (regions, format!("potential=[{{{}}}]", given(&path("step.csv"), "")), &[]),
+        (
+            regions,
+            format!("potential=[{{table={{file='{}', dataset='f'}}}}]", path("step.h5").display()),
+            &["scheme.interface=conservative"],
+        ),
+        (
+            regions,
+            format!(
+                "potential=[{{where='x<0', value='0.2'}}, {{{}}}]",
+                given(&path("step.csv"), "")
+            ),
+            &["scheme.degree=2"],
+        ),
+        (
+            "potential=[{value='0.3*x^2 + 0.1'}]",
+            format!("potential=[{{{}}}]", given(&path("slope.csv"), ", interpolation='linear'")),
+            &["solver.method=classical"],
+        ),
+    ];
+    check_all(&rows, |(formula, table, settings)| {
+        let of = |potential: &str| run(&format!("f='{SMOOTH}'"), settings).set(&[potential]);
+        same_by_formula_and_table(&of(formula), &of(table), 1e-13)
+            .map_err(|what| format!("{table}: {what}"))
+    });
+    let beside = run(&format!("f='{SMOOTH}'"), &["exact={kind='characteristics'}", &rows[0].1]);
+    let to = directory();
+    let exact = beside.on(2).solve(to.path()).unwrap();
+    assert!(exact.value["error_l1"].as_f64().is_some_and(|error| error > 0.0));
+    let plotted = Job::new(["plot", &to.path().display().to_string()]).succeed().unwrap();
+    assert!(!plotted.output.contains("warning"), "{}", plotted.report("plot"));
+}
+
+/// In two dimensions, `V` by a table beside a region, and an axis that it does not depend on.
+#[test]
+fn a_potential_by_table_in_two_dimensions() {
+    let place = directory();
+    let grid: Case = dense::case("barrier2d.toml", &TWO);
+    let [x, y] = [0, 1].map(|a| grid.space.x[a].centres());
+    let value = |x: f64, y: f64| if x.abs() < 0.5 && y.abs() < 0.5 { 0.3 } else { 0.0 };
+    let path = place.path().join("V.csv");
+    write_grid(&path, &[("x", &x), ("y", &y)], "V", |p| value(p[0], p[1]));
+    let of = |potential: &str| {
+        Job::new(["run", &case("barrier2d.toml")]).set(&TWO).set(&[
+            "solver.tolerance=1e-5",
+            "time.end=0.2",
+            ALL,
+            "exact={f='0'}",
+            potential,
+        ])
+    };
+    let regions = "potential=[{where='abs(x)<0.5 && abs(y)<0.5', value='0.3'}, {value='0'}]";
+    let table = format!("potential=[{{{}}}]", given(&path, ""));
+    same_by_formula_and_table(&of(regions), &of(&table), 1e-13).unwrap();
+}
+
+/// The grid of a case in two dimensions.
+const TWO: [&str; 4] = [
+    "axis.0.x={lower=-1, upper=1, cells=8}",
+    "axis.1.x={lower=-1, upper=1, cells=8}",
+    "axis.0.v={lower=-1, upper=1, cells=6}",
+    "axis.1.v={lower=-1, upper=1, cells=6}",
+];
+
+/// What enters by a table is what enters by a formula that is linear between its points, also over
+/// time.
+#[test]
+fn inflow_by_table_is_that_of_a_formula() {
+    let place = directory();
+    let path = |name: &str| place.path().join(name);
+    let ends: &[f64] = &[-2.0, 2.0];
+    write_grid(&path("still.csv"), &[("x", ends), ("v", ends)], "f", |p| 1.0 + p[0] * p[1]);
+    let times: &[f64] = &[0.0, 0.4];
+    write_grid(&path("t.csv"), &[("t", times), ("v", ends)], "f", |p| 1.0 + p[0] * (2.0 + p[1]));
+    let still = format!("inflow={{{}}}", given(&path("still.csv"), ""));
+    let file = path("t.csv");
+    let timed = format!("inflow={{table={{file='{}', axes=['v', 't']}}}}", file.display());
+    // Plans depend on the last bits of what enters: both are within the tolerance, 1e-6.
+    let rows: [(&str, &str, &[&str], f64); 3] = [
+        ("inflow.value='1 + x*v'", &still, &[], 1e-7),
+        ("inflow.value='1 + x*v'", &still, &["scheme.degree=1"], 1e-7),
+        ("inflow.value='1 + t*(2 + v)'", &timed, &[], 1e-6),
+    ];
+    check_all(&rows, |(formula, table, settings, most)| {
+        let of = |inflow: &str| run(&format!("f='{SMOOTH}'"), settings).set(&[inflow]);
+        same_by_formula_and_table(&of(formula), &of(table), *most)
+            .map_err(|what| format!("{table}: {what}"))
+    });
+    // Without saying so no axis is time.
+    let untold = format!("inflow={{{}}}", given(&file, ""));
+    run("f='0'", &[&untold]).is_refused(&["inflow.table.file", "column \"t\"", "x, v"]).unwrap();
+    run("f='0'", &[&timed, "time.end=2"]).is_refused(&["its axis t goes from 0 to 0.4"]).unwrap();
+    run("f='0'", &[&timed, "output.field_times=[0.2]"])
+        .is_refused(&["output.field_times", "with t in inflow.table"])
+        .unwrap();
+}
+
+/// What does not go together is refused by its key.
+#[test]
+fn bad_tables_of_potential_and_inflow_are_refused() {
+    let place = directory();
+    let path = place.path().join("V.csv");
+    write_grid(&path, &[("x", &[-2.0, 2.0])], "V", |_| 0.0);
+    let short = place.path().join("short.csv");
+    write_grid(&short, &[("x", &[-0.1, 0.1])], "V", |_| 0.0);
+    let rows: [(String, &[&str]); 7] = [
+        (
+            format!("potential=[{{{}}}]", given(&path, ", value='0'")),
+            &["potential.0.value", "give either potential.0.table, or potential.0.value"],
+        ),
+        (
+            "potential=[{value='0', interpolation='linear'}]".to_owned(),
+            &["potential.0.interpolation", "a formula needs none"],
+        ),
+        (
+            format!("potential=[{{{}}}]", given(&path, ", interpolation='cubic'")),
+            &["potential.0.interpolation", "\"constant\", \"linear\""],
+        ),
+        (
+            format!("potential=[{{table={{file='{}', axes=['v']}}}}]", path.display()),
+            &["potential.0.table.axes", "v is none of x"],
+        ),
+        (
+            format!("potential=[{{{}}}]", given(&short, "")),
+            &["potential.0.table.file", "short.csv", "its axis x goes from -0.1 to 0.1"],
+        ),
+        (
+            format!("inflow={{{}}}", given(&path, ", value='0'")),
+            &["inflow.value", "give either inflow.table, or inflow.value"],
+        ),
+        (
+            format!("inflow={{{}}}", given(&path, "")),
+            &["inflow.table.file", "column \"V\"", "x, v"],
+        ),
+    ];
+    check_all(&rows, |(setting, says)| {
+        for ranks in [1, 3] {
+            run("f='0'", &[setting]).into(directory().path()).on(ranks).is_refused(says)?;
+        }
+        Job::new(["check", &case("example1.toml")]).set(&[setting]).is_refused(says)
+    });
+}
+
+/// A table of `V` that has changed is no reason to go on, nor to keep what is finished; edges of a
+/// table that are on no face are told.
+#[test]
+fn another_potential_is_another_run() {
+    let place = directory();
+    let path = place.path().join("V.csv");
+    let to = directory();
+    let write =
+        |height: f64| {
+            write_grid(&path, &[("x", &[-2.0, 0.01, 2.0])], "V", |x| {
+                if x[0] < 0.0 { height } else { 0.0 }
+            });
+        };
+    write(0.2);
+    let potential = format!("potential=[{{{}}}]", given(&path, ""));
+    let checked = Job::new(["check", &case("example1.toml")]).set(&[&potential]);
+    let said = checked.on(1).succeed().unwrap();
+    assert!(said.output.contains("(3 points, constant around each)"), "{}", said.report("table"));
+    assert!(said.output.contains("misses the faces of the grid"), "{}", said.report("edge"));
+    let job = run("f='1'", &[&potential]);
+    job.clone().solve(to.path()).unwrap();
+    let again = job.clone().into(to.path()).with(["--resume"]).succeed().unwrap();
+    assert!(again.output.contains("the run is finished"), "{}", again.report("kept"));
+    let before = datasets(to.path()).unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    write(0.3);
     job.into(to.path()).with(["--resume"]).succeed().unwrap();
     let after = datasets(to.path()).unwrap();
     assert!(!differences(&before, &after).is_empty(), "the same result of another table");

@@ -7,6 +7,7 @@ use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
 use phasewarp::propagate::evolution::{Evolution, Initial};
+use phasewarp::propagate::interruption::Interruption;
 use phasewarp::propagate::method::Propagator;
 use phasewarp::propagate::propagator;
 use phasewarp::propagate::time_dependent_inflow::Schedule;
@@ -78,6 +79,7 @@ pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
             bounds,
             time,
             terms: system.terms,
+            interruption: Interruption::default(),
         },
     }
 }

@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from phasewarp.program import StrPath
+from phasewarp.program import StrPath, call
 
 SPACE = ("x", "y", "z")
 #: Longest value that is handed over on the command line; longer ones go into a file.
@@ -133,9 +133,12 @@ class Case:
         for key in ("warped", "field"):
             if isinstance(start, dict) and isinstance(start.get(key), str):
                 start[key] = str(directory.absolute() / start[key])
-        table = start.get("table") if isinstance(start, dict) else None
-        if isinstance(table, dict) and isinstance(table.get("file"), str):
-            table["file"] = str(directory.absolute() / table["file"])
+        regions = tree.get("potential", [])
+        places = [start, tree.get("inflow"), *(regions if isinstance(regions, list) else [])]
+        for place in places:
+            table = place.get("table") if isinstance(place, dict) else None
+            if isinstance(table, dict) and isinstance(table.get("file"), str):
+                table["file"] = str(directory.absolute() / table["file"])
         return tree
 
     def to_toml(self) -> str:
@@ -176,7 +179,14 @@ class Case:
         """
         number, kind = axis_place(axis)
         table = self[f"axis.{number}.{kind}"]
-        return np.linspace(table["lower"], table["upper"], table["cells"] + 1)
+        lower, upper = table["lower"], table["upper"]
+        if isinstance(lower, str) or isinstance(upper, str):
+            # Formulas of constants, of which the program knows the values.
+            with self.arguments() as words:
+                axes = json.loads(call(["check", *words, "--json"]))["axes"]
+            found = axes[number + (len(axes) // 2 if kind == "v" else 0)]
+            lower, upper = found["lower"], found["upper"]
+        return np.linspace(lower, upper, table["cells"] + 1)
 
     def grid(self) -> dict[str, np.ndarray]:
         """Return the cell centres of all axes by name, ``x, …, vx, …``: coordinates for xarray.
@@ -325,16 +335,16 @@ def write_warped(w: xr.DataArray, path: StrPath) -> Path:
 
 
 def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
-    """Write an array for `f(0, x, v)` that a run can take; returns what `initial.table` is.
+    """Write an array for `f(0, x, v)`, `V(x)` or the inflow that a run can take.
 
-    The program takes the multilinear interpolant; docs/usage.md, "A table of f(0)", says what it is
-    beyond the ends of the axes.
+    Returns what `initial.table`, `potential.N.table` or `inflow.table` is. docs/usage.md, "Tables
+    in files", says what the function is between the points and beyond the ends of the axes.
 
     Parameters
     ----------
     f
-        Dimensions among ``x, y, z, vx, vy, vz``, each with a coordinate that ascends: any points,
-        not only those of the grid of the case.
+        Dimensions among ``x, y, z, vx, vy, vz, t``, each with a coordinate that ascends: any
+        points, not only those of the grid of the case.
     path
         The HDF5 file.
 
@@ -342,8 +352,10 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
     --------
     >>> f = xr.DataArray(array, coords={"x": x, "vx": v})
     >>> case["initial"] = {"table": write_table(f, "f0.h5")}
+    >>> v = xr.DataArray(0.1 * x**2, coords={"x": x})
+    >>> case["potential"] = [{"table": write_table(v, "V.h5"), "interpolation": "linear"}]
     """
-    known = {*SPACE, *(f"v{name}" for name in SPACE)}
+    known = {*SPACE, *(f"v{name}" for name in SPACE), "t"}
     names = [str(name) for name in f.dims]
     if not names or not known.issuperset(names) or any(name not in f.coords for name in names):
         raise ValueError(f"dimensions {f.dims}: some of {sorted(known)}, each with a coordinate")
@@ -352,7 +364,7 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
         file.create_dataset("f", data=f.values.astype("<f8"))
         for name in names:
             file.create_dataset(f"axis/{name}", data=f[name].values.astype("<f8"))
-    return {"file": str(path), "axes": names}
+    return {"file": str(path), "dataset": "f", "axes": names}
 
 
 def plain(value: Any) -> Any:

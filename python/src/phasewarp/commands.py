@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, overload
 
 import pandas as pd
 
 from phasewarp.case import Case
-from phasewarp.program import StrPath, call
+from phasewarp.program import CaseError, PhasewarpWarning, StrPath, call
 from phasewarp.result import Result
 
 CaseLike = Case | StrPath
@@ -36,7 +37,31 @@ def options(**values: Option) -> list[str]:
     return words
 
 
-def check(case: CaseLike, *, program: StrPath | None = None) -> str:
+def check(case: CaseLike, *, program: StrPath | None = None) -> dict[str, Any]:
+    """Return the case as the program understands it: what ``check --json`` prints.
+
+    ``axes``, ``cells``, ``settings``, ``bounds`` of the matrix, what is left out (``dropped``,
+    ``kept``), the ``ledger`` and ``warnings``, which are also given as :class:`PhasewarpWarning`.
+
+    Raises
+    ------
+    CaseError
+        With file, line, key, value and limit, if there is a mistake; the same in parts in its
+        ``details``.
+    """
+    with as_case(case).arguments() as words:
+        try:
+            found = json.loads(call(["check", *words, "--json"], program=program))
+        except CaseError as error:
+            if error.output.startswith("{"):
+                error.details = json.loads(error.output)["error"]
+            raise
+    for warning in found["warnings"]:
+        warnings.warn(warning, PhasewarpWarning, stacklevel=2)
+    return dict(found)
+
+
+def describe(case: CaseLike, *, program: StrPath | None = None) -> str:
     """Return the case as the program understands it, in lines for people.
 
     Raises

@@ -9,6 +9,7 @@ import subprocess
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 StrPath = str | os.PathLike[str]
 
@@ -28,16 +29,30 @@ class PhasewarpError(RuntimeError):
         What the program (or the MPI launcher) returned.
     command : list of str
         The command as it was started.
+    output : str
+        What it wrote to standard output.
     """
 
-    def __init__(self, message: str, exit_code: int, command: Sequence[str]) -> None:
+    def __init__(
+        self, message: str, exit_code: int, command: Sequence[str], output: str = ""
+    ) -> None:
         super().__init__(message)
         self.exit_code = exit_code
         self.command = list(command)
+        self.output = output
 
 
 class CaseError(PhasewarpError, ValueError):
-    """The case, an option or the output directory is wrong (exit code 2)."""
+    """The case, an option or the output directory is wrong (exit code 2).
+
+    Attributes
+    ----------
+    details : dict or None
+        Of :func:`check`: `key`, `value`, `message`, `file`, `line`, `column` and `set`, each None
+        where there is none, `exit_code` and `text`.
+    """
+
+    details: dict[str, Any] | None = None
 
 
 class StoppedError(PhasewarpError):
@@ -164,7 +179,7 @@ def call(
     if process.returncode != 0:
         kinds = {2: CaseError, 75: StoppedError}
         kind = kinds.get(process.returncode, PhasewarpError)
-        raise kind(message_of(unwrapped(errors)), process.returncode, command)
+        raise kind(message_of(unwrapped(errors)), process.returncode, command, output)
     for line in (*unwrapped(errors).splitlines(), *unwrapped(output).splitlines()):
         if line.startswith("warning: "):
             warnings.warn(line.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)

@@ -1,4 +1,4 @@
-//! `[constants]`: names for numbers, which every formula of the case may use.
+//! `[constants]`: names for numbers, which every formula and every number of the case may use.
 //!
 //! A constant is a number, or a formula of other constants in any order.
 
@@ -16,12 +16,13 @@ const TAKEN: [&str; 12] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "p", "E", 
 /// `[constants]` as it is written.
 pub type ConstantsTable = BTreeMap<String, Formula>;
 
-/// The numbers that the constants of `table` stand for.
+/// The numbers that the constants of a file stand for; they are read before all other keys.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Input`] for a name that is none or means something else, a formula
 /// with an unknown name, one that depends on itself, and a value that is not finite.
-pub fn resolved(file: &CaseFile<'_>, table: &ConstantsTable) -> Result<Constants> {
+pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
+    let table: ConstantsTable = file.read_at("constants")?.unwrap_or_default();
     if table.len() > MOST {
         return file.refuse("constants", format!("{} constants; at most {MOST}", table.len()));
     }
@@ -36,7 +37,7 @@ pub fn resolved(file: &CaseFile<'_>, table: &ConstantsTable) -> Result<Constants
             return file.refuse(&key, message);
         }
     }
-    let mut search = Search { file, table, known: Constants::new(), path: Vec::new() };
+    let mut search = Search { file, table: &table, known: Constants::new(), path: Vec::new() };
     table.keys().try_for_each(|name| search.find(name))?;
     Ok(search.known)
 }
@@ -86,9 +87,7 @@ mod tests {
     use super::*;
 
     fn constants(text: &str) -> Result<Constants> {
-        let file = CaseFile::parse("case.toml", text, &[])?;
-        let table: BTreeMap<String, ConstantsTable> = file.read()?;
-        resolved(&file, &table["constants"])
+        resolved(&CaseFile::parse("case.toml", text, &[])?)
     }
 
     #[test]

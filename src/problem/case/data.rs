@@ -5,6 +5,7 @@ use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, Item, List};
 use crate::problem::formula::Expression;
 use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::table::Interpolation;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -102,13 +103,48 @@ pub struct WarpedStart {
     pub place: String,
 }
 
-/// `initial.table`: a file that holds `f0` on a tensor grid of its own.
+/// What a table in a file stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableOf {
+    /// `f0`.
+    Initial,
+    /// `V` of the region of this number.
+    Potential(usize),
+    /// What enters.
+    Inflow,
+}
+
+impl TableOf {
+    /// `initial.table`, `potential.0.table`, `inflow.table`.
+    pub fn key(self) -> String {
+        match self {
+            Self::Initial => "initial.table".to_owned(),
+            Self::Potential(region) => format!("potential.{region}.table"),
+            Self::Inflow => "inflow.table".to_owned(),
+        }
+    }
+
+    /// The names of its axes in `n` dimensions.
+    fn names(self, n: usize) -> Names {
+        match self {
+            Self::Initial => names_of_phase_space(n),
+            Self::Potential(_) => names_of_space(n),
+            Self::Inflow => names_with_time(n),
+        }
+    }
+}
+
+/// A file that holds a function on a tensor grid of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TableFile {
+    /// What the function is.
+    pub of: TableOf,
     /// Where it is.
     pub path: PathBuf,
     /// The dataset of an HDF5 file, the column of a CSV file.
     pub dataset: String,
+    /// What it is between its points.
+    pub interpolation: Interpolation,
     /// File and line of the key, for errors.
     pub place: String,
     /// The checksum of the table, once it was read.
@@ -120,22 +156,29 @@ pub struct TableFile {
 }
 
 impl TableFile {
-    /// The file `path` with a value `f` at points of all axes in `n` dimensions.
-    pub fn new(path: &Path, place: &str, n: usize) -> Self {
-        let names = names_of_phase_space(n);
+    /// The file `path`, linear between points of all axes in `n` dimensions, but not of time.
+    pub fn new(of: TableOf, path: &Path, place: &str, n: usize) -> Self {
+        let names = of.names(n);
         Self {
+            of,
             path: path.to_owned(),
-            dataset: "f".to_owned(),
+            dataset: if matches!(of, TableOf::Potential(_)) { "V" } else { "f" }.to_owned(),
+            interpolation: Interpolation::Linear,
             place: place.to_owned(),
             checksum: None,
-            positions: (0..names.len()).filter(|&i| !names[i].is_empty()).collect(),
+            positions: (0..TIME).filter(|&i| !names[i].is_empty()).collect(),
             names,
         }
     }
 
     /// The coordinate of this name, by its position in formulas.
-    pub fn position(&self, name: &str) -> Option<usize> {
+    fn position(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|names| names.contains(&name))
+    }
+
+    /// The coordinate that a column of this name has, if it is one of the axes.
+    pub fn position_of_axis(&self, name: &str) -> Option<usize> {
+        self.position(name).filter(|position| self.positions.contains(position))
     }
 
     /// Position and names of each axis, in the order of an HDF5 dataset.
@@ -143,15 +186,20 @@ impl TableFile {
         self.positions.iter().map(|&i| (i, self.names[i].to_vec())).collect()
     }
 
-    /// The names that a file may use: `x, v`.
-    pub fn names_text(&self) -> String {
-        self.names.iter().filter_map(|names| names.first().copied()).collect::<Vec<_>>().join(", ")
+    /// The names of its axes: `x, v`.
+    pub fn axes_text(&self) -> String {
+        self.axes().iter().map(|(_, names)| names[0]).collect::<Vec<_>>().join(", ")
     }
 
     /// Whether this is the same table of the same file.
     pub fn is_same(&self, other: &Self) -> bool {
-        (&self.path, &self.dataset, &self.positions)
-            == (&other.path, &other.dataset, &other.positions)
+        *self == Self { checksum: self.checksum, place: self.place.clone(), ..other.clone() }
+    }
+
+    /// Its values, which are still to be read.
+    fn unread(&self) -> Expression {
+        let text = format!("the table {} of {}", self.dataset, self.path.display());
+        Expression::of_file(text, self.place.clone(), self.positions.clone())
     }
 }
 
@@ -194,7 +242,36 @@ pub struct RegionTable {
     #[serde(rename = "where")]
     condition: Option<Formula>,
     value: Option<Formula>,
+    table: Option<FileTable>,
+    interpolation: Option<Interpolation>,
     reflection: Option<Formula>,
+}
+
+impl RegionTable {
+    /// `V` of region `i` in `n` dimensions.
+    fn value(&self, file: &CaseFile<'_>, i: usize, n: usize) -> Result<Expression> {
+        let [value, interpolation] =
+            ["value", "interpolation"].map(|key| format!("potential.{i}.{key}"));
+        match self.table(file, i, n)? {
+            Some(_) if self.value.is_some() => {
+                let table = TableOf::Potential(i).key();
+                file.refuse(&value, format!("give either {table}, or {value}"))
+            }
+            Some(table) => Ok(table.unread()),
+            None if self.interpolation.is_some() => {
+                let message = "is what a table is between its points; a formula needs none";
+                file.refuse(&interpolation, message)
+            }
+            None => required_formula(file, &value, &self.value, &names_of_space(n)),
+        }
+    }
+
+    /// The file of `V` of region `i`.
+    fn table(&self, file: &CaseFile<'_>, i: usize, n: usize) -> Result<Option<TableFile>> {
+        let found = self.table.as_ref().map(|table| table.check(file, TableOf::Potential(i), n));
+        let interpolation = self.interpolation.unwrap_or(Interpolation::Constant);
+        Ok(found.transpose()?.map(|table| TableFile { interpolation, ..table }))
+    }
 }
 
 impl Item for RegionTable {
@@ -212,7 +289,7 @@ pub struct InitialTable {
     table: Option<FileTable>,
 }
 
-/// `initial.table`.
+/// `initial.table`, `potential.N.table`, `inflow.table`.
 #[derive(Debug, Default, Deserialize)]
 struct FileTable {
     file: Option<String>,
@@ -221,31 +298,30 @@ struct FileTable {
 }
 
 impl FileTable {
-    fn check(&self, file: &CaseFile<'_>, n: usize) -> Result<TableFile> {
-        let key = "initial.table.file";
-        let path = path_of(file, key, self.file.as_ref(), "f0.h5")?;
-        let path = file.required(key, path, "the path of an HDF5 or CSV file")?;
-        let mut found = TableFile::new(&path, &file.place(key), n);
+    fn check(&self, file: &CaseFile<'_>, of: TableOf, n: usize) -> Result<TableFile> {
+        let key = format!("{}.file", of.key());
+        let path = path_of(file, &key, self.file.as_ref(), "table.h5")?;
+        let path = file.required(&key, path, "the path of an HDF5 or CSV file")?;
+        let mut found = TableFile::new(of, &path, &file.place(&key), n);
         if let Some(dataset) = &self.dataset {
             dataset.trim_start_matches('/').clone_into(&mut found.dataset);
         }
         let Some(axes) = &self.axes else {
             return Ok(found);
         };
-        let key = "initial.table.axes";
+        let key = format!("{}.axes", of.key());
+        let known: Vec<&str> = found.names.iter().filter_map(|n| n.first().copied()).collect();
+        let known = known.join(", ");
         let mut positions = Vec::new();
         for name in &axes.0 {
             match found.position(name) {
                 Some(position) if !positions.contains(&position) => positions.push(position),
-                Some(_) => return file.refuse(key, format!("{name} is there twice")),
-                None => {
-                    let message = format!("{name} is none of {}", found.names_text());
-                    return file.refuse(key, message);
-                }
+                Some(_) => return file.refuse(&key, format!("{name} is there twice")),
+                None => return file.refuse(&key, format!("{name} is none of {known}")),
             }
         }
         if positions.is_empty() {
-            return file.refuse(key, format!("some of {} expected", found.names_text()));
+            return file.refuse(&key, format!("some of {known} expected"));
         }
         found.positions = positions;
         Ok(found)
@@ -257,6 +333,7 @@ impl FileTable {
 pub struct InflowTable {
     /// Where none is given, `initial` for measure-valued data and 0 for others.
     value: Option<Formula>,
+    table: Option<FileTable>,
 }
 
 /// `[exact]`.
@@ -339,8 +416,7 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
         if !last && condition.is_none() {
             return file.refuse(&key, "missing; only the last [[potential]] goes without");
         }
-        let key = format!("potential.{i}.value");
-        let value = required_formula(file, &key, &table.value, &names)?;
+        let value = table.value(file, i, n)?;
         let key = format!("potential.{i}.reflection");
         let reflection = formula(file, &key, &table.reflection, &REFLECTION_NAMES)?;
         Ok(Region { condition, value, reflection })
@@ -351,12 +427,36 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
 impl InflowTable {
     /// What enters; `default` where the file does not say.
     fn check(&self, file: &CaseFile<'_>, n: usize, default: &str) -> Result<Inflow> {
+        if let Some(table) = self.table(file, n)? {
+            return match &self.value {
+                Some(_) => file.refuse("inflow.value", "give either inflow.table, or inflow.value"),
+                None => Ok(Inflow::Formula(table.unread())),
+            };
+        }
         let text = self.value.as_ref().map_or(default, |Formula(text)| text);
         match text {
             "initial" => Ok(Inflow::Initial),
             text => file.formula("inflow.value", text, &names_with_time(n)).map(Inflow::Formula),
         }
     }
+
+    /// `inflow.table` in `n` dimensions.
+    fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
+        self.table.as_ref().map(|table| table.check(file, TableOf::Inflow, n)).transpose()
+    }
+}
+
+/// The tables in files that a case in `n` dimensions takes.
+pub fn tables(
+    file: &CaseFile<'_>,
+    potential: &[RegionTable],
+    initial: &InitialTable,
+    inflow: &InflowTable,
+    n: usize,
+) -> Result<Vec<TableFile>> {
+    let regions = (0..).zip(potential).map(|(i, region)| region.table(file, i, n));
+    let all = [initial.table(file, n), inflow.table(file, n)].into_iter().chain(regions);
+    all.filter_map(Result::transpose).collect()
 }
 
 impl InitialTable {
@@ -387,10 +487,7 @@ impl InitialTable {
             }
             // f(0) is not known; with this formula nothing is left of it.
             (Some(_), None) => file.formula("initial.warped", "0", &names)?,
-            (None, Some(table)) => {
-                let text = format!("the table {} of {}", table.dataset, table.path.display());
-                Expression::of_file(text, table.place)
-            }
+            (None, Some(table)) => table.unread(),
             (None, None) => required_formula(file, "initial.f", &self.f, &names)?,
         };
         let field = Field { name: "f", initial, inflow: inflow.check(file, n, "0")? };
@@ -436,8 +533,8 @@ impl InitialTable {
     }
 
     /// `initial.table` in `n` dimensions.
-    pub fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
-        self.table.as_ref().map(|table| table.check(file, n)).transpose()
+    fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
+        self.table.as_ref().map(|table| table.check(file, TableOf::Initial, n)).transpose()
     }
 
     /// `initial.warped`.

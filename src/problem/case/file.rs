@@ -4,8 +4,9 @@
 //! its span: a range of bytes of the file, or, beyond the file's end, the number of a `--set`.
 
 use crate::base::error::{Error, Result};
+use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::{Entry, Mistake, integer, joined, written};
+use crate::problem::case::reader::{Entry, Mistake, integer, joined, number_of, written};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -131,7 +132,17 @@ impl<'t> CaseFile<'t> {
     /// # Errors
     /// [`Error::Input`] for an unknown key, a value of another type or a choice that there is not.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T> {
-        T::deserialize(Entry::root(&self.root)).map_err(|mistake| self.report(mistake))
+        let root = Entry::new("", &self.root, &self.constants);
+        T::deserialize(root).map_err(|mistake| self.report(mistake))
+    }
+
+    /// What is at `key` as a `T`, if it is given.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_at<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>> {
+        let value = self.find(key).value.map(|value| Entry::new(key, value, &self.constants));
+        value.map(T::deserialize).transpose().map_err(|mistake| self.report(mistake))
     }
 
     fn report(&self, mistake: Mistake) -> Error {
@@ -140,7 +151,8 @@ impl<'t> CaseFile<'t> {
             return self.error(&key, &mistake.message);
         }
         let message = format!("unknown key {key}{}", mistake.message);
-        self.error_at(self.find(&key).key, &message)
+        let span = self.find(&key).key;
+        self.refusal(span, Refusal { key: Some(key), message, ..Refusal::default() })
     }
 
     /// Where `key` stands and what it is set to.
@@ -184,8 +196,21 @@ impl<'t> CaseFile<'t> {
     /// An error about `key`, pointing at its place.
     pub fn error(&self, key: &str, message: &str) -> Error {
         let found = self.find(key);
-        let given = found.value.map_or(String::new(), |v| format!(" = {}", described(v)));
-        self.error_at(found.span, &format!("{key}{given}: {message}"))
+        let value = found.value.map(described);
+        let given = value.as_ref().map_or(String::new(), |value| format!(" = {value}"));
+        // A formula that stands for a number.
+        let number = found.value.and_then(DeValue::as_str);
+        let number = number.and_then(|text| number_of(text, &self.constants).ok());
+        let number = number.filter(|number| number.is_finite());
+        let number = number.map_or(String::new(), |number| format!(" ({number})"));
+        let refusal = Refusal {
+            key: Some(key.to_owned()),
+            value,
+            message: message.to_owned(),
+            said: Some(format!("{key}{given}{number}: {message}")),
+            ..Refusal::default()
+        };
+        self.refusal(found.span, refusal)
     }
 
     /// Refuses the value of `key`.
@@ -261,21 +286,26 @@ impl<'t> CaseFile<'t> {
     }
 
     fn error_at(&self, span: Option<Range<usize>>, message: &str) -> Error {
-        let Some(start) = span.map(|span| span.start) else {
-            return Error::Input(format!("{}: {message}", self.name));
-        };
-        if let Some(set) = self.override_at(start) {
-            return Error::Input(format!("--set {}: {message}", shortened(set, MOST_SHOWN)));
+        self.refusal(span, Refusal { message: message.to_owned(), ..Refusal::default() })
+    }
+
+    /// The error of `refusal`, which stands at `span`.
+    fn refusal(&self, span: Option<Range<usize>>, mut refusal: Refusal) -> Error {
+        let start = span.map(|span| span.start);
+        if let Some(set) = start.and_then(|start| self.override_at(start)) {
+            refusal.set = Some(shortened(set, MOST_SHOWN));
+            return Error::Case(Box::new(refusal));
         }
-        let Position { line, column, content } = position(self.text, start);
-        let shown: String = content.chars().take(MOST_SHOWN).collect();
-        let gutter = " ".repeat(line.to_string().len());
-        let before = " ".repeat(column.min(MOST_SHOWN));
-        Error::Input(format!(
-            "{}:{line}:{}: {message}\n{gutter} |\n{line} | {shown}\n{gutter} | {before}^",
-            self.name,
-            column + 1
-        ))
+        refusal.file = Some(self.name.to_owned());
+        if let Some(start) = start {
+            let Position { line, column, content } = position(self.text, start);
+            let shown: String = content.chars().take(MOST_SHOWN).collect();
+            let gutter = " ".repeat(line.to_string().len());
+            let before = " ".repeat(column.min(MOST_SHOWN));
+            (refusal.line, refusal.column) = (Some(line), Some(column + 1));
+            refusal.excerpt = Some(format!("{gutter} |\n{line} | {shown}\n{gutter} | {before}^"));
+        }
+        Error::Case(Box::new(refusal))
     }
 
     /// The whole file as JSON. Numbers that JSON has not are null, or text where they are whole.

@@ -18,7 +18,7 @@ pub enum Kind {
     /// Nobody asked.
     #[default]
     Unknown,
-    /// A number.
+    /// A number, or a formula of constants.
     Number,
     /// A whole number.
     Whole,
@@ -30,7 +30,7 @@ pub enum Kind {
     Formula,
     /// One of these words.
     Word(&'static [&'static str]),
-    /// A number, or one of these words.
+    /// A number, a formula of constants, or one of these words.
     NumberOr(&'static [&'static str]),
     /// A list.
     List(Box<Kind>),

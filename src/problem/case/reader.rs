@@ -4,6 +4,7 @@
 //! The `toml` crate's own deserializer says "expected f64" and lists all the keys there are; this
 //! one names the key, says what is expected there, and the nearest of the known names.
 
+use crate::problem::formula::{Constants, Expression, is_word};
 use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
 use serde::de::{
     self, Deserialize, DeserializeOwned, Deserializer, Expected, IntoDeserializer, SeqAccess,
@@ -94,18 +95,27 @@ pub fn joined(path: &str, name: &str) -> String {
 pub struct Entry<'t> {
     key: String,
     value: &'t DeValue<'t>,
+    /// Of which a number may be a formula.
+    constants: &'t Constants,
+}
+
+/// The value of a formula of constants, which stands in the place of a number.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn number_of(text: &str, constants: &Constants) -> Result<f64, String> {
+    Expression::parse(text, &[], constants).map(|formula| formula.eval(&[]))
 }
 
 impl<'t> Entry<'t> {
-    /// The whole file.
-    pub fn root(value: &'t DeValue<'t>) -> Self {
-        let key = String::new();
-        Self { key, value }
+    /// The value of `key`; that of none is the whole file.
+    pub fn new(key: &str, value: &'t DeValue<'t>, constants: &'t Constants) -> Self {
+        Self { key: key.to_owned(), value, constants }
     }
 
     /// What is in a table, or the parts of a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
-        Entry { key: joined(&self.key, name), value: value.get_ref() }
+        Entry { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
     }
 
     /// The mistake that this is not what is expected.
@@ -113,13 +123,20 @@ impl<'t> Entry<'t> {
         Err(Mistake::expected(expected).at(&self.key))
     }
 
-    /// The value as a number, which need not be finite.
-    fn number(&self) -> Option<f64> {
-        match self.value {
-            DeValue::Integer(number) => Some(integer(number).map_or(f64::INFINITY, |i| i as f64)),
-            DeValue::Float(number) => number.as_str().parse().ok(),
-            _ => None,
-        }
+    /// The value as a number, or as a formula of constants.
+    fn number(&self) -> Result<f64, Mistake> {
+        let number = match self.value {
+            DeValue::Integer(number) => integer(number).map_or(f64::INFINITY, |i| i as f64),
+            DeValue::Float(number) => number.as_str().parse().unwrap_or(f64::NAN),
+            DeValue::String(text) => match number_of(text, self.constants) {
+                Ok(number) => number,
+                Err(what) => {
+                    return self.wrong(format!("{what}; a number, or a formula of constants,"));
+                }
+            },
+            _ => return self.wrong("a number"),
+        };
+        if number.is_finite() { Ok(number) } else { self.wrong("a finite number") }
     }
 
     /// The value as the text of a formula: a bare number is one too.
@@ -148,9 +165,7 @@ impl<'de> Deserializer<'de> for Entry<'de> {
         match self.value {
             DeValue::String(text) => visitor.visit_str(text),
             DeValue::Boolean(b) => visitor.visit_bool(*b),
-            DeValue::Integer(_) | DeValue::Float(_) => {
-                visitor.visit_f64(self.number().unwrap_or(f64::NAN))
-            }
+            DeValue::Integer(_) | DeValue::Float(_) => visitor.visit_f64(self.number()?),
             DeValue::Array(list) => {
                 let items = list.iter().enumerate();
                 let items = items.map(|(i, value)| self.below(&i.to_string(), value));
@@ -164,11 +179,7 @@ impl<'de> Deserializer<'de> for Entry<'de> {
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        match self.number() {
-            Some(number) if number.is_finite() => visitor.visit_f64(number),
-            Some(_) => self.wrong("a finite number"),
-            None => self.wrong("a number"),
-        }
+        visitor.visit_f64(self.number()?)
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
@@ -253,11 +264,19 @@ impl<'de> Deserializer<'de> for Entry<'de> {
     fn deserialize_enum<V: Visitor<'de>>(
         self,
         name: &'static str,
-        _: &'static [&'static str],
+        words: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         if name == NUMBER_OR {
-            return self.deserialize_any(visitor);
+            // A misspelt word is no formula.
+            let is_formula = |text: &str| {
+                !words.contains(&text)
+                    && (!is_word(text) || number_of(text, self.constants).is_ok())
+            };
+            return match self.value.as_str().is_some_and(is_formula) {
+                true => visitor.visit_f64(self.number()?),
+                false => self.deserialize_any(visitor),
+            };
         }
         match self.value.as_str() {
             Some(text) => (visitor.visit_enum(StrDeserializer::new(text)))
@@ -306,10 +325,7 @@ impl<'de, W: Words> Deserialize<'de> for NumberOr<W> {
             }
 
             fn visit_f64<E: de::Error>(self, number: f64) -> Result<Self::Value, E> {
-                match number.is_finite() {
-                    true => Ok(NumberOr::Number(number)),
-                    false => Err(E::custom("a finite number expected")),
-                }
+                Ok(NumberOr::Number(number))
             }
 
             fn visit_str<E: de::Error>(self, word: &str) -> Result<Self::Value, E> {

@@ -71,9 +71,11 @@ pub fn refuse(case: &Case) -> Result<()> {
         return wrong(what.to_owned());
     }
     if case.embeds() {
-        let what = "inflow.value: the auxiliary unknowns of what enters have no circuit; \
-                    inflow.value = 0 has none of them";
-        return wrong(what.to_owned());
+        return wrong(format!(
+            "{}: the auxiliary unknowns of what enters have no circuit; inflow.value = 0 has none \
+             of them",
+            case.inflow_key()
+        ));
     }
     let names = axis_names(space.dimension());
     for (v, name) in space.v.iter().zip(&names[space.dimension()..]) {

@@ -61,7 +61,7 @@ fn fingerprint() -> Fingerprint {
         settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
         start: Some(Start { points: ([4, 5], 6), values: Some(7) }),
         field: Some(9),
-        table: Some(8),
+        tables: [("potential.0.table".to_owned(), Some(8))].into(),
         plan: 3,
         fused: true,
     }
@@ -325,7 +325,7 @@ fn runs_that_differ_are_told_apart() {
         (change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)), "initial.warped"),
         (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),
         (change(&|f| f.field = Some(8)), "initial.field"),
-        (change(&|f| f.table = Some(9)), "initial.table"),
+        (change(&|f| f.tables.values_mut().for_each(|sum| *sum = Some(9))), "potential.0.table"),
         (change(&|f| f.plan = 9), "another plan"),
         // Other roundings may make another plan, too.
         (change(&|f| (f.plan, f.fused) = (9, false)), "was computed without fused multiply-adds"),

@@ -1,6 +1,9 @@
 //! When a checkpoint is made, and when the run stops: what all ranks decide between batches without
 //! waiting for each other.
 //!
+//! A signal ends a batch before its end ([`crate::propagate::interruption`]); its rank then waits
+//! for the others to vote.
+//!
 //! At the end of each batch a rank looks whether the last vote is over ([`Vote`]); if so it does
 //! what was decided and posts the next one. A rank without batches left goes on voting until all
 //! are finished. So all ranks see the same outcomes in the same order, whatever the number of their
@@ -47,6 +50,8 @@ pub enum Standing {
     Working,
     /// It has none.
     Finished,
+    /// It left one before its end, as the run is to stop.
+    Left,
     /// A batch failed.
     Failed,
 }
@@ -141,7 +146,8 @@ impl Watch {
     pub fn ask(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
         if let Some(begun) = self.begun.take() {
             self.longest = self.longest.max(Some(begun.elapsed()));
-            self.batches += usize::from(standing != Standing::Failed);
+            let ended = !matches!(standing, Standing::Left | Standing::Failed);
+            self.batches += usize::from(ended);
         }
         loop {
             if !self.vote.is_posted() {
@@ -192,6 +198,7 @@ impl Watch {
         let mut bits = match standing {
             Standing::Working => UNFINISHED,
             Standing::Finished => 0,
+            Standing::Left => UNFINISHED | SIGNAL,
             Standing::Failed => UNFINISHED | FAILED,
         };
         if self.times.stop.load(Ordering::Relaxed) {

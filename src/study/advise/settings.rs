@@ -23,7 +23,7 @@ const DEFAULTS: [&str; 6] = [
 pub fn plain(case: &Case) -> Result<Case> {
     let mut set = case.overrides.clone();
     set.extend(DEFAULTS.map(str::to_owned));
-    let planned = Case::parse(&case.name, &case.text, &set)?.with_table_of(case);
+    let planned = Case::parse(&case.name, &case.text, &set)?.with_tables_of(case);
     Ok(Case { exact: None, ..final_fields_only(&planned) })
 }
 

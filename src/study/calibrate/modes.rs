@@ -12,6 +12,7 @@ use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::interruption::Interruption;
 use crate::propagate::method::{BatchCoupling, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::propagate::{Span, descriptor, propagator};
@@ -157,6 +158,7 @@ impl<'a> Trials<'a> {
             bounds: &self.plan.bounds,
             time: self.case.duration(),
             terms: self.terms,
+            interruption: Interruption::default(),
         };
         let mut kept = self.warp.points.map(|_| {
             let modes = batches.iter().flat_map(|b| b.modes.clone());

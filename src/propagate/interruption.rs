@@ -1,0 +1,75 @@
+//! Leaving a batch before its end: the ranks that split space agree on it between two applications.
+//!
+//! Each rank looks at a flag that a signal raises. Where space is split, all look after the same
+//! applications, and leave together: at each look they take the outcome of the vote that was posted
+//! at the one before, and post the next. Nobody waits for a vote that others still compute for, and
+//! there is one every tenth of a second or so.
+
+use crate::parallel::communicator::Group;
+use crate::parallel::communicator::vote::Vote;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Rows of a rank that are applied between two votes, about: some 0.1 s of work.
+const ROWS_BETWEEN: usize = 1 << 20;
+/// Most applications between two votes.
+const MOST_BETWEEN: usize = 64;
+
+/// Whether a batch is to be left before its end. All ranks of a space group ask after the same
+/// applications.
+#[derive(Default)]
+pub struct Interruption {
+    /// Raised when the run shall stop.
+    stop: Option<Arc<AtomicBool>>,
+    /// Where space is split.
+    votes: Option<Vote>,
+    /// Applications between two votes, and those since the last.
+    every: usize,
+    since: usize,
+    /// Whether the batch may be left now; the same on all ranks of the space group.
+    pub allowed: bool,
+}
+
+impl Interruption {
+    /// Of ranks that split space, with `rows` rows on this one, by the flag `stop`; never without
+    /// one. Collective over the space group.
+    pub fn new(space: &Group, rows: usize, stop: Option<Arc<AtomicBool>>) -> Self {
+        let most = space.max_count(rows).max(1);
+        Self {
+            stop,
+            votes: (space.size() > 1).then(|| Vote::new(space)),
+            every: (ROWS_BETWEEN / most).clamp(1, MOST_BETWEEN),
+            since: 0,
+            allowed: false,
+        }
+    }
+
+    /// Whether the batch is to be left, after so many more `applications`. Collective over the
+    /// space group; allocates nothing.
+    pub fn after(&mut self, applications: usize) -> bool {
+        let Some(stop) = self.stop.as_ref().filter(|_| self.allowed) else {
+            return false;
+        };
+        let told = || stop.load(Ordering::Relaxed);
+        let Some(votes) = &mut self.votes else {
+            return told();
+        };
+        self.since += applications;
+        if self.since < self.every {
+            return false;
+        }
+        self.since = 0;
+        let leave = votes.is_posted() && votes.take() != 0;
+        votes.post(u64::from(told()));
+        leave
+    }
+}
+
+impl Drop for Interruption {
+    fn drop(&mut self) {
+        // All ranks of the space group posted as many.
+        if let Some(votes) = self.votes.as_mut().filter(|votes| votes.is_posted()) {
+            votes.take();
+        }
+    }
+}
