@@ -32,7 +32,8 @@ pub use crate::problem::case::output::{DeltaWidth, OutputTime, OutputTimes, Plat
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
+    Allowed, DEFAULT_CFL, Ends, Integrator, Interface, Limiter, Method, Propagation,
+    PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
     Coefficients, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice, RecoveryMethod,
@@ -127,6 +128,8 @@ pub struct Case {
     pub interface: Interface,
     /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
     pub flux: f64,
+    /// `scheme.ends`.
+    pub ends: Ends,
     /// `scheme.limiter`.
     pub limiter: Limiter,
     /// `solver.method`.
@@ -225,6 +228,7 @@ impl Case {
         let Range { start: begin, end } = tables.time.check(file)?;
         let duration = end - begin;
         let solver = tables.solver;
+        let flux = tables.scheme.flux(file, degree)?;
         let output = tables.output;
         let start = tables.initial.start(file)?;
         let start_field = tables.initial.field(file, &data)?;
@@ -245,8 +249,9 @@ impl Case {
             initial_table,
             begin,
             end,
-            interface: tables.scheme.interface(degree > 0 || reflects),
-            flux: tables.scheme.flux(file, degree)?,
+            interface: tables.scheme.interface(degree > 0 || reflects || flux < 1.0),
+            flux,
+            ends: tables.scheme.ends,
             limiter: tables.scheme.limiter,
             method: solver.method,
             tolerance: solver.tolerance(file)?,
@@ -289,6 +294,12 @@ impl Case {
         self.check_limiter(file)?;
         if self.is_galerkin() {
             self.check_galerkin(file)?;
+        }
+        if self.is_closed() && self.enters() {
+            return file.refuse(
+                "scheme.ends",
+                "nothing enters through closed ends: leave inflow.value out, or \"open\"",
+            );
         }
         if self.positive {
             self.check_positive(file)?;
@@ -347,9 +358,14 @@ impl Case {
     }
 
     /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0,
-    /// or with partial reflection.
+    /// with another flux than upwind, or with partial reflection.
     pub fn is_galerkin(&self) -> bool {
-        self.space.degree() > 0 || self.reflects()
+        self.space.degree() > 0 || self.flux < 1.0 || self.reflects()
+    }
+
+    /// Whether nothing leaves or enters through the ends of the box.
+    pub fn is_closed(&self) -> bool {
+        self.ends == Ends::Closed
     }
 
     /// Whether anything is reflected in part at jumps of `V`.
@@ -357,7 +373,7 @@ impl Case {
         self.potential.iter().any(|region| region.reflection.is_some())
     }
 
-    /// Refuses what is not known of elements of a degree above 0, or of partial reflection.
+    /// Refuses what is not known of elements, of degree 0 or above, or of partial reflection.
     fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
         let reflects = self.potential.iter().position(|region| region.reflection.is_some());
         if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {
@@ -370,9 +386,8 @@ impl Case {
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "slopes are those of cells of degree 0 without partial reflection; leave it out, \
-                or \
-                 scheme.degree and potential.reflection",
+                "slopes are those of the upwind scheme of degree 0 without partial reflection; \
+                 leave it out, or scheme.degree, scheme.flux and potential.reflection",
             );
         }
         if let Data::Measure { .. } = self.data {

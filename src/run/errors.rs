@@ -102,7 +102,9 @@ pub fn by_elements(
 /// Where `V` is not finite.
 pub fn estimated(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
     let case = &prepared.case;
-    let unknown = case.limiter != Limiter::None || !matches!(case.data, Data::Density);
+    // Of degree 0 what another flux than upwind does is dispersion.
+    let central = case.space.degree() == 0 && case.flux < 1.0;
+    let unknown = case.limiter != Limiter::None || !matches!(case.data, Data::Density) || central;
     let mixed = case.space.axes().any(|a| {
         let merged = matches!(a.part, Part::Merged { .. });
         (a.nodes.degree == 0) != (case.space.degree() == 0) && !merged
