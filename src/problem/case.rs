@@ -368,6 +368,12 @@ impl Case {
         self.ends == Ends::Closed
     }
 
+    /// Whether the scheme is the unitary one, but for partial reflection: the central flux and
+    /// closed ends.
+    pub fn is_unitary(&self) -> bool {
+        self.flux == 0.0 && self.is_closed()
+    }
+
     /// Whether anything is reflected in part at jumps of `V`.
     pub fn reflects(&self) -> bool {
         self.potential.iter().any(|region| region.reflection.is_some())
