@@ -139,6 +139,11 @@ impl Choice {
         if window.value().is_some() { window } else { slice }
     }
 
+    /// The cheaper of both.
+    fn cheaper(self, other: Self) -> Self {
+        if other.least_cost() < self.least_cost() { other } else { self }
+    }
+
     /// The lower of both costs; infinite where there is none.
     pub fn least_cost(&self) -> f64 {
         self.cost.iter().filter_map(Figure::value).fold(f64::INFINITY, f64::min)
@@ -230,10 +235,10 @@ impl Family {
         [
             family(
                 |sigma| ProfileChoice::Gaussian { sigma: Some(sigma) },
-                ratios(SIGMAS, 24),
+                ratios(SIGMAS, 48),
                 false,
             ),
-            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 24), false),
+            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 48), false),
             family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
             family(exponential, ratios(ALPHAS, 12), true),
             Self {
@@ -245,8 +250,9 @@ impl Family {
         ]
     }
 
-    /// The cheapest of all `values` read at all points, and of `before`. Every rank prices a share.
-    fn best(&self, system: &System<'_>, grid: &Grid, before: Option<Choice>) -> Option<Choice> {
+    /// The cheapest of all values read at all points, of up to `most` values, the cheapest first.
+    /// Every rank prices a share.
+    fn best(&self, system: &System<'_>, grid: &Grid, most: usize) -> Vec<Choice> {
         let of = |value, further| Candidate { profile: (self.of)(value), further, value };
         let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
         let all: Vec<Candidate> = all.collect();
@@ -258,19 +264,28 @@ impl Family {
         if let Some(world) = system.world {
             world.max_into(&mut costs);
         }
-        let cheapest = costs.iter().zip(all).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        let found = cheapest.map(|(_, candidate)| choice(system, &candidate));
-        let both = before.into_iter().chain(found);
-        both.reduce(|best, next| if next.least_cost() < best.least_cost() { next } else { best })
+        let mut order: Vec<usize> = (0..all.len()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        let mut found: Vec<Choice> = Vec::new();
+        for candidate in order.into_iter().map(|k| &all[k]) {
+            let new = found.iter().all(|choice| choice.candidate.value != candidate.value);
+            if new && found.len() < most {
+                found.push(choice(system, candidate));
+            }
+        }
+        found
     }
 
-    /// The cheapest on the whole grid of the family.
-    fn coarse(&self, system: &System<'_>) -> Option<Choice> {
+    /// The cheapest on the whole grid of the family, of several values of the parameter: costs jump
+    /// where a register or a round of amplification is saved.
+    fn coarse(&self, system: &System<'_>) -> Vec<Choice> {
+        /// Values that are looked at more closely.
+        const KEPT: usize = 4;
         let further = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
             false => vec![None],
         };
-        self.best(system, &Grid { values: self.values.clone(), further }, None)
+        self.best(system, &Grid { values: self.values.clone(), further }, KEPT)
     }
 
     /// The cheapest on ever finer grids about `found`.
@@ -298,7 +313,8 @@ impl Family {
                 None => vec![None],
             };
             let grid = Grid { values, further };
-            found = self.best(system, &grid, Some(found.clone())).unwrap_or(found);
+            let next = self.best(system, &grid, 1);
+            found = next.into_iter().fold(found, Choice::cheaper);
         }
         found
     }
@@ -316,16 +332,18 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     /// A family that is so many times as expensive on its grid is not looked at more closely.
     const HOPELESS: f64 = 2.0;
     let families = Family::all();
-    let coarse: Vec<(&Family, Choice)> =
-        families.iter().filter_map(|f| Some((f, f.coarse(system)?))).collect();
-    let least = coarse.iter().map(|(_, c)| c.least_cost()).fold(f64::INFINITY, f64::min);
-    let mut found: Vec<Choice> = coarse
-        .into_iter()
-        .map(|(family, choice)| match choice.least_cost() <= HOPELESS * least {
-            true => family.refined(system, choice),
-            false => choice,
-        })
-        .collect();
+    let coarse: Vec<(&Family, Vec<Choice>)> =
+        families.iter().map(|family| (family, family.coarse(system))).collect();
+    let all = coarse.iter().flat_map(|(_, choices)| choices);
+    let least = all.map(Choice::least_cost).fold(f64::INFINITY, f64::min);
+    let closer = |family: &Family, choice: Choice| match choice.least_cost() <= HOPELESS * least {
+        true => family.refined(system, choice),
+        false => choice,
+    };
+    let of_family = |(family, choices): (&Family, Vec<Choice>)| {
+        choices.into_iter().map(|choice| closer(family, choice)).reduce(Choice::cheaper)
+    };
+    let mut found: Vec<Choice> = coarse.into_iter().filter_map(of_family).collect();
     let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
     // Where S = 0 one mode does, whatever the profile.
     let planned = skew.then_some(ProfileChoice::Planned);
