@@ -15,7 +15,8 @@
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
-//! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see [`figure::Figure`].
+//! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
+//! [`figure::Figure`].
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;

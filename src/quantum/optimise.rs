@@ -108,8 +108,8 @@ pub struct Choice {
     pub walk_steps: Figure,
     /// Probability of slice and window, all conditions met.
     pub probability: [Figure; 2],
-    /// Toffoli gates until it succeeds in the window, or in the slice where there is none: repeated,
-    /// and by amplitude amplification.
+    /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
+    /// repeated, and by amplitude amplification.
     pub cost: [Figure; 2],
     /// The profile and the recovery point as they are asked for.
     #[serde(skip)]
@@ -488,10 +488,10 @@ impl fmt::Display for Ranking {
         }
         writeln!(
             f,
-            "steps: calls of the block encoding in one evolution. P: of the window, or of the slice \
-             where there is none. repeated: Toffoli gates until the field is found. amplified: the same by amplitude amplification. Gates \
-             of circuits are emitted, those of sparse access a model's; probabilities are \
-             estimates."
+            "steps: calls of the block encoding in one evolution. P: of the window, or of the \
+             slice where there is none. repeated: Toffoli gates until the field is found. amplified: the \
+             same by amplitude amplification. Gates of circuits are emitted, those of sparse \
+             access a model's; probabilities are estimates."
         )
     }
 }

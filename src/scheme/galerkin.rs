@@ -1,5 +1,5 @@
-//! Rows of `A` and `b` of any degree and flux: a discontinuous Galerkin scheme, linear and dissipative
-//! by construction.
+//! Rows of `A` and `b` of any degree and flux: a discontinuous Galerkin scheme, linear and
+//! dissipative by construction.
 //!
 //! Unknowns are the values at the nodes of the elements, Gauss–Lobatto along space axes and
 //! Gauss–Legendre along velocity axes (see [`element`](crate::problem::element)). Every term acts
@@ -15,9 +15,10 @@
 //! with the traces `f_o` before the face and `f_i` behind it, and `l`, `r` the values of the
 //! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At open ends
 //! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At
-//! closed ones it is that of inner faces, with 0 outside. At a jump of `V`, `f_o` behind the face and `f_i` before it are coupled by the energy-matched
-//! [`FaceCoupling`], with partial reflection where a region gives it (`potential.reflection`); that
-//! is also the scheme of degree 0 then. There the flux is upwind.
+//! closed ones it is that of inner faces, with 0 outside. At a jump of `V`, `f_o` behind the face
+//! and `f_i` before it are coupled by the energy-matched [`FaceCoupling`], with partial reflection
+//! where a region gives it (`potential.reflection`); that is also the scheme of degree 0 then.
+//! There the flux is upwind.
 //!
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.

@@ -159,13 +159,13 @@ pub enum Ends {
     Closed,
 }
 
-/// Default of `scheme.flux` of a degree above 0 (of degree 0 it is 1): half of the dissipation of the upwind flux for
-/// hardly more error (docs/high-order.md).
+/// Default of `scheme.flux` of a degree above 0 (of degree 0 it is 1): half of the dissipation of
+/// the upwind flux for hardly more error (docs/high-order.md).
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of the upwind scheme of degree 0. By `traces` that are matched by energy,
-    /// of any other scheme, whatever is given: that law keeps what `conservative` keeps.
+    /// `interface`: the law of the upwind scheme of degree 0. By `traces` that are matched by
+    /// energy, of any other scheme, whatever is given: that law keeps what `conservative` keeps.
     pub fn interface(&self, traces: bool) -> Interface {
         if traces { Interface::Conservative } else { self.interface }
     }
