@@ -489,9 +489,9 @@ impl fmt::Display for Ranking {
         writeln!(
             f,
             "steps: calls of the block encoding in one evolution. P: of the window, or of the \
-             slice where there is none. repeated: Toffoli gates until the field is found. amplified: the \
-             same by amplitude amplification. Gates of circuits are emitted, those of sparse \
-             access a model's; probabilities are estimates."
+             slice where there is none. repeated: Toffoli gates until the field is found. \
+             amplified: the same by amplitude amplification. Gates of circuits are emitted, those \
+             of sparse access a model's; probabilities are estimates."
         )
     }
 }
