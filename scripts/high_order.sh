@@ -2,12 +2,13 @@
 # Prints the tables of docs/high-order.md: errors, modes, applications and seconds by degree, one
 # rank. Needs `make build` and Python 3.
 #
-#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited]…
+#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited|unitary]…
 #
 # smooth    smooth beams through a step, about 128 unknowns an axis
 # order     the same under refinement, classical, so that only the grid's error is seen
 # example1  quarter discs at a step, about 256 unknowns an axis
 # limited   both cases: modes of high degree beside van Leer's slopes with SSP-RK3, by error
+# unitary   degree 0: the central flux with closed ends beside upwind, a Gaussian and example 1
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -15,7 +16,7 @@ program=target/release/phasewarp
 if [ "${1:-}" = --program ]; then
     program=$2 && shift 2
 fi
-[ $# -gt 0 ] || set -- smooth order example1 limited
+[ $# -gt 0 ] || set -- smooth order example1 limited unitary
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
 
@@ -100,9 +101,29 @@ limited() {
     against example1 error_l1_relative 2:42 2:86 3:32 3:64 3:128
 }
 
+unitary() {
+    echo "| case | cells | scheme | L2 of f | L2 of the density | L1 of the density | modes |"
+    echo "|---|---|---|---|---|---|---|"
+    local figures="{s[error_l2_relative]:.3g} | {s[error_density_l2_relative]:.3g} | "
+    figures+="{s[error_density_l1_relative]:.3g} | {s[modes]}"
+    local gaussian=(--set "initial.f=exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02)")
+    local central=(--set scheme.flux=0 --set scheme.ends=closed)
+    local upwind=(--set scheme.interface=conservative) cells
+    for cells in 64 128 256; do
+        run smooth-beams 0 "$cells" "${gaussian[@]}" "${central[@]}"
+        row "$figures" Gaussian "$cells" unitary
+        run smooth-beams 0 "$cells" "${gaussian[@]}" "${upwind[@]}"
+        row "$figures" Gaussian "$cells" upwind
+    done
+    run example1 0 128 "${central[@]}"
+    row "$figures" "example 1" 128 unitary
+    run example1 0 128 "${upwind[@]}"
+    row "$figures" "example 1" 128 upwind
+}
+
 for table in "$@"; do
     case $table in
-    smooth | order | example1 | limited) "$table" && echo ;;
-    *) echo "high_order: $table is none of smooth, order, example1, limited" >&2 && exit 2 ;;
+    smooth | order | example1 | limited | unitary) "$table" && echo ;;
+    *) echo "high_order: $table is none of smooth, order, example1, limited, unitary" >&2 && exit 2 ;;
     esac
 done

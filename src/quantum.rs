@@ -5,6 +5,7 @@
 //! | [`access`] | the sparse-access oracles of `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2) |
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
+//! | [`cost`] | Toffoli gates until the field is measured, of every access to `H` |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
@@ -14,7 +15,8 @@
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
-//! Every number is labelled exact, bound, estimate or unavailable: see [`figure::Figure`].
+//! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
+//! [`figure::Figure`].
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;
@@ -23,6 +25,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 
 pub mod access;
 pub mod circuit;
+pub mod cost;
 pub mod export;
 pub mod exported;
 pub mod figure;

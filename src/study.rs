@@ -7,6 +7,7 @@
 //! | [`stability`] | where each method begins to fail | `Stability` |
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
 //! | [`sweep`] | what a case gives with other values | [`sweep::Sweep`] |
+//! | [`end_to_end`] | a density by a quantum computer and without | [`end_to_end::EndToEnd`] |
 //! | [`ranks`] | how many ranks are worth it | [`ranks::RankTable`] |
 //!
 //! The runs of a [`sweep`] are those of `phasewarp run`. The others stand on one kernel: a
@@ -21,6 +22,7 @@ pub mod budget;
 pub mod calibrate;
 pub mod chart;
 pub mod cost;
+pub mod end_to_end;
 pub mod files;
 pub mod grids;
 pub mod knobs;

@@ -444,9 +444,19 @@ pub struct ResourcesArgs {
     /// As a table, as JSON, as Azure's LogicalCounts, as a program of QREF v1
     #[arg(long, value_enum, default_value = "text")]
     pub format: RecordFormat,
-    /// Instead: which profile, recovery point and delta take least, queries times repetitions
+    /// Instead: which profile, recovery point, delta and access to H take the fewest Toffoli gates
     #[arg(long)]
     pub optimise: bool,
+    /// Instead: the density at a point (the first of [readout], or the largest) to this relative
+    /// error, from end to end, beside classical methods
+    #[arg(
+        long,
+        value_name = "EPSILON",
+        value_parser = parse_accuracy,
+        allow_negative_numbers = true,
+        conflicts_with = "optimise"
+    )]
+    pub accuracy: Option<f64>,
 }
 
 /// Options of `stability`.

@@ -118,9 +118,12 @@ fn formulas(case: &Case) -> String {
 
 /// Time, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
-    let interface = match case.space.degree() {
-        0 => format!("interface {}", word(&case.interface)),
-        _ => format!("flux {}, interface matched by energy", case.flux),
+    let interface = match case.is_galerkin() {
+        false => format!("interface {}", word(&case.interface)),
+        true => {
+            let ends = if case.is_closed() { ", closed ends" } else { "" };
+            format!("flux {}{ends}, interface matched by energy", case.flux)
+        }
     };
     let from = match case.begin {
         0.0 => String::new(),

@@ -8,12 +8,14 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
-use crate::quantum::access::largest_parts;
-use crate::quantum::optimise::{Ranking, System, choices, deltas, preparation, scheme_of};
+use crate::quantum::optimise::{
+    Ranking, System, choices, deltas, preparation, scheme_of, unitary_of,
+};
 use crate::quantum::planned_modes;
-use crate::quantum::resources::{Comparison, Record};
+use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
+use crate::study::end_to_end::EndToEnd;
 
 /// Counts for the cheapest set-up and the case's own, or ranks choices; prints what was found.
 /// Collective.
@@ -22,12 +24,21 @@ use crate::solve::system::StateNorms;
 /// As `compare`; [`Error::Input`] for `--optimise` in a format that holds one choice.
 pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let case = load(world, &args.case)?;
+    let many = if args.optimise { "--optimise" } else { "--accuracy" };
+    let one = matches!(args.format, RecordFormat::Azure | RecordFormat::Qref);
+    if one && (args.optimise || args.accuracy.is_some()) {
+        return Err(Error::Input(format!(
+            "{many} compares many choices: --format text and json show them, azure and qref hold \
+             one"
+        )));
+    }
+    if let Some(accuracy) = args.accuracy {
+        has_counts(&case)?;
+        let found = EndToEnd::new(world, &case, accuracy)?;
+        print_as(world, &found, args.format == RecordFormat::Json);
+        return Ok(());
+    }
     if args.optimise {
-        if matches!(args.format, RecordFormat::Azure | RecordFormat::Qref) {
-            let what = "--optimise compares many choices: --format text and json show them, \
-                        azure and qref hold one";
-            return Err(Error::Input(what.to_owned()));
-        }
         has_counts(&case)?;
         print_as(world, &optimise(world, &case)?, args.format == RecordFormat::Json);
         return Ok(());
@@ -57,8 +68,12 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
     let own = Record::new(&prepared, warp.into(), norms_of_own)?;
     drop(prepared);
     let ranking = optimise(world, case)?;
+    let (unitary, not_unitary) = match unitary(world, case) {
+        Ok(unitary) => (unitary, None),
+        Err(why) => (Unitary::none(case.tolerance), Some(why.to_string())),
+    };
     let Some(choice) = ranking.first() else {
-        return Ok(Comparison { cheapest: own.clone(), own });
+        return Ok(Comparison { cheapest: own.clone(), own, unitary, not_unitary });
     };
     let scheme = scheme_of(case);
     let mut prepared = match choice.delta {
@@ -70,7 +85,16 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
     prepared.case = choice.of(&prepared.case, &prepared.bounds);
     let planned = preparation(&prepared.case, &prepared.bounds, ratio)?;
     let cheapest = Record::new(&prepared, planned, norms)?;
-    Ok(Comparison { cheapest, own })
+    Ok(Comparison { cheapest, own, unitary, not_unitary })
+}
+
+/// The unitary scheme on the grid of `case`. Collective.
+///
+/// # Errors
+/// As [`unitary_of`]; as [`Prepared::new`].
+fn unitary(world: &World, case: &Case) -> Result<Unitary> {
+    let prepared = prepare(world, &unitary_of(case)?)?;
+    Ok(Unitary::new(&accesses(&prepared, 1.0), case.tolerance))
 }
 
 /// Every choice of profile, parameter, recovery point and `δ`, the cheapest first. Collective.
@@ -86,15 +110,14 @@ fn optimise(world: &World, case: &Case) -> Result<Ranking> {
         let mut prepared = prepare(world, &case)?;
         let ratio = prepared.probe();
         let norms = norms(&mut prepared);
-        let (s, k, nonzeros) = largest_parts(&prepared.system.matrix);
-        let space = &prepared.communicator.space;
+        let accesses = &accesses(&prepared, ratio);
         all.extend(choices(&System {
             world: Some(&world.group()),
             case: &prepared.case,
             bounds: &prepared.bounds,
             ratio,
             norms,
-            matrix: (space.max(s), space.max(k), space.max_count(nonzeros)),
+            accesses,
         }));
     }
     Ok(Ranking::new(all))

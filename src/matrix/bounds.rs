@@ -231,6 +231,7 @@ fn line_bounds(
     if !case.is_galerkin() {
         return Ok((lines, causes));
     }
+    let open = !case.is_closed();
     let none = |nodes| LineKind { nodes, flux: 0.0, ends: false, reflects: false };
     let n = space.dimension();
     for a in 0..n {
@@ -240,7 +241,7 @@ fn line_bounds(
         }
         if !space.is_single(a) || jumps[a] {
             // Behind a jump, what comes from beyond the velocity box comes as through an end.
-            let ends = !space.is_periodic(a) || jumps[a];
+            let ends = open && (!space.is_periodic(a) || jumps[a]);
             let reflects = jumps[a] && case.potential.iter().any(|r| r.reflection.is_some());
             let kind = LineKind { nodes: x.nodes, flux: case.flux, ends, reflects };
             let rate = fastest(space, a);
@@ -248,18 +249,18 @@ fn line_bounds(
             let alone = none(x.nodes);
             causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
             let end = rate * LineKind { ends: true, ..alone }.dissipation();
-            causes.ends += if space.is_periodic(a) { 0.0 } else { end };
-            causes.beyond += if jumps[a] { end } else { 0.0 };
+            causes.ends += if open && !space.is_periodic(a) { end } else { 0.0 };
+            causes.beyond += if open && jumps[a] { end } else { 0.0 };
             let upwind = LineKind { ends: reflects, reflects, ..alone };
             causes.reflection += rate * upwind.dissipation();
         }
         if steepest[a] > 0.0 {
-            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: true, reflects: false };
+            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: open, reflects: false };
             let rate = steepest[a] / v.width();
             lines.push(LineBounds::new(&kind, rate));
             let alone = none(v.nodes);
             causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
-            causes.velocities += rate * LineKind { ends: true, ..alone }.dissipation();
+            causes.velocities += rate * LineKind { ends: open, ..alone }.dissipation();
         }
     }
     Ok((lines, causes))

@@ -35,7 +35,7 @@ pub use crate::problem::case::output::{
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, DEFAULT_FLUX, Integrator, Interface, Limiter, Method, Propagation,
+    Allowed, DEFAULT_CFL, DEFAULT_FLUX, Ends, Integrator, Interface, Limiter, Method, Propagation,
     PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
@@ -133,6 +133,8 @@ pub struct Case {
     pub interface: Interface,
     /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
     pub flux: f64,
+    /// `scheme.ends`.
+    pub ends: Ends,
     /// `scheme.limiter`.
     pub limiter: Limiter,
     /// `solver.method`.
@@ -231,6 +233,7 @@ impl Case {
         let Range { start: begin, end } = tables.time.check(file)?;
         let duration = end - begin;
         let solver = tables.solver;
+        let flux = tables.scheme.flux(file, degree)?;
         let output = tables.output;
         let start = tables.initial.start(file)?;
         let start_field = tables.initial.field(file, &data)?;
@@ -252,8 +255,9 @@ impl Case {
             tables: files,
             begin,
             end,
-            interface: tables.scheme.interface(degree > 0 || reflects),
-            flux: tables.scheme.flux(file, degree)?,
+            interface: tables.scheme.interface(degree > 0 || reflects || flux < 1.0),
+            flux,
+            ends: tables.scheme.ends,
             limiter: tables.scheme.limiter,
             method: solver.method,
             tolerance: solver.tolerance(file)?,
@@ -296,6 +300,12 @@ impl Case {
         self.check_limiter(file)?;
         if self.is_galerkin() {
             self.check_galerkin(file)?;
+        }
+        if self.is_closed() && self.enters() {
+            return file.refuse(
+                "scheme.ends",
+                "nothing enters through closed ends: leave inflow.value out, or \"open\"",
+            );
         }
         if self.positive {
             self.check_positive(file)?;
@@ -354,9 +364,20 @@ impl Case {
     }
 
     /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0,
-    /// or with partial reflection.
+    /// with another flux than upwind, or with partial reflection.
     pub fn is_galerkin(&self) -> bool {
-        self.space.degree() > 0 || self.reflects()
+        self.space.degree() > 0 || self.flux < 1.0 || self.reflects()
+    }
+
+    /// Whether nothing leaves or enters through the ends of the box.
+    pub fn is_closed(&self) -> bool {
+        self.ends == Ends::Closed
+    }
+
+    /// Whether the scheme is the unitary one, but for partial reflection: the central flux and
+    /// closed ends.
+    pub fn is_unitary(&self) -> bool {
+        self.flux == 0.0 && self.is_closed()
     }
 
     /// Whether anything is reflected in part at jumps of `V`.
@@ -364,7 +385,7 @@ impl Case {
         self.potential.iter().any(|region| region.reflection.is_some())
     }
 
-    /// Refuses what is not known of elements of a degree above 0, or of partial reflection.
+    /// Refuses what is not known of elements, of degree 0 or above, or of partial reflection.
     fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
         let reflects = self.potential.iter().position(|region| region.reflection.is_some());
         if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {
@@ -377,9 +398,8 @@ impl Case {
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "slopes are those of cells of degree 0 without partial reflection; leave it out, \
-                or \
-                 scheme.degree and potential.reflection",
+                "slopes are those of the upwind scheme of degree 0 without partial reflection; \
+                 leave it out, or scheme.degree, scheme.flux and potential.reflection",
             );
         }
         if let Data::Measure { .. } = self.data {

@@ -41,7 +41,7 @@ use crate::base::error::{Error, Result};
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
 use crate::quantum::circuit::description::{Check, Description, Evolution, Sparse, steps_of};
 use crate::quantum::circuit::gates::{Circuit, Role};
-use crate::quantum::circuit::scene::Scene;
+use crate::quantum::circuit::scene::{Bins, Scene};
 use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{Levels, Modes};
 use crate::quantum::resources::Record;
@@ -86,9 +86,12 @@ impl Compiled {
     /// As [`Scene::new`]; [`Error::Input`] for a check that is too large.
     pub fn new(prepared: &Prepared, record: &Record, choice: Choice) -> Result<Self> {
         let Prepared { case, system, .. } = prepared;
-        let Scene { transport, rounded, change } = Scene::new(case, choice.bin_bits)?;
+        let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
+        let Scene { transport, rounded, change } = Scene::new(case, bins)?;
         let modes = match choice.wavenumber {
             Some(mu) => Modes::One(mu),
+            // The unitary scheme: H = iK.
+            None if case.flux == 0.0 => Modes::One(0.0),
             None => Modes::Register {
                 qubits: record.points.trailing_zeros() as usize,
                 period: record.period,

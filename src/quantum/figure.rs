@@ -1,4 +1,5 @@
-//! A number of the quantum side with its trust: exact, an upper bound, an estimate, or unavailable.
+//! A number of the quantum side with its trust: exact, of emitted gates, an upper bound, an
+//! estimate, of a model, or unavailable.
 
 use crate::base::text::short;
 use serde::Serialize;
@@ -13,13 +14,25 @@ pub enum Figure {
         /// The number.
         value: f64,
     },
+    /// Exact, and counted in gates that were emitted.
+    Emitted {
+        /// The number.
+        value: f64,
+    },
     /// Not below what it stands for.
     UpperBound {
         /// The number.
         value: f64,
     },
-    /// From a formula or a model whose constants are not known, or that was sampled.
+    /// Rests on what was measured, sampled or solved roughly.
     Estimate {
+        /// The number.
+        value: f64,
+        /// What was assumed.
+        because: String,
+    },
+    /// From a formula whose constants are assumed.
+    Model {
         /// The number.
         value: f64,
         /// What was assumed.
@@ -38,6 +51,11 @@ impl Figure {
         Self::Exact { value }
     }
 
+    /// A number of emitted gates.
+    pub fn emitted(value: f64) -> Self {
+        Self::Emitted { value }
+    }
+
     /// An upper bound.
     pub fn bound(value: f64) -> Self {
         Self::UpperBound { value }
@@ -48,6 +66,11 @@ impl Figure {
         Self::Estimate { value, because: because.to_owned() }
     }
 
+    /// A number of a model.
+    pub fn model(value: f64, because: &str) -> Self {
+        Self::Model { value, because: because.to_owned() }
+    }
+
     /// No number.
     pub fn unavailable(because: &str) -> Self {
         Self::Unavailable { because: because.to_owned() }
@@ -56,20 +79,63 @@ impl Figure {
     /// Another number with this one's label.
     pub fn with(&self, number: f64) -> Self {
         let mut figure = self.clone();
-        if let Self::Exact { value } | Self::UpperBound { value } | Self::Estimate { value, .. } =
-            &mut figure
-        {
-            *value = number;
+        match &mut figure {
+            Self::Exact { value }
+            | Self::Emitted { value }
+            | Self::UpperBound { value }
+            | Self::Estimate { value, .. }
+            | Self::Model { value, .. } => *value = number,
+            Self::Unavailable { .. } => {}
         }
         figure
+    }
+
+    /// The product, labelled as the less trusted of both.
+    pub fn times(&self, other: &Self) -> Self {
+        let (more, less) =
+            if self.distrust() < other.distrust() { (self, other) } else { (other, self) };
+        match (more.value(), less.value()) {
+            (Some(a), Some(b)) => less.with(a * b),
+            _ => less.clone(),
+        }
+    }
+
+    /// The order of the labels.
+    fn distrust(&self) -> u8 {
+        match self {
+            Self::Exact { .. } => 0,
+            Self::Emitted { .. } => 1,
+            Self::UpperBound { .. } => 2,
+            Self::Estimate { .. } => 3,
+            Self::Model { .. } => 4,
+            Self::Unavailable { .. } => 5,
+        }
+    }
+
+    /// The number to three digits with a letter for its label, of tables.
+    pub fn marked(&self) -> String {
+        let mark = match self {
+            Self::Exact { .. } => 'x',
+            Self::Emitted { .. } => 'g',
+            Self::UpperBound { .. } => 'b',
+            Self::Estimate { .. } | Self::Model { .. } => 'm',
+            Self::Unavailable { .. } => return "-".to_owned(),
+        };
+        let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e6 {
+            true => format!("{x}"),
+            false => format!("{x:.3e}"),
+        };
+        format!("{} {mark}", self.value().map_or(String::new(), number))
     }
 
     /// The number, if there is one.
     pub fn value(&self) -> Option<f64> {
         match self {
-            Self::Exact { value } | Self::UpperBound { value } | Self::Estimate { value, .. } => {
-                Some(*value)
-            }
+            Self::Exact { value }
+            | Self::Emitted { value }
+            | Self::UpperBound { value }
+            | Self::Estimate { value, .. }
+            | Self::Model { value, .. } => Some(*value),
             Self::Unavailable { .. } => None,
         }
     }
@@ -83,9 +149,15 @@ impl fmt::Display for Figure {
         };
         match self {
             Self::Exact { value } => write!(f, "{:>12}  exact", number(*value)),
+            Self::Emitted { value } => {
+                write!(f, "{:>12}  exact (emitted gates)", number(*value))
+            }
             Self::UpperBound { value } => write!(f, "{:>12}  upper bound", number(*value)),
             Self::Estimate { value, because } => {
                 write!(f, "{:>12}  estimate: {because}", number(*value))
+            }
+            Self::Model { value, because } => {
+                write!(f, "{:>12}  model: {because}", number(*value))
             }
             Self::Unavailable { because } => write!(f, "{:>12}  unavailable: {because}", "-"),
         }

@@ -1,5 +1,7 @@
-//! The `δ`, profile, parameter and recovery point with the smallest product of queries and
-//! repetitions (`phasewarp resources`, and `--optimise`, which shows what it was compared with).
+//! The `δ`, profile, parameter, recovery point and access to `H` with the least [`cost`]
+//! (`phasewarp resources`, and `--optimise`, which shows what it was compared with).
+//!
+//! [`cost`]: crate::quantum::cost
 //!
 //! The two factors conflict. A profile with few modes has a low `‖H‖_max` and a small probability
 //! of the solution. A large `δ` fills the state with auxiliary unknowns, a small one couples them
@@ -11,17 +13,18 @@
 //! **The scheme** is the conservative interface where the degree is 0: it needs no weights, whose
 //! table as large as phase space no query could compute ([`scheme_of`]).
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{
-    Alpha, Case, Coefficients, Delta, Interface, ProfileChoice, RecoveryMethod,
+    Alpha, Case, Coefficients, Delta, Ends, Interface, Limiter, Method, ProfileChoice,
+    RecoveryMethod,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
+use crate::quantum::cost::{Access, Accesses, Demand};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
-use crate::quantum::walk::Evolution;
 use crate::schrodingerization::placement::{forecast_modes, place};
 use crate::schrodingerization::profile::Form;
 use crate::schrodingerization::profile::series::{Series, points};
@@ -57,6 +60,29 @@ pub fn scheme_of(case: &Case) -> Case {
     case
 }
 
+/// `case` with the scheme whose flow is unitary: the central flux and closed ends.
+///
+/// # Errors
+/// [`Error::Input`] where something enters or is reflected in part: then there is none.
+pub fn unitary_of(case: &Case) -> Result<Case> {
+    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
+    if case.embeds() {
+        return wrong("something enters (inflow.value), and the norm is not kept");
+    }
+    if case.reflects() {
+        return wrong("potential.reflection mixes two traces into two, and is no isometry");
+    }
+    Ok(with_unitary_scheme(case))
+}
+
+/// `case` with that scheme, which is unitary if nothing enters or is reflected in part.
+pub fn with_unitary_scheme(case: &Case) -> Case {
+    let mut case = Case { flux: 0.0, ends: Ends::Closed, ..case.clone() };
+    (case.interface, case.warp.weights) = (Interface::Conservative, false);
+    (case.limiter, case.method) = (Limiter::None, Method::Schrodingerized);
+    case
+}
+
 /// Values of `δ` that are tried where something enters, `largest` being the largest inflow.
 pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
     if !case.enters() {
@@ -76,12 +102,14 @@ pub struct Choice {
     pub recovery: Figure,
     /// `N_p`.
     pub points: Figure,
-    /// Walk steps of an evolution.
+    /// How `H` is had; none where nothing is known.
+    pub access: Option<Access>,
+    /// Calls of the block encoding in an evolution.
     pub walk_steps: Figure,
     /// Probability of slice and window, all conditions met.
     pub probability: [Figure; 2],
-    /// Walk steps until it succeeds in the window, or in the slice where there is none: repeated,
-    /// and by amplitude amplification.
+    /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
+    /// repeated, and by amplitude amplification.
     pub cost: [Figure; 2],
     /// The profile and the recovery point as they are asked for.
     #[serde(skip)]
@@ -98,10 +126,22 @@ impl Choice {
             delta,
             recovery: none(),
             points: none(),
+            access: None,
             walk_steps: none(),
             probability: [none(), none()],
             cost: [none(), none()],
         }
+    }
+
+    /// The probability of the window, or of the slice where there is none.
+    fn nearest(&self) -> &Figure {
+        let [slice, window] = &self.probability;
+        if window.value().is_some() { window } else { slice }
+    }
+
+    /// The cheaper of both.
+    fn cheaper(self, other: Self) -> Self {
+        if other.least_cost() < self.least_cost() { other } else { self }
     }
 
     /// The lower of both costs; infinite where there is none.
@@ -131,8 +171,8 @@ pub struct System<'a> {
     pub ratio: f64,
     /// The norms the probabilities follow from.
     pub norms: StateNorms,
-    /// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row.
-    pub matrix: (f64, f64, usize),
+    /// What the costs follow from.
+    pub accesses: &'a Accesses,
 }
 
 /// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
@@ -195,10 +235,10 @@ impl Family {
         [
             family(
                 |sigma| ProfileChoice::Gaussian { sigma: Some(sigma) },
-                ratios(SIGMAS, 24),
+                ratios(SIGMAS, 48),
                 false,
             ),
-            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 24), false),
+            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 48), false),
             family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
             family(exponential, ratios(ALPHAS, 12), true),
             Self {
@@ -210,8 +250,9 @@ impl Family {
         ]
     }
 
-    /// The cheapest of all `values` read at all points, and of `before`. Every rank prices a share.
-    fn best(&self, system: &System<'_>, grid: &Grid, before: Option<Choice>) -> Option<Choice> {
+    /// The cheapest of all values read at all points, of up to `most` values, the cheapest first.
+    /// Every rank prices a share.
+    fn best(&self, system: &System<'_>, grid: &Grid, most: usize) -> Vec<Choice> {
         let of = |value, further| Candidate { profile: (self.of)(value), further, value };
         let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
         let all: Vec<Candidate> = all.collect();
@@ -223,19 +264,28 @@ impl Family {
         if let Some(world) = system.world {
             world.max_into(&mut costs);
         }
-        let cheapest = costs.iter().zip(all).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        let found = cheapest.map(|(_, candidate)| choice(system, &candidate));
-        let both = before.into_iter().chain(found);
-        both.reduce(|best, next| if next.least_cost() < best.least_cost() { next } else { best })
+        let mut order: Vec<usize> = (0..all.len()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        let mut found: Vec<Choice> = Vec::new();
+        for candidate in order.into_iter().map(|k| &all[k]) {
+            let new = found.iter().all(|choice| choice.candidate.value != candidate.value);
+            if new && found.len() < most {
+                found.push(choice(system, candidate));
+            }
+        }
+        found
     }
 
-    /// The cheapest on the whole grid of the family.
-    fn coarse(&self, system: &System<'_>) -> Option<Choice> {
+    /// The cheapest on the whole grid of the family, of several values of the parameter: costs jump
+    /// where a register or a round of amplification is saved.
+    fn coarse(&self, system: &System<'_>) -> Vec<Choice> {
+        /// Values that are looked at more closely.
+        const KEPT: usize = 4;
         let further = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
             false => vec![None],
         };
-        self.best(system, &Grid { values: self.values.clone(), further }, None)
+        self.best(system, &Grid { values: self.values.clone(), further }, KEPT)
     }
 
     /// The cheapest on ever finer grids about `found`.
@@ -263,7 +313,8 @@ impl Family {
                 None => vec![None],
             };
             let grid = Grid { values, further };
-            found = self.best(system, &grid, Some(found.clone())).unwrap_or(found);
+            let next = self.best(system, &grid, 1);
+            found = next.into_iter().fold(found, Choice::cheaper);
         }
         found
     }
@@ -281,16 +332,18 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     /// A family that is so many times as expensive on its grid is not looked at more closely.
     const HOPELESS: f64 = 2.0;
     let families = Family::all();
-    let coarse: Vec<(&Family, Choice)> =
-        families.iter().filter_map(|f| Some((f, f.coarse(system)?))).collect();
-    let least = coarse.iter().map(|(_, c)| c.least_cost()).fold(f64::INFINITY, f64::min);
-    let mut found: Vec<Choice> = coarse
-        .into_iter()
-        .map(|(family, choice)| match choice.least_cost() <= HOPELESS * least {
-            true => family.refined(system, choice),
-            false => choice,
-        })
-        .collect();
+    let coarse: Vec<(&Family, Vec<Choice>)> =
+        families.iter().map(|family| (family, family.coarse(system))).collect();
+    let all = coarse.iter().flat_map(|(_, choices)| choices);
+    let least = all.map(Choice::least_cost).fold(f64::INFINITY, f64::min);
+    let closer = |family: &Family, choice: Choice| match choice.least_cost() <= HOPELESS * least {
+        true => family.refined(system, choice),
+        false => choice,
+    };
+    let of_family = |(family, choices): (&Family, Vec<Choice>)| {
+        choices.into_iter().map(|choice| closer(family, choice)).reduce(Choice::cheaper)
+    };
+    let mut found: Vec<Choice> = coarse.into_iter().filter_map(of_family).collect();
     let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
     // Where S = 0 one mode does, whatever the profile.
     let planned = skew.then_some(ProfileChoice::Planned);
@@ -302,7 +355,8 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
 }
 
 /// The state of `case`, planned to be measured: on a period so long that the window ends where
-/// hardly anything is left of `e^{−p}`.
+/// hardly anything is left of `e^{−p}`, and that the modes fill a register, whose highest
+/// wavenumber is in the `α` of a circuit.
 ///
 /// # Errors
 /// As [`WarpPlan::modes_of`](crate::schrodingerization::warp_plan::WarpPlan::modes_of).
@@ -314,8 +368,11 @@ pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparati
         Some(Form::Transform(shape)) => {
             let planned = &placement.series;
             let highest = planned.wavenumber(planned.modes() - 1);
-            let period = planned.period + WINDOW;
-            let modes = (highest * period / TAU).ceil() as usize + 1;
+            let least = planned.period + WINDOW;
+            let modes = (highest * least / TAU).ceil() as usize + 1;
+            // A register has all of its wavenumbers: none is above the highest.
+            let modes = modes.next_power_of_two();
+            let period = least.max((modes - 1) as f64 * TAU / highest);
             Series::analytic(period, modes, |mu| shape.coefficient(mu))
         }
         _ => placement.series.clone(),
@@ -352,30 +409,28 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
     if modes > MOST_MODES {
         return too_many(modes as f64);
     }
-    let (time, tolerance) = (case.duration(), case.tolerance);
-    let (s, k, nonzeros) = system.matrix;
-    // An entry's S and K are at most the largest of each.
-    let tau = nonzeros as f64 * (series.wavenumber(modes - 1) * s).hypot(k) * time;
+    let time = case.duration();
     let label = |x: f64| Figure::estimate(x, "norms of the classical solution to three digits");
     let points = points(&series).next_power_of_two();
     let bounds = system.bounds;
     let planned = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
     let found = Probabilities::new(&planned, system.norms, &label);
-    let steps = Evolution::new(tau, tolerance * found.amplitude()).steps;
-    let steps = steps.value().map_or(steps, Figure::bound);
-    let chain = found.nearest();
-    let of = |evolutions: &Figure| match (evolutions.value(), steps.value()) {
-        (Some(n), Some(steps)) => label(n * steps),
-        _ => evolutions.clone(),
+    let demand = Demand {
+        highest: series.wavenumber(modes - 1),
+        points,
+        period: series.period,
+        tolerance: case.tolerance * found.amplitude(),
     };
+    let least = system.accesses.least(&demand, &found.evolutions());
     Choice {
         profile: candidate.profile.clone(),
         candidate: candidate.clone(),
         delta,
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
-        cost: [of(&chain.repetitions), of(&chain.amplified_evolutions)],
-        walk_steps: steps,
+        access: Some(least.access),
+        cost: least.until_measured,
+        walk_steps: least.steps,
         probability: [found.at_slice.all, found.in_window.all],
     }
 }
@@ -402,8 +457,8 @@ impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<26}{:>9}{:>8}{:>8}{:>9}{:>10}{:>10}{:>10}{:>10}",
-            "profile", "delta", "p", "N_p", "steps", "P slice", "P window", "naive", "amplified"
+            "{:<25}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
+            "profile", "delta", "p", "N_p", "access", "steps", "P", "repeated", "amplified"
         )?;
         let number =
             |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
@@ -416,26 +471,27 @@ impl fmt::Display for Ranking {
             };
             let profile = parameters(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
-                writeln!(f, "{profile:<26}{delta:>9}   unavailable: {because}")?;
+                writeln!(f, "{profile:<25}{delta:>8}   unavailable: {because}")?;
                 continue;
             }
             writeln!(
                 f,
-                "{profile:<26}{delta:>9}{:>8.3}{:>8}{:>9}{:>10}{:>10}{:>10}{:>10}",
+                "{profile:<25}{delta:>8}{:>6.2}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
                 choice.recovery.value().unwrap_or(f64::NAN),
                 choice.points.value().unwrap_or(f64::NAN),
+                choice.access.map_or(String::new(), |access| access.to_string()),
                 number(&choice.walk_steps),
-                number(&choice.probability[0]),
-                number(&choice.probability[1]),
+                number(choice.nearest()),
                 number(&choice.cost[0]),
                 number(&choice.cost[1]),
             )?;
         }
         writeln!(
             f,
-            "steps: walk steps of one evolution. naive: walk steps until the field is found in the \
-             window, by repetition. amplified: the same by amplitude amplification. All are \
-             estimates."
+            "steps: calls of the block encoding in one evolution. P: of the window, or of the \
+             slice where there is none. repeated: Toffoli gates until the field is found. \
+             amplified: the same by amplitude amplification. Gates of circuits are emitted, those \
+             of sparse access a model's; probabilities are estimates."
         )
     }
 }
@@ -487,8 +543,8 @@ mod tests {
         assert!(!case.warp.weights);
         let bounds = Bounds::new(&case).expect("bounds");
         let norms = StateNorms { start: 1.3, weighted: 1.0, field: 1.0, auxiliary: 0.0 };
-        let matrix = (4.0, 2.0, 5);
-        test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, matrix });
+        let accesses = &Accesses::new(&case, &bounds, (4.0, 2.0, 5), 6, 5e-4);
+        test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, accesses });
     }
 
     /// Nothing on a fine grid over all parameters and recovery points is cheaper than what was

@@ -222,6 +222,13 @@ impl Probabilities {
         }
     }
 
+    /// Evolutions until the field is found in the window, or in the slice where there is none:
+    /// repeated, and by amplitude amplification.
+    pub fn evolutions(&self) -> [Figure; 2] {
+        let chain = self.nearest();
+        [chain.repetitions.clone(), chain.amplified_evolutions.clone()]
+    }
+
     /// `√P` of the window, or of the slice where there is none; 1 where neither is known. Relative
     /// to the field, an error of the whole state is `1/√P` times as large.
     pub fn amplitude(&self) -> f64 {

@@ -20,7 +20,8 @@ mod text;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
-use crate::quantum::access::extremes;
+use crate::quantum::access::{extremes, largest_parts};
+use crate::quantum::cost::{Accesses, Cost, Demand};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::readout::MEASURE_VALUED;
@@ -159,8 +160,10 @@ pub struct Record {
     pub gates_factor: Figure,
     /// Gates of the two transforms in `p`, `n_p log₂ n_p` each.
     pub transform_gates: Figure,
-    /// T gates.
-    pub t_gates: Figure,
+    /// Every access to `H`, with its gates.
+    pub costs: Vec<Cost>,
+    /// Why no circuit is compiled; none where one is.
+    pub no_circuit: Option<String>,
     /// The table of the weights; none without weights.
     pub weights_table: Option<WeightsTable>,
     /// Registers.
@@ -179,7 +182,26 @@ pub struct Record {
     pub measure_valued: Option<&'static str>,
 }
 
-/// The set-up that is cheapest on a quantum computer, and the case's own beside it.
+/// What the unitary scheme takes on the same grid: one mode, no `p`, nothing postselected.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Unitary {
+    /// `‖u(0)‖/‖f(T)‖` is 1: the evolution is to be exact to this.
+    pub tolerance: f64,
+    /// Every access to `H = iK`, with its gates.
+    pub costs: Vec<Cost>,
+    /// Why no circuit is compiled; none where one is.
+    pub no_circuit: Option<String>,
+    /// What it does not do as well.
+    pub caveats: &'static str,
+}
+
+/// What is to be known of the unitary scheme.
+const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid does not resolve are \
+                       not damped, and what reaches an end of the box comes back as such waves. \
+                       Its error is another: `--accuracy` compares at equal error of the density";
+
+/// The set-up that is cheapest on a quantum computer, and the case's own and the unitary scheme
+/// beside it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// The cheapest.
@@ -187,6 +209,53 @@ pub struct Comparison {
     pub cheapest: Record,
     /// As the case file has it, or as it is planned to be emulated.
     pub own: Record,
+    /// Of the same grid.
+    pub unitary: Unitary,
+    /// Why there is no such scheme; none where there is.
+    pub not_unitary: Option<String>,
+}
+
+impl Unitary {
+    /// For `accesses` of a skew matrix.
+    pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
+        let demand = Demand { highest: 0.0, points: 1, period: 1.0, tolerance };
+        let once = || Figure::exact(1.0);
+        Self {
+            tolerance,
+            costs: accesses.costs(&demand, &[once(), once()]),
+            no_circuit: accesses.no_circuit().map(str::to_owned),
+            caveats: CAVEATS,
+        }
+    }
+
+    /// None, where there is no such scheme.
+    pub fn none(tolerance: f64) -> Self {
+        Self { tolerance, costs: Vec::new(), no_circuit: None, caveats: CAVEATS }
+    }
+}
+
+/// Of the relative error of the field, what the rounding of jumps to levels may take: half of the
+/// tolerance, by the same share as the rounding of values in sparse access.
+const OF_ROUNDING: f64 = 0.5;
+
+/// What the accesses to the `H` of `prepared` depend on. Collective.
+pub fn accesses(prepared: &Prepared, ratio: f64) -> Accesses {
+    let Prepared { case, bounds, .. } = prepared;
+    let rounding = OF_ROUNDING * case.tolerance / ratio;
+    Accesses::new(case, bounds, parts_of(prepared), qubits_of(case), rounding)
+}
+
+/// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row. Collective.
+pub fn parts_of(prepared: &Prepared) -> (f64, f64, usize) {
+    let space = &prepared.communicator.space;
+    let (s, k, nonzeros) = largest_parts(&prepared.system.matrix);
+    (space.max(s), space.max(k), space.max_count(nonzeros))
+}
+
+/// Qubits that number the unknowns of `case`.
+pub fn qubits_of(case: &Case) -> usize {
+    let unknowns = case.space.cells() + usize::from(case.embeds());
+    Registers::new(case, unknowns, 1, 0).total
 }
 
 /// Qubits that number `count` things.
@@ -205,6 +274,7 @@ impl Record {
     /// As [`sparsity::measure`].
     pub fn new(prepared: &Prepared, preparation: Preparation, norms: StateNorms) -> Result<Self> {
         let Prepared { case, bounds, system, communicator, .. } = prepared;
+        let accesses = accesses(prepared, norms.start / norms.weighted);
         let Preparation { series, point, state_tolerance, planned } = preparation;
         let space = &communicator.space;
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
@@ -227,11 +297,6 @@ impl Record {
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
         let [location, value, both] =
             [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
-        let chain = probabilities.nearest();
-        let until = |evolutions: &Figure| match (evolutions.value(), both.value()) {
-            (Some(n), Some(each)) => estimate(n * each),
-            _ => evolutions.clone(),
-        };
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -256,23 +321,25 @@ impl Record {
             degree: evolution.degree,
             walk_steps: evolution.steps,
             value_bits: estimate(bits),
-            gates_factor: Figure::estimate(
+            gates_factor: Figure::model(
                 gates_factor(qubits.total as f64, bits),
                 "O(n + m polylog m) as n + m log2(m)^2, m bits of a value",
             ),
-            transform_gates: Figure::estimate(
+            transform_gates: Figure::model(
                 2.0 * qubits.p as f64 * (qubits.p as f64).log2().max(1.0),
                 "O(n_p log n_p) for each of two approximate transforms, constants 1",
             ),
-            t_gates: Figure::unavailable(
-                "the oracles' circuits are not compiled, and they are most of it",
+            costs: accesses.costs(
+                &Demand { highest, points, period: series.period, tolerance: fine },
+                &probabilities.evolutions(),
             ),
+            no_circuit: accesses.no_circuit().map(str::to_owned),
             weights_table: bounds.weighted.then(|| {
                 WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
             }),
             qubits,
             classical_operations: Figure::exact(operations),
-            queries_until_measured: [&chain.repetitions, &chain.amplified_evolutions].map(until),
+            queries_until_measured: probabilities.evolutions().map(|n| n.times(&both)),
             location_queries: location,
             value_queries: value,
             queries: both,
@@ -289,10 +356,10 @@ impl WeightsTable {
     fn new(entries: usize, queries: &Figure, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
         let each = 2.0 * (entries as f64 - 1.0);
-        let all = queries.value().map_or(queries.clone(), |n| Figure::estimate(each * n, WHY));
+        let all = queries.times(&Figure::model(each, WHY));
         Self {
             entries,
-            toffolis_a_value_query: Figure::estimate(each, WHY),
+            toffolis_a_value_query: Figure::model(each, WHY),
             toffolis: all,
             sweeps,
             classical_operations: Figure::exact(sweeps as f64 * sparsity.entries as f64),
@@ -314,8 +381,8 @@ impl Registers {
             auxiliary,
             p,
             total: system + p,
-            p_without_growth: Figure::estimate(without, WITHOUT),
-            total_without_growth: Figure::estimate(system as f64 + without, WITHOUT),
+            p_without_growth: Figure::model(without, WITHOUT),
+            total_without_growth: Figure::model(system as f64 + without, WITHOUT),
             walk: WalkRegisters::new(system + p, bits),
         }
     }

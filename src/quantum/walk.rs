@@ -97,9 +97,9 @@ impl WalkRegisters {
         Self {
             row_and_column,
             value,
-            arithmetic: Figure::estimate(arithmetic, WHY),
+            arithmetic: Figure::model(arithmetic, WHY),
             phase,
-            total: Figure::estimate(total, WHY),
+            total: Figure::model(total, WHY),
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Rows of `A` and `b` of degree `k ≥ 1`: a discontinuous Galerkin scheme, linear and dissipative
-//! by construction.
+//! Rows of `A` and `b` of any degree and flux: a discontinuous Galerkin scheme, linear and
+//! dissipative by construction.
 //!
 //! Unknowns are the values at the nodes of the elements, Gauss–Lobatto along space axes and
 //! Gauss–Legendre along velocity axes (see [`element`](crate::problem::element)). Every term acts
@@ -13,11 +13,12 @@
 //! ```
 //!
 //! with the traces `f_o` before the face and `f_i` behind it, and `l`, `r` the values of the
-//! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At the ends
-//! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At a
-//! jump of `V`, `f_o` behind the face and `f_i` before it are coupled by the energy-matched
-//! [`FaceCoupling`], with partial reflection where a region gives it (`potential.reflection`); that
-//! is also the scheme of degree 0 then. There the flux is upwind.
+//! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At open ends
+//! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At
+//! closed ones it is that of inner faces, with 0 outside. At a jump of `V`, `f_o` behind the face
+//! and `f_i` before it are coupled by the energy-matched [`FaceCoupling`], with partial reflection
+//! where a region gives it (`potential.reflection`); that is also the scheme of degree 0 then.
+//! There the flux is upwind.
 //!
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
@@ -38,6 +39,8 @@ pub(super) struct Elements {
     /// `½(1 + α)` and `½(1 − α)`.
     inflow_part: f64,
     outflow_part: f64,
+    /// Whether the ends of the box are closed.
+    closed: bool,
     /// The couplings at jumps along each axis.
     couplings: [HashMap<JumpKind, Coupling>; MAX_DIMENSION],
 }
@@ -57,6 +60,7 @@ impl Elements {
         Ok(Self {
             inflow_part: 0.5 * (1.0 + case.flux),
             outflow_part: 0.5 * (1.0 - case.flux),
+            closed: case.is_closed(),
             couplings,
         })
     }
@@ -237,6 +241,10 @@ impl Lines<'_> {
     fn add_entry(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
         let (n, rate) = (self.space.dimension(), line.lifted_rate());
         let Some(across) = self.across(a, line, false) else {
+            if self.elements.closed {
+                let inner = self.elements.inflow_part * rate;
+                return self.couple(row, cell, [a, cell[a]], -inner);
+            }
             let mut point = self.space.point(cell);
             point[a] = line.entry_face();
             self.couple(row, cell, [a, cell[a]], -rate);
@@ -260,6 +268,9 @@ impl Lines<'_> {
             source[n + a] = share.node;
             row.entries.push((self.space.index(&source), inner * share.weight));
         }
+        if self.elements.closed {
+            return;
+        }
         // What comes from beyond the velocity box comes in upwind.
         for &(node, weight) in &trace.unpaired {
             self.couple(row, cell, [n + a, node], -(rate - inner) * weight);
@@ -280,10 +291,13 @@ impl Lines<'_> {
     /// Adds the flux through the face where the flow goes out along space axis `a`.
     fn add_exit(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
         let n = self.space.dimension();
+        let outer = self.elements.outflow_part * line.lifted_rate();
         let Some(across) = self.across(a, line, true) else {
+            if self.elements.closed {
+                self.couple(row, cell, [a, cell[a]], outer);
+            }
             return;
         };
-        let outer = self.elements.outflow_part * line.lifted_rate();
         let kind = self.potential.jump_kind(cell, a, line.up);
         let coupling = self.elements.couplings[a].get(&kind);
         if coupling.is_some_and(|coupling| coupling.is_upwind) {
@@ -300,6 +314,9 @@ impl Lines<'_> {
             target[a] = if share.side == side { cell[a] } else { across };
             target[n + a] = share.node;
             row.entries.push((self.space.index(&target), -outer * share.weight));
+        }
+        if self.elements.closed {
+            return;
         }
         // What goes beyond the velocity box goes out upwind.
         for &(node, weight) in &trace.unpaired {
@@ -327,9 +344,11 @@ impl Lines<'_> {
             }
         };
         let rate = line.lifted_rate() * entry[line.node];
+        let inner = self.elements.inflow_part * rate;
         if inside(against) {
-            let inner = self.elements.inflow_part * rate;
             add(row, line.first(against) as usize, exit, inner);
+            add(row, own, entry, -inner);
+        } else if self.elements.closed {
             add(row, own, entry, -inner);
         } else {
             add(row, own, entry, -rate);
@@ -341,8 +360,10 @@ impl Lines<'_> {
             }
         }
         let outer = self.elements.outflow_part * line.lifted_rate() * exit[line.node];
-        if outer != 0.0 && inside(with) {
+        if outer != 0.0 && (inside(with) || self.elements.closed) {
             add(row, own, exit, outer);
+        }
+        if outer != 0.0 && inside(with) {
             add(row, line.first(with) as usize, entry, -outer);
         }
     }

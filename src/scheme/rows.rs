@@ -12,7 +12,8 @@
 //! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is
 //! what the row takes from the inflow.
 //!
-//! That is degree 0. Rows of a higher degree are those of [`galerkin`](crate::scheme::galerkin).
+//! That is the upwind scheme of degree 0. Rows of a higher degree or another flux are those of
+//! [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Field, Interface};

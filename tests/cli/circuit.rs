@@ -29,6 +29,16 @@ const BARRIERS: &[&str] = &[
     "axis.0.v.cells=20",
     "solver.tolerance=1e-3",
 ];
+/// The same by the unitary scheme.
+const UNITARY_BARRIERS: &[&str] = &[
+    "scheme.flux=0",
+    "scheme.ends=closed",
+    "axis.0.x.cells=30",
+    "axis.0.v.lower=-1",
+    "axis.0.v.upper=1",
+    "axis.0.v.cells=20",
+    "solver.tolerance=1e-3",
+];
 /// A barrier of 2 by 2 cells in a plane of 4 by 4.
 const PLANE: &[&str] = &[
     "scheme.interface=conservative",
@@ -247,6 +257,9 @@ fn checked_columns_are_those_of_any_grid() {
         ("barrier2d.toml", CORNERS, &["--wavenumber=1.3", "--levels=uniform"], 8),
         ("periodic2d.toml", RING, &["--wavenumber=0.4"], 1),
         ("step3d.toml", SPACE, &["--wavenumber=-0.7"], 1),
+        // The unitary scheme: one mode, which has no wavenumber.
+        ("barriers.toml", UNITARY_BARRIERS, &[], 6),
+        ("barriers.toml", UNITARY_BARRIERS, &["--levels=uniform"], 6),
     ];
     check_all(rows, |(name, settings, options, jumps)| {
         let place = directory();
@@ -310,6 +323,8 @@ fn what_has_no_circuit_is_refused() {
         ("example1.toml", &[], &["scheme.interface", "hat", "conservative"]),
         ("example1.toml", &[FLAT], &["0.2", "728.17", "--sub-bins"]),
         ("example1.toml", &[FLAT, "solver.method=classical"], &["solver.method"]),
+        ("example1.toml", &[FLAT, "scheme.flux=0.5"], &["scheme.flux", "closed"]),
+        ("example1.toml", &["scheme.flux=0"], &["scheme.flux", "closed"]),
         ("example1.toml", &[FLAT, "inflow.value=0.3"], &["inflow.value"]),
         ("example1.toml", &[FLAT, "axis.0.v.cells=33"], &["vx has 33 cells", "even"]),
         ("example1.toml", &[FLAT, "axis.0.v.upper=2"], &["from -1.5 to 2"]),

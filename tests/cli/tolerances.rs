@@ -52,6 +52,34 @@ fn a_unitary_flow_takes_one_mode() {
     });
 }
 
+/// A Gaussian through the step by the central flux of degree 0 and closed ends: one mode, and an
+/// error that falls with order 2, where upwind has order ½ to 1 on these grids. The numbers are
+/// those of docs/high-order.md.
+#[test]
+fn the_unitary_scheme_beside_upwind_at_a_step() {
+    let error = |cells: usize, scheme: &[&str]| {
+        let place = directory();
+        let grid = [format!("axis.0.x.cells={cells}"), format!("axis.0.v.cells={cells}")];
+        let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
+        let data = "initial.f='exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02)'";
+        let job = run("smooth-beams.toml").set(&["scheme.degree=0", data]).set(&grid).set(scheme);
+        let summary = job.on(2).solve(place.path()).unwrap();
+        let modes = summary.number("modes").unwrap();
+        (summary.number("error_l2_relative").unwrap(), modes)
+    };
+    let rows = [(64, 0.268, 0.468), (128, 0.078, 0.327), (256, 0.0244, 0.207)];
+    for (cells, unitary, upwind) in rows {
+        let (found, modes) = error(cells, &["scheme.flux=0", "scheme.ends=closed"]);
+        assert_eq!(modes, 1.0, "{cells}");
+        assert!((found / unitary - 1.0).abs() < 0.01, "{cells}: {found}");
+        let (found, modes) = error(cells, &["scheme.interface=conservative"]);
+        assert!(modes > 10.0, "{cells}: {modes}");
+        assert!((found / upwind - 1.0).abs() < 0.01, "{cells}: {found}");
+    }
+    let job = run("inflow_barrier.toml").set(&["scheme.flux=0", "scheme.ends=closed"]);
+    job.is_refused(&["scheme.ends", "inflow.value", "open"]).unwrap();
+}
+
 /// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as
 /// far from the exact solution as the error that they report, say so, and run with split space too.
 #[test]

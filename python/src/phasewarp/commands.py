@@ -195,8 +195,8 @@ def resources(case: CaseLike, *, ranks: int = 1, program: StrPath | None = None)
     """Return what the case takes on a quantum computer: sparsity, queries, qubits, probabilities.
 
     Of the set-up that is cheapest on a quantum computer, and under `own` of the case's. The
-    entries are described in docs/quantum.md. Every number has a `label`: exact, upper-bound,
-    estimate or unavailable.
+    entries are described in docs/quantum.md. Every number has a `label`: exact, emitted (gates that
+    were counted), upper-bound, estimate, model or unavailable.
 
     Parameters
     ----------
@@ -217,8 +217,8 @@ def optimise(
 ) -> list[dict[str, Any]]:
     """Return what profiles, recovery points and `δ` take on a quantum computer, the least first.
 
-    Each choice has `probability` and `cost` (walk steps times repetitions) as pairs: of the slice
-    at the recovery point, and of the window above it.
+    Each choice has `probability` as a pair, of the slice at the recovery point and of the window
+    above it, and `cost`, Toffoli gates until the field is found, repeated and amplified.
 
     Parameters
     ----------

@@ -144,15 +144,28 @@ pub struct SchemeTable {
     /// `degree`: of every axis that gives none of its own.
     pub degree: i64,
     flux: Option<f64>,
+    pub ends: Ends,
 }
 
-/// Default of `scheme.flux`, of a degree above 0: half of the dissipation of the upwind flux for
-/// hardly more error (docs/high-order.md).
+/// The flux at the ends of the box, in space and in velocity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ends {
+    /// Upwind: what leaves is lost, what is outside enters.
+    #[default]
+    Open,
+    /// That between elements, with nothing outside: with the central flux nothing is lost, and what
+    /// reaches an end goes back as waves that are not resolved.
+    Closed,
+}
+
+/// Default of `scheme.flux` of a degree above 0 (of degree 0 it is 1): half of the dissipation of
+/// the upwind flux for hardly more error (docs/high-order.md).
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of degree 0. By `traces` that are matched by energy, of a higher degree
-    /// or with partial reflection, whatever is given: that law keeps what `conservative` keeps.
+    /// `interface`: the law of the upwind scheme of degree 0. By `traces` that are matched by
+    /// energy, of any other scheme, whatever is given: that law keeps what `conservative` keeps.
     pub fn interface(&self, traces: bool) -> Interface {
         if traces { Interface::Conservative } else { self.interface }
     }
@@ -160,10 +173,6 @@ impl SchemeTable {
     /// `flux`: `α`, from 0, central, to 1, upwind.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
-            Some(flux) if degree == 0 && flux != 1.0 => file.refuse(
-                "scheme.flux",
-                "of degree 0 the flux is upwind, 1; leave it out, or choose scheme.degree above 0",
-            ),
             Some(flux) => {
                 file.within("scheme.flux", flux, 0.0..=1.0, || "must be between 0 and 1".to_owned())
             }

@@ -86,12 +86,10 @@ impl Evolution {
     /// For `τ`, within `tolerance`, by calls of a circuit with these counts.
     pub fn new(tau: f64, tolerance: f64, controlled: &Counts) -> Self {
         let steps = steps_of(tau, tolerance);
-        // Zeros of all qubits of the block, and back.
-        let reflection = 2 * controlled.block_qubits.saturating_sub(1);
         Self {
             tau,
             steps,
-            toffoli: steps * (controlled.toffoli + reflection),
+            toffoli: steps * controlled.toffoli_a_step(),
             t: steps * controlled.t,
             rotations: steps * controlled.rotations + steps + 1,
             qubits: controlled.qubits,

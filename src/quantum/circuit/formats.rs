@@ -33,22 +33,46 @@ pub fn qasm(circuit: &Circuit, title: &str) -> String {
     text
 }
 
-/// `LogicalCounts` of Azure's resource estimator, of the whole evolution.
+/// What is left out of the counts of an evolution.
+pub const NOTE: &str = "the evolution alone: neither the preparation of the state, nor the two \
+                        transforms in p, nor what is read";
+
+/// Counts of a whole evolution.
+pub struct LogicalCounts {
+    /// All qubits.
+    pub qubits: Option<u64>,
+    /// Toffoli gates.
+    pub toffoli: Option<u64>,
+    /// T gates beside them.
+    pub t: Option<u64>,
+    /// Rotations.
+    pub rotations: Option<u64>,
+}
+
+/// `LogicalCounts` of Azure's resource estimator.
+pub fn logical_counts(counts: &LogicalCounts) -> Value {
+    json!({
+        "numQubits": counts.qubits,
+        "tCount": counts.t,
+        "rotationCount": counts.rotations,
+        "rotationDepth": counts.rotations,
+        "cczCount": counts.toffoli,
+        "ccixCount": 0,
+        "measurementCount": 0,
+    })
+}
+
+/// `LogicalCounts` of the evolution by a circuit.
 pub fn azure(description: &Description) -> Value {
     let Evolution { toffoli, t, rotations, qubits, .. } = description.evolution;
-    json!({
-        "logicalCounts": {
-            "numQubits": qubits,
-            "tCount": t,
-            "rotationCount": rotations,
-            "rotationDepth": rotations,
-            "cczCount": toffoli,
-            "ccixCount": 0,
-            "measurementCount": 0,
-        },
-        "note": "the evolution alone: neither the preparation of the state, nor the two transforms \
-                 in p, nor what is read",
-    })
+    let count = |n: usize| Some(n as u64);
+    let counts = LogicalCounts {
+        qubits: count(qubits),
+        toffoli: count(toffoli),
+        t: count(t),
+        rotations: count(rotations),
+    };
+    json!({ "logicalCounts": logical_counts(&counts), "note": NOTE })
 }
 
 /// QREF v1: the evolution, and one call of the circuit in it.

@@ -228,6 +228,14 @@ impl Circuit {
     }
 }
 
+impl Counts {
+    /// Toffoli gates of a step of the walk by this controlled circuit: with a reflection about the
+    /// zeros of the block's qubits, controlled as well.
+    pub fn toffoli_a_step(&self) -> usize {
+        self.toffoli + 2 * self.block_qubits.saturating_sub(1)
+    }
+}
+
 /// T gates of a Toffoli gate without measurement.
 pub const T_OF_TOFFOLI: usize = 7;
 

@@ -10,6 +10,8 @@ use std::collections::{BTreeMap, HashMap};
 
 /// Most bits of the bins.
 pub const MOST_BIN_BITS: usize = 20;
+/// Most bits of bins that are chosen by what they change: beyond that the jump has no digits left.
+const MOST_ROUNDED_BITS: usize = 32;
 /// Distance from a whole number that is round-off, relative.
 const WHOLE: f64 = 1e-12;
 
@@ -22,6 +24,17 @@ pub struct Scene {
     pub rounded: f64,
     /// Bound of the norm of what that changes of `A`.
     pub change: f64,
+}
+
+/// Into how many bins each level is divided, `2^b` of them.
+#[derive(Clone, Copy, Debug)]
+pub enum Bins {
+    /// The fewest that make all jumps whole.
+    Whole,
+    /// So many bits, to which jumps are rounded.
+    Given(usize),
+    /// The fewest that change `A` by at most this in norm.
+    Within(f64),
 }
 
 /// A height of jumps of `V`.
@@ -64,6 +77,13 @@ pub fn refuse(case: &Case) -> Result<()> {
     if case.reflects() {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
         return wrong(what.to_owned());
+    }
+    if case.flux < 1.0 && !case.is_unitary() {
+        return wrong(format!(
+            "scheme.flux = {}; the circuit has 1, upwind, and 0 with scheme.ends = \"closed\", \
+             which is unitary",
+            case.flux
+        ));
     }
     if case.interface != Interface::Conservative {
         let what = "scheme.interface = \"hat\"; the circuit moves whole levels of energy, as \
@@ -123,32 +143,41 @@ fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
 }
 
 impl Scene {
-    /// The scene of a case that [`refuse`] lets pass; each level is divided into `2^bin_bits` bins,
-    /// to which jumps are rounded, or into the fewest that make them whole.
+    /// The scene of a case that [`refuse`] lets pass, with these bins.
     ///
     /// # Errors
     /// [`Error::Input`] where none do.
-    pub fn new(case: &Case, bin_bits: Option<usize>) -> Result<Self> {
+    pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();
         let faces: Vec<Vec<Face>> = (0..n).map(|a| faces(case, &potential, a)).collect();
         let fits = |&bits: &usize| faces.iter().flatten().all(|f| f.height.off(bits) == 0.0);
-        let Some(bin_bits) = bin_bits.or_else(|| (0..=MOST_BIN_BITS).find(fits)) else {
+        let of = |bin_bits: usize| {
+            let axes = Vec::new();
+            let mut scene =
+                Self { rounded: 0.0, change: 0.0, transport: Transport { axes, bin_bits } };
+            for (a, faces) in faces.iter().enumerate() {
+                scene.add_axis(case, a, faces);
+            }
+            scene
+        };
+        let found = match bins {
+            Bins::Given(bits) => Some(of(bits)),
+            Bins::Whole => (0..=MOST_BIN_BITS).find(fits).map(of),
+            Bins::Within(change) => {
+                (0..=MOST_ROUNDED_BITS).map(of).find(|scene| scene.change <= change)
+            }
+        };
+        found.ok_or_else(|| {
             let odd = faces.iter().flatten().find(|f| f.height.off(MOST_BIN_BITS) > 0.0);
             let odd = odd.map_or(Height { rise: 0.0, levels: 0.0 }, |face| face.height);
-            return Err(Error::Input(format!(
+            Error::Input(format!(
                 "{}: V jumps by {} = {:.6} levels of dv²/2, which is no multiple of \
                  2^-{MOST_BIN_BITS}; --sub-bins B rounds it to a multiple of 2^-B of a level, and \
                  another number of velocity cells may make it whole",
                 case.name, odd.rise, odd.levels
-            )));
-        };
-        let mut scene =
-            Self { rounded: 0.0, change: 0.0, transport: Transport { axes: Vec::new(), bin_bits } };
-        for (a, faces) in faces.iter().enumerate() {
-            scene.add_axis(case, a, faces);
-        }
-        Ok(scene)
+            ))
+        })
     }
 
     /// The transport along axis `a`.

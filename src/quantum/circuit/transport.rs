@@ -54,7 +54,7 @@ pub enum Modes {
 }
 
 /// The register that numbers the levels of a cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Levels {
     /// All values of its qubits: Hadamard gates.

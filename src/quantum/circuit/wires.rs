@@ -168,6 +168,7 @@ impl Wires {
     pub fn prepare(&self, c: &mut Circuit, modes: Modes, values: usize) {
         let [diagonal, moved] = modes.weights();
         match &self.sum {
+            Sum::One(q) if diagonal == 0.0 => c.push(Gate::X(*q)),
             Sum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
             Sum::Register { unit, half, first } => {
                 let with_mode = 2.0 * diagonal / (diagonal + moved);
@@ -184,6 +185,7 @@ impl Wires {
     /// The factors of the sum that act on the modes, and its phases.
     pub fn phases(&self, c: &mut Circuit, modes: Modes) {
         match (&self.sum, modes) {
+            (Sum::One(moved), Modes::One(0.0)) => self.opposite_phases(c, *moved),
             (Sum::One(moved), Modes::One(mu)) => {
                 c.comment("phases: -mu of D, mu + i of T, mu - i of its inverse");
                 if mu > 0.0 {
@@ -194,11 +196,7 @@ impl Wires {
                 });
             }
             (Sum::Register { unit, half, first }, _) => {
-                c.comment("phases: i of T, -i of its inverse");
-                c.where_all(&self.given(&[(*unit, true)]), |c, q| {
-                    c.push(Gate::S(q));
-                    c.push(Gate::Cz(q, self.reversed));
-                });
+                self.opposite_phases(c, *unit);
                 c.comment("-D_mu, and once more the sign of T and its inverse with it");
                 c.where_all(&self.given(&[(*unit, false)]), |c, q| {
                     c.push(Gate::Cz(q, *half));
@@ -208,6 +206,15 @@ impl Wires {
             // The wires are those of the modes.
             (Sum::One(_), Modes::Register { .. }) => {}
         }
+    }
+
+    /// `i` of `T` and `−i` of its inverse, where `wanted` is 1.
+    fn opposite_phases(&self, c: &mut Circuit, wanted: Qubit) {
+        c.comment("phases: i of T, -i of its inverse");
+        c.where_all(&self.given(&[(wanted, true)]), |c, q| {
+            c.push(Gate::S(q));
+            c.push(Gate::Cz(q, self.reversed));
+        });
     }
 
     /// `Z` on the bit of the mode at which `first` has its first 1, where `wanted` is 1.

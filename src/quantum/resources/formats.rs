@@ -1,17 +1,44 @@
 //! The record in the formats of other programs: Azure's resource estimator and QREF.
 
+use crate::quantum::circuit;
+use crate::quantum::circuit::formats::LogicalCounts;
+use crate::quantum::cost::{Access, Cost};
 use crate::quantum::figure::Figure;
 use crate::quantum::resources::Record;
 use serde_json::{Value, json};
 
 impl Record {
-    /// For Azure's resource estimator: its `LogicalCounts` as far as they are known. What is not
-    /// known stands beside them with the reason, since the estimator takes an absent count for
-    /// zero.
+    /// The access to `H` that takes the fewest gates until the field is measured.
+    fn least(&self) -> Option<&Cost> {
+        self.costs.iter().reduce(|best, next| if next.least() < best.least() { next } else { best })
+    }
+
+    /// For Azure's resource estimator, of an evolution: `LogicalCounts` of emitted gates, or, where
+    /// no circuit is compiled, as far as they are known. What is not known stands beside them with
+    /// the reason, since the estimator takes an absent count for zero.
     pub fn logical_counts(&self) -> Value {
+        let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
+        let Some(cost) = emitted else { return self.counts_of_oracles() };
+        let count = |figure: &Figure| figure.value().map(|n| n as u64);
+        json!({
+            "logicalCounts": circuit::formats::logical_counts(&LogicalCounts {
+                qubits: count(&cost.qubits),
+                toffoli: count(&cost.toffoli),
+                t: count(&cost.t),
+                rotations: count(&cost.rotations),
+            }),
+            "trust": "exact (emitted gates) a step, times the steps of a series that is cut",
+            "access": cost.access,
+            "note": circuit::formats::NOTE,
+        })
+    }
+
+    /// Of sparse access.
+    fn counts_of_oracles(&self) -> Value {
+        let model = self.least().map(|cost| &cost.toffoli);
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
-        let not_compiled = "the oracles' circuits are not compiled";
+        let not_compiled = self.no_circuit.as_deref();
         json!({
             "logicalCounts": {
                 "numQubits": qubits,
@@ -23,6 +50,7 @@ impl Record {
                 "value": self.value_queries.value(),
                 "total": self.queries.value(),
             },
+            "toffoli": model,
             "unavailable": {
                 "tCount": not_compiled,
                 "cczCount": not_compiled,
@@ -48,6 +76,20 @@ impl Record {
                 "resources": Vec::from_iter(gates),
             })
         };
+        let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
+        let kind = if emitted.is_some() { "qubitization" } else { "sparse_access_walk" };
+        let of_circuit = emitted.into_iter().flat_map(|cost| {
+            [
+                ("calls", &cost.steps),
+                ("toffoli", &cost.toffoli),
+                ("t", &cost.t),
+                ("rotations", &cost.rotations),
+                ("qubits", &cost.qubits),
+            ]
+            .map(|(name, figure)| resource(name, figure))
+        });
+        let of_model = self.least().filter(|_| emitted.is_none());
+        let of_model = of_model.map(|cost| resource("toffoli_model", &cost.toffoli));
         let resources: Vec<Value> = [
             resource("walk_steps", &self.walk_steps),
             resource("location_queries", &self.location_queries),
@@ -55,6 +97,8 @@ impl Record {
             resource("queries", &self.queries),
         ]
         .into_iter()
+        .chain(of_circuit)
+        .chain(of_model)
         .flatten()
         .collect();
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
@@ -67,7 +111,7 @@ impl Record {
                     transform("qft"),
                     {
                         "name": "hamiltonian_simulation",
-                        "type": "sparse_access_walk",
+                        "type": kind,
                         "ports": ports,
                         "resources": resources,
                     },

@@ -89,7 +89,7 @@ impl Regime {
         let bits = (1.0 / tolerance).log2();
         let axis = bits / order;
         let (each, with_growth) = (2.0 * n as f64 * axis, bits + axis);
-        let estimate = |x: f64| Figure::estimate(x, WHY);
+        let estimate = |x: f64| Figure::model(x, WHY);
         Self {
             discontinuities: if order == 1.0 { "at interfaces only" } else { "anywhere" }
                 .to_owned(),

@@ -1,6 +1,7 @@
 //! The record as a table.
 
 use crate::base::text::{counted, rounded, short};
+use crate::quantum::cost::CostTable;
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
@@ -10,6 +11,25 @@ use std::fmt;
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
+        let all = [
+            ("cheapest", &self.cheapest.costs),
+            ("own", &self.own.costs),
+            ("unitary", &self.unitary.costs),
+        ];
+        let rows = all.iter().flat_map(|(name, costs)| costs.iter().map(move |c| (*name, c)));
+        write!(f, "{}", CostTable(rows.collect()))?;
+        for (what, why) in [
+            ("no circuit", &self.cheapest.no_circuit),
+            ("no circuit of the case's own set-up", &self.own.no_circuit),
+            ("no circuit of the unitary scheme", &self.unitary.no_circuit),
+            ("no unitary scheme", &self.not_unitary),
+        ] {
+            if let Some(why) = why {
+                writeln!(f, "{what}: {why}")?;
+            }
+        }
+        writeln!(f, "{}\n", self.unitary.caveats)?;
         writeln!(f, "THE CHEAPEST SET-UP ON A QUANTUM COMPUTER\n{}", self.cheapest)?;
         write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)
     }
@@ -78,7 +98,6 @@ impl Record {
             ("bits of a value", &self.value_bits),
             ("gates a query", &self.gates_factor),
             ("QFT gates", &self.transform_gates),
-            ("T gates", &self.t_gates),
             ("Euler operations", &self.classical_operations),
         ];
         figures(f, 18, &rows)?;

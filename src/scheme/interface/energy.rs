@@ -165,9 +165,9 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
     Err(Error::Input(format!(
-        "{name}: v = 0 must be a face of the cells, as V jumps along this axis and the degree is 1 \
-         or more. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An even number \
-         of cells on a box that is symmetric about 0 has it on a face, too",
+        "{name}: v = 0 must be a face of the cells, as V jumps along this axis and faces are \
+         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An \
+         even number of cells on a box that is symmetric about 0 has it on a face, too",
         whole.lower, whole.upper
     )))
 }

@@ -9,6 +9,9 @@ use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 use serde::Serialize;
 
+/// What stands for the profile of the unitary scheme.
+const UNITARY: &str = "unitary";
+
 /// The result of a setting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -56,7 +59,7 @@ pub struct Entry {
     pub limiter: Option<String>,
     /// Classical: step over the largest stable one.
     pub cfl: Option<f64>,
-    /// By modes: `g(p)`.
+    /// By modes: `g(p)`, or the unitary scheme, which has none.
     pub profile: Option<String>,
     /// Source of its coefficients.
     pub coefficients: Option<String>,
@@ -134,7 +137,10 @@ impl Entry {
             integrator: (!modes).then(|| word(&case.integrator)),
             limiter: (!modes).then(|| word(&case.limiter)),
             cfl: steps.then_some(case.cfl),
-            profile: modes.then(|| word(&warp.profile)),
+            profile: modes.then(|| match case.is_unitary() {
+                true => UNITARY.to_owned(),
+                false => word(&warp.profile),
+            }),
             coefficients: modes.then(|| word(&warp.coefficients)),
             weights: modes.then_some(warp.weights),
             embedding: (modes && case.enters()).then(|| word(&warp.inflow)),
@@ -152,7 +158,9 @@ impl Entry {
         let relative = |error: Option<f64>, size: Option<f64>| Some(error? / size?);
         let probability =
             |of: fn(&Probabilities) -> Option<f64>| summary.probabilities.as_ref().and_then(of);
-        let window = probability(|p| p.in_window.all.value());
+        // The one mode of the unitary scheme is the field.
+        let certain = case.is_unitary().then_some(1.0);
+        let window = certain.or_else(|| probability(|p| p.in_window.all.value()));
         let slice = probability(|p| p.at_slice.all.value());
         let modes = case.method == Method::Schrodingerized;
         let solves = Some(summary.solves).filter(|n| *n > 0);

@@ -217,6 +217,9 @@ impl Programme {
             setups.push(Modes { tolerance: SECOND, ..self.base() }.into());
         }
         setups.extend(self.other_treatments(self.base()));
+        if self.degree() == 0 {
+            setups.push(Setup::Unitary { tolerance: FIRST });
+        }
         setups
     }
 

@@ -2,10 +2,11 @@
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{
-    Alpha, Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface,
+    Alpha, Case, Coefficients, DEFAULT_CFL, Data, Delta, Embedding, Integrator, Interface,
     LARGEST_TOLERANCE, Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
 };
 use crate::problem::grid::PhaseSpace;
+use crate::quantum::optimise::with_unitary_scheme;
 use crate::study::treatment::Treatment;
 use crate::study::trial::{final_fields_only, plan_series, propagation};
 
@@ -40,6 +41,11 @@ pub enum Setup {
     },
     /// By modes.
     Modes(Modes),
+    /// The unitary scheme in the place of the upwind one, of degree 0: one mode.
+    Unitary {
+        /// Requested relative error.
+        tolerance: f64,
+    },
     /// The paper's: `e^{−|p|}` sampled on `N_p` points of `[−(λ⁻T + 5), λ⁺T + 5]`, no weights, the
     /// doubled system with `δ = max|b|`.
     Paper {
@@ -83,6 +89,10 @@ impl Setup {
                 case.warp.delta = Delta::Planned;
             }
             Self::Modes(modes) => modes.apply(&mut case),
+            Self::Unitary { tolerance } => {
+                plan_modes(&mut case);
+                case = with_unitary_scheme(&Case { tolerance, ..case });
+            }
             Self::Paper { points, steps } => apply_paper(&mut case, points, steps, bounds),
         }
         // The exponential integrator is the verification itself, and has no slopes.
@@ -141,6 +151,15 @@ pub fn is_reference(case: &Case) -> bool {
 
 /// Why a case file with these choices would be refused.
 pub fn refused(case: &Case) -> Option<&'static str> {
+    if case.is_closed() && case.embeds() {
+        return Some("nothing enters through closed ends");
+    }
+    if case.is_unitary() && case.space.degree() == 0 && matches!(case.data, Data::Measure { .. }) {
+        return Some("level sets of degree 0 are those of the upwind scheme");
+    }
+    if case.is_unitary() && case.reflects() {
+        return Some("partial reflection is no isometry");
+    }
     let modes = case.method == Method::Schrodingerized;
     let other = case.propagator.method != PropagatorMethod::Chebyshev;
     if case.is_galerkin() && case.limiter != Limiter::None {

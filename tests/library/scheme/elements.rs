@@ -321,6 +321,39 @@ fn random_scenes() {
     assert!(jumps > 30 && forces > 30 && open > 30, "{jumps} {forces} {open}");
 }
 
+/// The same scenes with closed ends, where nothing enters: `S ≤ 0` within its bounds, and of the
+/// central flux, at jumps and slopes of `V` too, `S = 0`. As is that of elements of degree 0.
+#[test]
+fn closed_ends_lose_nothing() {
+    let mut dice = Dice(ChaCha8Rng::seed_from_u64(18));
+    let mut skew = [0, 0];
+    for number in 0..80 {
+        let n = [1, 1, 2, 2][number % 4];
+        let (mut text, _) = random_case(&mut dice, n);
+        text = text
+            .replace("value = '1.7'", "value = '0'")
+            .replace("[scheme]", "[scheme]\nends = 'closed'");
+        let flat = number % 3 == 0;
+        if flat {
+            (0..9).for_each(|k| text = text.replace(&format!("degree = {k}"), "degree = 0"));
+            text = text.replace("flux = 1\n", "flux = 0.7\n");
+        }
+        let case = Case::parse("random", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let name = format!("scene {number}\n{text}");
+        let scene = Dissected::new(&name, &case);
+        scene.check_dissipation();
+        scene.check_intervals();
+        assert!(scene.damping.iter().all(|g| *g == 0.0), "{name}");
+        if case.flux == 0.0 {
+            let rest = scene.weighted.symmetric().largest();
+            assert!(rest <= 1e-13 * scene.weighted.largest(), "{name}: {rest:e}");
+            assert_eq!(Bounds::new(&case).expect("V is finite").dissipation, 0.0, "{name}");
+            skew[usize::from(flat)] += usize::from(scene.weighted.largest() > 0.0);
+        }
+    }
+    assert!(skew.iter().all(|&found| found > 3), "{skew:?}");
+}
+
 /// The bound on `−S` beside its largest eigenvalue, where `V` is constant.
 #[test]
 fn the_bound_on_the_dissipation_is_sharp() {

@@ -1,0 +1,255 @@
+//! One cost model: Toffoli gates until the field is measured, of every access to `H`.
+//!
+//! ```text
+//! cost = (calls of a block encoding in e^{−iHT}) × (Toffoli gates of a call) × (1/P or 2r + 1)
+//! ```
+//!
+//! A block encoding of `H/α` takes `2K` calls for `τ = αT` (see [`walk`](crate::quantum::walk)).
+//!
+//! | access | `α` | Toffoli gates of a call |
+//! |---|---|---|
+//! | sparse | `d‖H‖_max` | model: `n + m log₂(m)²` for each of 6 calls of the oracles |
+//! | [circuit](crate::quantum::circuit) | of the circuit | counted, with the reflection |
+//!
+//! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
+
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::Case;
+use crate::quantum::circuit::gates::Counts;
+use crate::quantum::circuit::scene::{self, Bins, Scene};
+use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::figure::Figure;
+use crate::quantum::resources::regime::gates_factor;
+use crate::quantum::walk::{Evolution, LOCATION_CALLS, VALUE_CALLS, WalkRegisters};
+use serde::Serialize;
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::fmt;
+
+/// How a quantum computer has `H`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Access {
+    /// By oracles of its rows.
+    Sparse,
+    /// By a compiled circuit with this register of levels.
+    Circuit(Levels),
+}
+
+impl fmt::Display for Access {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Sparse => "sparse access",
+            Self::Circuit(Levels::Hadamard) => "circuit",
+            Self::Circuit(Levels::Uniform) => "circuit, uniform",
+        })
+    }
+}
+
+/// What `e^{−iHT}` takes by an access to `H`, and until the field is measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cost {
+    /// How `H` is had.
+    pub access: Access,
+    /// `H/α` is block-encoded.
+    pub alpha: Figure,
+    /// `αT`.
+    pub tau: Figure,
+    /// `2K`: calls of the block encoding in an evolution.
+    pub steps: Figure,
+    /// Toffoli gates of a call and its reflection.
+    pub toffoli_a_step: Figure,
+    /// Those of an evolution.
+    pub toffoli: Figure,
+    /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
+    pub t: Figure,
+    /// Rotations of an evolution, phases of the sequence included.
+    pub rotations: Figure,
+    /// All qubits.
+    pub qubits: Figure,
+    /// Of them, those that are zero before and after.
+    pub ancillas: Figure,
+    /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
+    pub until_measured: [Figure; 2],
+}
+
+impl Cost {
+    /// The lower of both; infinite where there is none.
+    pub fn least(&self) -> f64 {
+        self.until_measured.iter().filter_map(Figure::value).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// What is asked of an evolution.
+#[derive(Clone, Copy, Debug)]
+pub struct Demand {
+    /// The highest wavenumber that carries something.
+    pub highest: f64,
+    /// `N_p`, a power of two.
+    pub points: usize,
+    /// `P`.
+    pub period: f64,
+    /// Error of the state that it may make.
+    pub tolerance: f64,
+}
+
+/// What the accesses to a case's `H` depend on.
+pub struct Accesses {
+    time: f64,
+    /// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row.
+    matrix: (f64, f64, usize),
+    /// Qubits that number the unknowns.
+    qubits: usize,
+    /// Whether `S = 0`.
+    skew: bool,
+    /// In whole numbers, for a circuit; or why there is none.
+    transport: Result<Transport, String>,
+    /// Of controlled circuits, by the qubits of `p`.
+    counts: RefCell<HashMap<(usize, Levels), Counts>>,
+}
+
+impl Accesses {
+    /// For `case` with these bounds and the `matrix` of its `(S, K)`. Of the relative error of the
+    /// field the rounding of jumps to levels may take `rounding`.
+    pub fn new(
+        case: &Case,
+        bounds: &Bounds,
+        matrix: (f64, f64, usize),
+        qubits: usize,
+        rounding: f64,
+    ) -> Self {
+        let time = case.duration();
+        let scene = scene::refuse(case)
+            .and_then(|()| Scene::new(case, Bins::Within(rounding / time)))
+            .map(|scene| scene.transport)
+            .map_err(|error| error.to_string());
+        let skew = bounds.decay == 0.0 && bounds.growth == 0.0;
+        Self { time, matrix, qubits, skew, transport: scene, counts: RefCell::default() }
+    }
+
+    /// Why there is no circuit; none where there is one.
+    pub fn no_circuit(&self) -> Option<&str> {
+        self.transport.as_ref().err().map(String::as_str)
+    }
+
+    /// The costs of every access, with this many evolutions until the field is measured: repeated,
+    /// and by amplitude amplification.
+    pub fn costs(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Vec<Cost> {
+        let sparse = self.by_oracles(demand, evolutions);
+        std::iter::once(sparse).chain(self.by_circuits(demand, evolutions)).collect()
+    }
+
+    /// Those of all circuits; none where there are none.
+    fn by_circuits(&self, demand: &Demand, evolutions: &[Figure; 2]) -> impl Iterator<Item = Cost> {
+        self.transport.iter().flat_map(move |transport| {
+            [Levels::Hadamard, Levels::Uniform]
+                .map(|levels| self.by_circuit(transport, levels, demand, evolutions))
+        })
+    }
+
+    /// The cost by the access that costs least.
+    pub fn least(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Cost {
+        let sparse = self.by_oracles(demand, evolutions);
+        let circuits = self.by_circuits(demand, evolutions);
+        circuits.fold(sparse, |best, next| if next.least() < best.least() { next } else { best })
+    }
+
+    /// Sparse access, an entry's `S` and `K` being at most the largest of each.
+    fn by_oracles(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Cost {
+        const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
+        let (s, k, nonzeros) = self.matrix;
+        let alpha = nonzeros as f64 * (demand.highest * s).hypot(k);
+        let evolution = Evolution::new(alpha * self.time, demand.tolerance);
+        let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
+        let system = self.qubits + of_p;
+        let gates = gates_factor(system as f64, f64::from(evolution.bits));
+        let a_step = Figure::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
+        let walk = WalkRegisters::new(system, evolution.bits);
+        let toffoli = evolution.steps.times(&a_step);
+        Cost {
+            access: Access::Sparse,
+            alpha: Figure::bound(alpha),
+            tau: Figure::bound(alpha * self.time),
+            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
+            toffoli,
+            toffoli_a_step: a_step,
+            t: Figure::unavailable("no circuit of the oracles is compiled"),
+            rotations: evolution.steps.with(evolution.steps.value().unwrap_or_default() + 1.0),
+            qubits: walk.total,
+            ancillas: walk.arithmetic,
+            steps: evolution.steps,
+        }
+    }
+
+    /// A circuit, whose register of modes has all wavenumbers.
+    fn by_circuit(
+        &self,
+        transport: &Transport,
+        levels: Levels,
+        demand: &Demand,
+        evolutions: &[Figure; 2],
+    ) -> Cost {
+        let modes = match self.skew {
+            true => Modes::One(0.0),
+            false => Modes::Register {
+                qubits: demand.points.trailing_zeros() as usize,
+                period: demand.period,
+            },
+        };
+        let counted = *self
+            .counts
+            .borrow_mut()
+            .entry((demand.points, levels))
+            .or_insert_with(|| transport.encode(modes, levels, true).counts());
+        let alpha = transport.alpha(modes, levels);
+        let Evolution { steps, .. } = Evolution::new(alpha * self.time, demand.tolerance);
+        let all = |count: usize| steps.times(&Figure::emitted(count as f64));
+        let toffoli = all(counted.toffoli_a_step());
+        let rotations = all(counted.rotations + 1);
+        Cost {
+            access: Access::Circuit(levels),
+            alpha: Figure::exact(alpha),
+            tau: Figure::exact(alpha * self.time),
+            toffoli_a_step: Figure::emitted(counted.toffoli_a_step() as f64),
+            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
+            toffoli,
+            t: all(counted.t),
+            rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
+            qubits: Figure::emitted(counted.qubits as f64),
+            ancillas: Figure::emitted(counted.scratch_qubits as f64),
+            steps,
+        }
+    }
+}
+
+/// A table of costs, each by its name.
+pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
+
+impl fmt::Display for CostTable<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<27}{:>11}{:>9}{:>10}{:>11}{:>12}{:>11}{:>7}",
+            "", "alpha", "steps", "Toffoli", "evolution", "repeated", "amplified", "qubits"
+        )?;
+        for (name, cost) in &self.0 {
+            writeln!(
+                f,
+                "{:<27}{:>11}{:>9}{:>10}{:>11}{:>12}{:>11}{:>7}",
+                format!("{name}, {}", cost.access),
+                cost.alpha.marked(),
+                cost.steps.marked(),
+                cost.toffoli_a_step.marked(),
+                cost.toffoli.marked(),
+                cost.until_measured[0].marked(),
+                cost.until_measured[1].marked(),
+                cost.qubits.marked(),
+            )?;
+        }
+        writeln!(
+            f,
+            "x exact, g exact (emitted gates), b upper bound, m model or estimate; Toffoli: of a \
+             step; repeated, amplified: Toffoli gates until the field is measured"
+        )
+    }
+}

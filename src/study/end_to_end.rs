@@ -1,0 +1,593 @@
+//! One task from end to end: the density at a point to a relative error `ε`, by a quantum computer
+//! and by classical methods.
+//!
+//! The error at a point is taken to be the relative L1 error of the density. Half of `ε` is for the
+//! grid, a quarter for the evolution, and a quarter for the measurement.
+//!
+//! | number | from |
+//! |---|---|
+//! | grid | errors on three grids of the case, and the order that they show |
+//! | tolerance | `ε/4` over the most that the density's error is larger than that of `f` |
+//! | `α`, Toffoli gates of a step | the circuit on that grid, emitted; or the model |
+//! | `P` | the cheapest profile on that grid |
+//! | evolutions | amplitude estimation from the enlarged state, `C_w Δv^n √N_v ⟨ζ|w⟩/G` |
+//!
+//! On a grid of `N_v` velocities `‖f‖ = √Σf²` grows like the root of all cells, so that the overlap
+//! falls like the root of the cells of space: a density at a point is a small part of a state.
+//!
+//! **Characteristics.** `ρ = ∫ f₀(foot(x, v)) dv` takes no grid. Classically it is quadrature or
+//! Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀` over all `v`,
+//! with a reversible trace, compute and uncompute, in each evaluation (a model).
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::here::refuse_hopeless_here;
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
+use crate::problem::exact::Tracer;
+use crate::quantum::cost::{Accesses, Cost, CostTable, Demand};
+use crate::quantum::figure::Figure;
+use crate::quantum::optimise::{Ranking, System, choices, preparation, scheme_of, unitary_of};
+use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::quantum::readout::MEASURE_VALUED;
+use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
+use crate::quantum::resources::{parts_of, qubits_of};
+use crate::schrodingerization::profile::series::points;
+use crate::solve::prepared::Prepared;
+use crate::solve::system::StateNorms;
+use crate::study::advise::density::{density_of, distance, exact_density, spread};
+use crate::study::advise::order::{Order, Range};
+use crate::study::grids::{Grids, on_grid};
+use crate::study::trial::{final_fields_only, trial};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::Serialize;
+use std::fmt;
+use std::time::Instant;
+
+/// Parts of the error: for the grid, the evolution, the measurement.
+const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
+/// Orders of the schemes of degree 0; an order above is not counted on.
+const ORDERS: Range = Range { least: 0.5, most: 2.0 };
+/// Grids with more cells of space are not looked at.
+const MOST_SPACE_CELLS: f64 = (1u64 << 22) as f64;
+/// Traces of a quadrature or of Monte Carlo at most.
+const MOST_TRACES: usize = 1 << 24;
+/// Toffoli gates a second that times are told for: an assumption.
+const TOFFOLI_RATE: f64 = 1e6;
+
+/// A way with a quantum computer.
+#[derive(Clone, Debug, Serialize)]
+pub struct Way {
+    /// What it is.
+    pub name: &'static str,
+    /// Elements along each axis, of the grids on which errors were measured and of the one needed;
+    /// none without a grid.
+    pub grids: Vec<Vec<usize>>,
+    /// Relative L1 errors of the density on the former.
+    pub errors: Vec<f64>,
+    /// The order that is counted on.
+    pub order: Option<f64>,
+    /// The probability with which the state holds the field.
+    pub probability: Figure,
+    /// Evolutions of all runs of amplitude estimation.
+    pub evolutions: Figure,
+    /// Of these; none where that is not known.
+    pub cost: Option<Cost>,
+    /// Toffoli gates of all.
+    pub toffoli: Figure,
+}
+
+/// A classical method.
+#[derive(Clone, Debug, Serialize)]
+pub struct Baseline {
+    /// What it is.
+    pub name: &'static str,
+    /// Cells of its grid, or traces.
+    pub size: f64,
+    /// Seconds on this machine.
+    pub seconds: Figure,
+}
+
+/// The task and all ways.
+#[derive(Clone, Debug, Serialize)]
+pub struct EndToEnd {
+    /// Title of the case.
+    pub title: String,
+    /// `ε`.
+    pub accuracy: f64,
+    /// Where the density is asked for.
+    pub point: Vec<f64>,
+    /// It, by quadrature over characteristics.
+    pub density: f64,
+    /// With a quantum computer.
+    pub quantum: Vec<Way>,
+    /// Without.
+    pub classical: Vec<Baseline>,
+    /// What follows.
+    pub verdict: Vec<String>,
+}
+
+/// What trials on three grids showed of a scheme.
+struct Measured {
+    /// Elements, from coarse to fine.
+    grids: Vec<Vec<usize>>,
+    errors: Vec<f64>,
+    order: Order,
+    /// Of the finest trial, without what is compared.
+    seconds: f64,
+    /// Error of the density beside that of `f`, at most.
+    spread: f64,
+}
+
+impl Measured {
+    /// Of `case`, by the classical integrator that it names. Collective.
+    fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
+        let group = world.group();
+        let grids = Grids::new(case);
+        let mut shapes = vec![case.space.elements()];
+        while shapes.len() < 3 {
+            let coarser = grids.scaled(&shapes[shapes.len() - 1], 0.5);
+            shapes.push(coarser);
+        }
+        shapes.reverse();
+        let (mut errors, mut last) = (Vec::new(), (f64::NAN, f64::NAN));
+        for shape in &shapes {
+            let plain = Case { exact: None, ..final_fields_only(&on_grid(case, shape)) };
+            let found = trial(world, &plain)?;
+            let density = density_of(&group, &plain.space, &found)?;
+            errors.push(distance(&density, &exact_density(&group, &plain, exact)?));
+            last = (found.seconds, spread(&group, &plain.space, &found, &density));
+        }
+        let order = Order::of(&errors, ORDERS);
+        // All ranks count on the same seconds.
+        Ok(Self { grids: shapes, order, seconds: group.max(last.0), spread: last.1, errors })
+    }
+
+    /// How many times finer than the finest grid one is whose error is `wanted`; not coarser than
+    /// the coarsest.
+    fn factor(&self, wanted: f64) -> f64 {
+        let finest = self.errors[self.errors.len() - 1];
+        self.order.refinement(finest, wanted).max(0.25)
+    }
+}
+
+/// The density at a point over characteristics.
+struct Traced {
+    density: f64,
+    traces: usize,
+    seconds: f64,
+    /// Largest `f₀`, and most jumps on a characteristic, of those traced.
+    largest: f64,
+    crossings: usize,
+}
+
+/// The velocities of the box, mapped from the unit cube.
+fn velocity_point(case: &Case, point: &[f64; 6], part: &[f64]) -> [f64; 6] {
+    let mut at = *point;
+    for (a, (axis, part)) in case.space.v.iter().zip(part).enumerate() {
+        at[3 + a] = axis.lower + part * (axis.upper - axis.lower);
+    }
+    at
+}
+
+/// Volume of the velocity box.
+fn velocity_volume(case: &Case) -> f64 {
+    case.space.v.iter().map(|v| v.upper - v.lower).product()
+}
+
+impl Traced {
+    /// By the midpoint rule, twice as fine until it changes by `ε/2` or less twice in a row.
+    fn by_quadrature(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
+        let started = Instant::now();
+        let n = case.space.dimension();
+        let mut found =
+            Self { density: f64::NAN, traces: 0, seconds: 0.0, largest: 0.0, crossings: 0 };
+        let (mut agreed, mut each) = (0, 16usize);
+        while agreed < 2 && each.pow(n as u32) <= MOST_TRACES {
+            let count = each.pow(n as u32);
+            let mut sum = 0.0;
+            for k in 0..count {
+                let mut rest = k;
+                let part: Vec<f64> = (0..n)
+                    .map(|_| {
+                        let j = rest % each;
+                        rest /= each;
+                        (j as f64 + 0.5) / each as f64
+                    })
+                    .collect();
+                let value = tracer.value(&velocity_point(case, point, &part), case.end);
+                found.largest = found.largest.max(value.abs());
+                sum += value;
+            }
+            let density = velocity_volume(case) * sum / count as f64;
+            let change = (density - found.density).abs();
+            agreed = if change <= 0.5 * accuracy * density.abs() { agreed + 1 } else { 0 };
+            (found.density, found.traces) = (density, found.traces + count);
+            each *= 2;
+        }
+        found.seconds = started.elapsed().as_secs_f64();
+        // Not timed: who only integrates does not count.
+        for k in 0..1000 {
+            let part = vec![(f64::from(k) + 0.5) / 1000.0; n];
+            let mut crossings = 0;
+            let at = velocity_point(case, point, &part);
+            tracer.follow_with(&at, case.end, &mut |_| crossings += 1);
+            found.crossings = found.crossings.max(crossings);
+        }
+        found
+    }
+
+    /// By uniform velocities, until `1.96 σ/√n` is `ε` of the mean.
+    fn by_monte_carlo(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
+        const LEAST: usize = 4096;
+        let started = Instant::now();
+        let n = case.space.dimension();
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let (mut sum, mut squares, mut traces) = (0.0f64, 0.0f64, 0usize);
+        loop {
+            for _ in 0..LEAST {
+                let part: Vec<f64> =
+                    (0..n).map(|_| (random.next_u64() >> 11) as f64 / 2f64.powi(53)).collect();
+                let value = tracer.value(&velocity_point(case, point, &part), case.end);
+                (sum, squares, traces) = (sum + value, squares + value * value, traces + 1);
+            }
+            let count = traces as f64;
+            let mean = sum / count;
+            let deviation = (squares / count - mean * mean).max(0.0).sqrt();
+            let met = 1.96 * deviation / count.sqrt() <= accuracy * mean.abs();
+            if met || traces >= MOST_TRACES {
+                return Self {
+                    density: velocity_volume(case) * mean,
+                    traces,
+                    seconds: started.elapsed().as_secs_f64(),
+                    largest: 0.0,
+                    crossings: 0,
+                };
+            }
+        }
+    }
+}
+
+impl EndToEnd {
+    /// Of `case` to a relative error `accuracy` of the density. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for measure-valued data, and where nothing exact is known to measure errors
+    /// against; as a trial and [`Prepared::new`].
+    pub fn new(world: &World, case: &Case, accuracy: f64) -> Result<Self> {
+        if matches!(case.data, Data::Measure { .. }) {
+            return Err(Error::Input(format!("{}: {MEASURE_VALUED}", case.name)));
+        }
+        let exact = match (&case.exact, case.reflects()) {
+            (Some(exact), _) => exact.clone(),
+            (None, false) => Exact::Characteristics,
+            (None, true) => {
+                let what = "nothing exact to measure errors against; [exact] f gives a formula";
+                return Err(Error::Input(format!("{}: {what}", case.name)));
+            }
+        };
+        let point = asked(world, case, &exact)?;
+        let tracer = Tracer::new(case)?;
+        let traced = Traced::by_quadrature(case, &tracer, &point, accuracy);
+        let sampled = Traced::by_monte_carlo(case, &tracer, &point, accuracy);
+        let task = Task { world, exact: &exact, accuracy, density: traced.density.abs() };
+        let upwind = classical(&scheme_of(case), Integrator::Exponential, Limiter::None);
+        let upwind_found = Measured::new(world, &upwind, &exact)?;
+        let mut quantum = vec![
+            task.way("Schrödingerization, dissipative", Ok(scheme_of(case)), Some(&upwind_found)),
+            task.way("one mode, unitary", unitary_of(case), None),
+        ];
+        quantum.push(task.over_characteristics(case, &traced));
+        let mut stepping = vec![("time stepping, exponential", upwind_found)];
+        if !case.is_galerkin() && !case.varies() {
+            let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
+            stepping.push(("time stepping, van Leer", Measured::new(world, &steeper, &exact)?));
+        }
+        let mut baselines: Vec<Baseline> =
+            stepping.iter().map(|(name, found)| stepped(name, found, case, accuracy)).collect();
+        for (name, found) in [
+            ("quadrature over characteristics", &traced),
+            ("Monte Carlo over characteristics", &sampled),
+        ] {
+            let seconds = Figure::estimate(world.group().max(found.seconds), "measured here");
+            baselines.push(Baseline { name, size: found.traces as f64, seconds });
+        }
+        let n = case.space.dimension();
+        let verdict = verdict(&quantum, &baselines);
+        Ok(Self {
+            title: case.title.clone(),
+            accuracy,
+            point: point[..n].to_vec(),
+            density: traced.density,
+            quantum,
+            classical: baselines,
+            verdict,
+        })
+    }
+}
+
+/// Where the density is asked for: at the first cell of `[readout]`, or where the exact one is
+/// largest. Collective.
+fn asked(world: &World, case: &Case, exact: &Exact) -> Result<[f64; 6]> {
+    let n = case.space.dimension();
+    let cell: Vec<usize> = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
+        Some(cell) => cell.clone(),
+        None => {
+            let density = exact_density(&world.group(), case, exact)?;
+            let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+            let mut rest = largest.map_or(0, |(index, _)| index);
+            let mut cell = vec![0; n];
+            for a in (0..n).rev() {
+                cell[a] = rest % case.space.x[a].cells;
+                rest /= case.space.x[a].cells;
+            }
+            cell
+        }
+    };
+    let mut point = [0.0; 6];
+    for (a, &i) in cell.iter().enumerate() {
+        point[a] = case.space.x[a].centre(i as i64);
+    }
+    Ok(point)
+}
+
+/// `case` by a classical integrator.
+fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
+    let mut case = Case { method: Method::Classical, integrator, limiter, ..case.clone() };
+    case.warp.weights = false;
+    case
+}
+
+/// A grid method whose seconds grow with the cells and the steps.
+fn stepped(name: &'static str, found: &Measured, case: &Case, accuracy: f64) -> Baseline {
+    let factor = found.factor(accuracy);
+    let n = case.space.dimension() as i32;
+    let finest = &found.grids[found.grids.len() - 1];
+    let cells: f64 = finest.iter().map(|&n| n as f64 * factor).product();
+    let seconds = found.seconds * factor.powi(2 * n + 1);
+    let why = "measured on the case's grid, and the cells and steps that the measured order needs";
+    Baseline { name, size: cells, seconds: Figure::model(seconds, why) }
+}
+
+/// What all ways are asked for.
+struct Task<'a> {
+    world: &'a World,
+    exact: &'a Exact,
+    accuracy: f64,
+    /// Size of the density.
+    density: f64,
+}
+
+impl Task<'_> {
+    /// The way of a scheme; `known` where its errors were measured already. Collective.
+    fn way(&self, name: &'static str, scheme: Result<Case>, known: Option<&Measured>) -> Way {
+        let found = scheme.and_then(|scheme| self.priced(name, &scheme, known));
+        found.unwrap_or_else(|why| {
+            let none = || Figure::unavailable(&why.to_string());
+            let (probability, evolutions, toffoli) = (none(), none(), none());
+            let (grids, errors) = (Vec::new(), Vec::new());
+            Way { name, grids, errors, order: None, probability, evolutions, cost: None, toffoli }
+        })
+    }
+
+    /// The way of `scheme` on the grid that it needs. Collective.
+    fn priced(&self, name: &'static str, scheme: &Case, known: Option<&Measured>) -> Result<Way> {
+        let own;
+        let measured = match known {
+            Some(measured) => measured,
+            None => {
+                let plain = classical(scheme, Integrator::Exponential, Limiter::None);
+                own = Measured::new(self.world, &plain, self.exact)?;
+                &own
+            }
+        };
+        let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
+        let scheme = Case { tolerance, ..scheme.clone() };
+        refuse_hopeless_here(self.world, &scheme)?;
+        let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
+        let ratio = prepared.probe();
+        let Prepared { system, communicator, bounds, case, .. } = &mut prepared;
+        let norms = system.rough_norms(communicator, bounds, case.duration());
+        let factor = measured.factor(PARTS[0] * self.accuracy);
+        let shape = Grids::new(&scheme).scaled(&scheme.space.elements(), factor);
+        let cells: f64 = shape[..case.space.dimension()].iter().map(|&n| n as f64).product();
+        if cells > MOST_SPACE_CELLS {
+            return Err(Error::Input(format!(
+                "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
+                 (order {:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
+                scheme.name, measured.order.counted_on
+            )));
+        }
+        let target = on_grid(&scheme, &shape);
+        let bounds = Bounds::new(&target)?;
+        let (s, k, nonzeros) = parts_of(&prepared);
+        // Interfaces fill rows like the root of the number of velocities.
+        let fuller = (nonzeros as f64 * factor.sqrt().max(1.0)).ceil() as usize;
+        let accesses = &Accesses::new(
+            &target,
+            &bounds,
+            (s * factor, k * factor, fuller),
+            qubits_of(&target),
+            0.5 * tolerance / ratio,
+        );
+        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
+        let velocities = target.space.velocity_cells() as f64;
+        let prefactor = velocity_volume(&target) / velocities.sqrt() * norms.field * scale;
+        let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
+        let (demand, probability) = match bounds.decay == 0.0 && bounds.growth == 0.0 {
+            true => (Demand { highest: 0.0, points: 1, period: 1.0, tolerance }, 1.0),
+            false => self.planned(&target, &bounds, ratio, norms, accesses)?,
+        };
+        let count = preparations(evaluations(overlap_error * probability.sqrt()));
+        let why = "norms and errors on the case's grid, and the measured order";
+        let evolutions = Figure::estimate(count, why);
+        let cost = accesses.least(&demand, &[evolutions.clone(), evolutions.clone()]);
+        let mut grids = measured.grids.clone();
+        grids.push(shape);
+        Ok(Way {
+            name,
+            grids,
+            errors: measured.errors.clone(),
+            order: Some(measured.order.counted_on),
+            probability: Figure::estimate(probability, why),
+            evolutions,
+            toffoli: cost.until_measured[0].clone(),
+            cost: Some(cost),
+        })
+    }
+
+    /// The cheapest profile of `target`: what it asks of an evolution, and the probability of the
+    /// window, or of the slice. Collective.
+    fn planned(
+        &self,
+        target: &Case,
+        bounds: &Bounds,
+        ratio: f64,
+        norms: StateNorms,
+        accesses: &Accesses,
+    ) -> Result<(Demand, f64)> {
+        let world = &self.world.group();
+        let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
+        let ranking = Ranking::new(choices(&system));
+        let Some(choice) = ranking.first() else {
+            let why = ranking.0.first().and_then(|choice| match &choice.recovery {
+                Figure::Unavailable { because } => Some(because.clone()),
+                _ => None,
+            });
+            return Err(Error::Input(format!(
+                "{}: no profile is planned: {}",
+                target.name,
+                why.unwrap_or_default()
+            )));
+        };
+        let case = choice.of(target, bounds);
+        let planned = preparation(&case, bounds, ratio)?;
+        let (series, time) = (&planned.series, case.duration());
+        let points = points(series).next_power_of_two();
+        let state = PlannedState {
+            bounds,
+            series,
+            point: planned.point,
+            state_tolerance: planned.state_tolerance,
+            time,
+            points,
+        };
+        let found = Probabilities::new(&state, norms, &Figure::exact);
+        let probability = found.nearest().all.value().unwrap_or(f64::NAN);
+        let demand = Demand {
+            highest: series.wavenumber(series.modes() - 1),
+            points,
+            period: series.period,
+            tolerance: case.tolerance * found.amplitude(),
+        };
+        Ok((demand, probability))
+    }
+
+    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
+    fn over_characteristics(&self, case: &Case, traced: &Traced) -> Way {
+        /// Bits beyond `log₂ 1/ε`.
+        const GUARD: f64 = 10.0;
+        /// Products, quotients and roots of a leg of a trace, and of the initial formula.
+        const OF_LEG: f64 = 5.0;
+        const OF_FORMULA: f64 = 10.0;
+        const WHY: &str = "5 products of b bits a leg and 10 for f(0), b^2 Toffoli gates each, \
+                           computed and uncomputed; b = log2(1/eps) + 10";
+        let mean = traced.density.abs() / (velocity_volume(case) * traced.largest);
+        // A probability a is (1 + o)/2 of an overlap o.
+        let wanted = 2.0 * self.accuracy * mean;
+        let mut register = 2.0;
+        while amplitude_bound(2.0 * mean - 1.0, register) > wanted && register < 1e18 {
+            register *= 2.0;
+        }
+        let bits = (1.0 / self.accuracy).log2().ceil() + GUARD;
+        let products = OF_LEG * (traced.crossings as f64 + 1.0) + OF_FORMULA;
+        let trace = Figure::model(2.0 * products * bits * bits, WHY);
+        let evolutions = Figure::bound(preparations(register));
+        Way {
+            name: "reversible characteristics",
+            grids: Vec::new(),
+            errors: Vec::new(),
+            order: None,
+            probability: Figure::exact(1.0),
+            toffoli: evolutions.times(&trace),
+            evolutions,
+            cost: None,
+        }
+    }
+}
+
+/// What the numbers say.
+fn verdict(quantum: &[Way], classical: &[Baseline]) -> Vec<String> {
+    let known = |way: &&Way| way.toffoli.value().is_some();
+    let least = |a: &&Way, b: &&Way| {
+        let number = |way: &Way| way.toffoli.value().unwrap_or(f64::INFINITY);
+        number(a).total_cmp(&number(b))
+    };
+    let fastest = classical.iter().min_by(|a, b| {
+        let number = |b: &Baseline| b.seconds.value().unwrap_or(f64::INFINITY);
+        number(a).total_cmp(&number(b))
+    });
+    let mut lines = Vec::new();
+    if let Some(best) = quantum.iter().filter(known).min_by(least) {
+        lines.push(format!("fewest Toffoli gates: {}", best.name));
+        for way in quantum.iter().filter(known).filter(|way| way.name != best.name) {
+            let ratio =
+                way.toffoli.value().unwrap_or(f64::NAN) / best.toffoli.value().unwrap_or(f64::NAN);
+            lines.push(format!("{}: {ratio:.1e} times as many", way.name));
+        }
+    }
+    for way in quantum.iter().filter(known) {
+        let (Some(toffoli), Some(baseline)) = (way.toffoli.value(), fastest) else { continue };
+        let seconds = toffoli / TOFFOLI_RATE;
+        let classical = baseline.seconds.value().unwrap_or(f64::NAN);
+        let wins = if seconds < classical { "wins" } else { "does not win" };
+        lines.push(format!(
+            "{} {wins} against {}: {seconds:.1e} s at {TOFFOLI_RATE:.0e} Toffoli gates a second \
+             (assumed), {classical:.1e} s",
+            way.name, baseline.name
+        ));
+    }
+    lines
+}
+
+impl fmt::Display for EndToEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list =
+            |shape: &[usize]| shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ");
+        writeln!(
+            f,
+            "{}: the density at {:?}, {:.4e}, to {:e} of it\n",
+            self.title, self.point, self.density, self.accuracy
+        )?;
+        for way in &self.quantum {
+            writeln!(f, "{}", way.name.to_uppercase())?;
+            for (grid, error) in way.grids.iter().zip(&way.errors) {
+                writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", list(grid))?;
+            }
+            if let (Some(order), Some(grid)) = (way.order, way.grids.last()) {
+                writeln!(f, "  {:<24}needed, by the order {order:.2}", list(grid))?;
+            }
+            for (name, figure) in [
+                ("probability", &way.probability),
+                ("evolutions", &way.evolutions),
+                ("Toffoli gates", &way.toffoli),
+            ] {
+                writeln!(f, "  {name:<20}{figure}")?;
+            }
+            writeln!(f)?;
+        }
+        let rows: Vec<(&str, &Cost)> = (self.quantum.iter())
+            .filter_map(|way| Some((way.name.rsplit(", ").next()?, way.cost.as_ref()?)))
+            .collect();
+        writeln!(f, "{}", CostTable(rows))?;
+        writeln!(f, "CLASSICAL")?;
+        for Baseline { name, size, seconds } in &self.classical {
+            let what = if name.contains("stepping") { "cells" } else { "traces" };
+            writeln!(f, "  {name:<34}{size:>10.2e} {what:<7}{seconds}")?;
+        }
+        writeln!(f)?;
+        self.verdict.iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
