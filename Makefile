@@ -27,7 +27,7 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 .DEFAULT_GOAL := build
 .PHONY: run build test torture bench example3 calibration study stability chart examples quantum \
     baseline slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
-    browser setup clean help
+    browser mpich setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
@@ -106,6 +106,11 @@ mkdocs: ## install MkDocs into target/docs, for `make docs`
 
 browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubuntu)
 	@scripts/setup.sh --browser
+
+mpich: setup ## build with MPICH too, in target/mpich, and run the MPI tests with it
+	variables="$$(scripts/setup.sh --mpich)" && env $$variables PHASEWARP_MPIRUN=mpirun.mpich \
+	    CARGO_TARGET_DIR=$(or $(CARGO_TARGET_DIR),target)/mpich \
+	    cargo test --release --test parallel $(ARGS)
 
 docs: $(if $(BUILT),,build) mkdocs ## build the documents as a site (BUILT=yes: no build)
 	scripts/docs.sh $(PROGRAM)

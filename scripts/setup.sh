@@ -14,6 +14,8 @@
 #                                    minute)
 #   scripts/setup.sh --browser       install a Chromium by apt-get, for
 #                                    tests/cli/pictures/browser.rs (a minute)
+#   scripts/setup.sh --mpich         install MPICH and an HDF5 built with it by apt-get, beside Open
+#                                    MPI, and print the variables with which cargo builds with them
 #   scripts/setup.sh --environment   print the variable that cargo needs to find parallel HDF5:
 #                                    "HDF5_DIR=…", or nothing if none is needed
 #
@@ -267,6 +269,36 @@ set_up_browser() {
     install_packages chromium && have_browser
 }
 
+# --- another MPI beside Open MPI, as Debian names it ---
+
+hdf5_of_mpich() {
+    local root
+    for root in /usr/lib/*/hdf5/mpich; do
+        if is_parallel "$root/include"; then
+            echo "$root"
+            return 0
+        fi
+    done
+    return 1
+}
+
+have_mpich() {
+    mpicc.mpich -show >/dev/null 2>&1 && mpirun.mpich --version >/dev/null 2>&1 &&
+        hdf5_of_mpich >/dev/null
+}
+
+set_up_mpich() {
+    if ! have_mpich; then
+        if ! can_install; then
+            say "no mpicc.mpich, mpirun.mpich or HDF5 built with MPICH, and no way to install them"
+            return 1
+        fi
+        say "installing mpich and libhdf5-mpich-dev"
+        install_packages mpich libmpich-dev libhdf5-mpich-dev >&2 && have_mpich || return 1
+    fi
+    printf 'MPICC=mpicc.mpich HDF5_DIR=%q\n' "$(hdf5_of_mpich)"
+}
+
 # --- what was asked for ---
 
 case ${1:-} in
@@ -292,6 +324,10 @@ case ${1:-} in
     set_up_browser
     exit
     ;;
+--mpich)
+    set_up_mpich
+    exit
+    ;;
 --environment)
     if ! cargo_finds_hdf5 && [ -z "${HDF5_DIR:-}" ] && root=$(hdf5_elsewhere); then
         printf 'HDF5_DIR=%q\n' "$root"
@@ -300,7 +336,7 @@ case ${1:-} in
     ;;
 *)
     say "unknown option $1; known: --check, --readers, --qiskit, --python, --docs, \
---browser, --environment"
+--browser, --mpich, --environment"
     exit 1
     ;;
 esac

@@ -120,7 +120,7 @@ impl Group {
     /// Largest value over the ranks, elementwise; NaN on any rank gives NaN. Allocates nothing.
     pub fn max_into(&self, values: &mut [f64]) {
         const PIECE: usize = 512;
-        let (mut keys, mut result) = ([0u64; PIECE], [0u64; PIECE]);
+        let (mut keys, mut result) = ([0i64; PIECE], [0i64; PIECE]);
         for piece in values.chunks_mut(PIECE) {
             let (keys, result) = (&mut keys[..piece.len()], &mut result[..piece.len()]);
             // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in
@@ -136,7 +136,10 @@ impl Group {
     }
 
     /// One number over the ranks; allocates nothing.
-    fn reduced(&self, value: u64, operation: SystemOperation) -> u64 {
+    ///
+    /// Extrema are those of signed integers: MPICH 4.0 compares unsigned ones as if they were
+    /// signed.
+    fn reduced(&self, value: i64, operation: SystemOperation) -> i64 {
         let mut result = 0;
         (self.communicator).all_reduce_into(&value, &mut result, operation);
         result
@@ -154,11 +157,12 @@ impl Group {
 
     /// Largest count over the ranks.
     pub fn max_count(&self, value: usize) -> usize {
-        self.reduced(value as u64, SystemOperation::max()) as usize
+        self.reduced(value as i64, SystemOperation::max()) as usize
     }
 
     /// Whether all ranks give the same number.
     pub fn same(&self, value: u64) -> bool {
+        let value = value as i64;
         let largest = self.reduced(value, SystemOperation::max());
         largest == self.reduced(value, SystemOperation::min())
     }
@@ -175,7 +179,7 @@ impl Group {
 
     /// Sum over the ranks, modulo 2^64.
     pub fn sum_modulo(&self, value: u64) -> u64 {
-        self.reduced(value, SystemOperation::sum())
+        self.reduced(value as i64, SystemOperation::sum()) as u64
     }
 
     /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are.
@@ -289,7 +293,7 @@ impl Group {
     /// That error; [`Error::Remote`] where it is another rank's.
     pub fn agree<T>(&self, result: Result<T>) -> Result<T> {
         let size = self.size();
-        let mine = if result.is_err() { self.rank() } else { size } as u64;
+        let mine = if result.is_err() { self.rank() } else { size } as i64;
         let first = self.reduced(mine, SystemOperation::min()) as usize;
         if first == size {
             return result;
@@ -336,22 +340,21 @@ impl Group {
 }
 
 /// Maps floats to integers in the same order, NaN above all.
-fn ordered_key(value: f64) -> u64 {
+fn ordered_key(value: f64) -> i64 {
     if value.is_nan() {
-        return u64::MAX;
+        return i64::MAX;
     }
-    let bits = (value + 0.0).to_bits();
-    if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
+    turned((value + 0.0).to_bits() as i64)
 }
 
-fn from_ordered_key(key: u64) -> f64 {
-    if key == u64::MAX {
-        f64::NAN
-    } else if key >> 63 == 1 {
-        f64::from_bits(key & !(1 << 63))
-    } else {
-        f64::from_bits(!key)
-    }
+fn from_ordered_key(key: i64) -> f64 {
+    if key == i64::MAX { f64::NAN } else { f64::from_bits(turned(key) as u64) }
+}
+
+/// Bits of a negative number without its sign turned over, so that larger ones come first; and
+/// back.
+fn turned(bits: i64) -> i64 {
+    if bits < 0 { bits ^ i64::MAX } else { bits }
 }
 
 /// The process mesh as communicators.

@@ -8,8 +8,17 @@ use std::time::{Duration, Instant};
 pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// Environment variable: the control that a job runs instead of checks.
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
+/// Environment variable: what starts a job, `mpirun` by default.
+const MPIRUN: &str = "PHASEWARP_MPIRUN";
 /// A job that writes nothing for longer is ended.
 pub const TIME_LIMIT: Duration = Duration::from_secs(600);
+
+/// Whether the launcher's MPI bears so many ranks here: ranks of others than Open MPI may not yield
+/// a core to each other while they wait.
+pub fn bears(ranks: usize) -> bool {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::env::var_os(MPIRUN).is_none() || ranks <= cores.max(2)
+}
 
 /// A running `mpirun` of this program.
 pub struct Job {
@@ -47,7 +56,8 @@ impl Job {
         let output = tempfile::tempdir().expect("a directory for output");
         let file = |name: &str| File::create(output.path().join(name)).expect("a file for output");
         let program = std::env::current_exe().expect("a path of this program");
-        let mut command = Command::new("mpirun");
+        let mpirun = std::env::var_os(MPIRUN).unwrap_or_else(|| "mpirun".into());
+        let mut command = Command::new(mpirun);
         command
             .args(["--bind-to", "none", "-np", &ranks.to_string()])
             .arg(program)
