@@ -415,8 +415,7 @@ impl Case {
             return file.refuse(
                 &format!("potential.{i}.reflection"),
                 "initial.velocity gives level sets, and what is reflected in part has two \
-                velocities \
-                 where a level set has one value; give initial.f",
+                 velocities where a level set has one value; give initial.f",
             );
         }
         if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {

@@ -1,9 +1,9 @@
 //! Estimates of the grid's error from the solution alone, where there is nothing to compare with.
 //!
-//! **Axes of degree 0**: the leading error is what the scheme adds to transport, `‖e‖ ≈ T ‖D f(T)‖`
-//! (its modified equation). `D` is the difference to the flux of third order: of the upwind scheme
-//! mostly its dissipation, of slopes what the limiter leaves. Where other axes have a higher degree,
-//! errors are integrals, and what `f` varies over a cell is an error too.
+//! **Axes of degree 0**: the leading error is what the scheme adds to transport,
+//! `‖e‖ ≈ T ‖D f(T)‖` (its modified equation). `D` is the difference to the flux of third order: of
+//! the upwind scheme mostly its dissipation, of slopes what the limiter leaves. Where other axes
+//! have a higher degree, errors are integrals, and what `f` varies over a cell is an error too.
 //!
 //! **Axes of a higher degree**: the error is of the size of the Legendre coefficients beyond the
 //! highest one of each element. At fronts that is the highest one itself; where coefficients fall

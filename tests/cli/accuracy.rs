@@ -372,8 +372,9 @@ fn what_is_no_scheme_is_refused() {
     let slopes = ["scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
     let says = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];
     Mistake::set("smooth-beams.toml", &slopes, &says).refused_by_reader().unwrap();
-    let says = ["scheme.flux = 0.5", "upwind", "scheme.degree above 0"];
-    Mistake::set("example1.toml", &["scheme.flux=0.5"], &says).refused_by_reader().unwrap();
+    let slopes = ["scheme.flux=0.5", "scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
+    let says = ["scheme.limiter = \"van-leer\"", "upwind", "scheme.flux"];
+    Mistake::set("example1.toml", &slopes, &says).refused_by_reader().unwrap();
 }
 
 /// A reflected part that is none, at any energy that occurs, is named with that energy and where it

@@ -154,6 +154,8 @@ fn what_is_found_does_not_depend_on_ranks() {
     let knobs = [
         "method",
         "grid",
+        "degree",
+        "flux",
         "interface",
         "integrator",
         "limiter",

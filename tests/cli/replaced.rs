@@ -82,7 +82,8 @@ fn what_is_replaced_goes_with_its_pictures() {
     assert!(!path.join("plots").exists(), "an empty folder stays");
 }
 
-/// A sweep, an export, a report, pictures and a movie replace what is theirs, and nothing of others unasked.
+/// A sweep, an export, a report, pictures and a movie replace what is theirs, and nothing of others
+/// unasked.
 #[test]
 fn tables_exports_and_reports_are_not_replaced_unasked() {
     let place = directory();

@@ -1,4 +1,4 @@
-//! `initial.table`, `potential.N.table`, `inflow.table`: functions from files on grids of their own.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions from files on their own grids.
 
 use crate::dense;
 use crate::support::{

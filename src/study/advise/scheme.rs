@@ -111,7 +111,8 @@ impl Scheme {
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each other flux than that of `case`, which has its degree; none of degree 0.
+    /// This scheme with each other flux than that of `case`, which has its degree; none of degree
+    /// 0.
     pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
         let (own, elements) = (case.flux, self.degree > 0);
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);
