@@ -155,9 +155,16 @@ impl Group {
         self.sum_modulo(value as u64) as usize
     }
 
-    /// Largest count over the ranks.
+    /// Largest count over the ranks; counts are below 2^63.
     pub fn max_count(&self, value: usize) -> usize {
+        debug_assert!(i64::try_from(value).is_ok());
         self.reduced(value as i64, SystemOperation::max()) as usize
+    }
+
+    /// Least count over the ranks; counts are below 2^63.
+    pub fn min_count(&self, value: usize) -> usize {
+        debug_assert!(i64::try_from(value).is_ok());
+        self.reduced(value as i64, SystemOperation::min()) as usize
     }
 
     /// Whether all ranks give the same number.
@@ -293,8 +300,7 @@ impl Group {
     /// That error; [`Error::Remote`] where it is another rank's.
     pub fn agree<T>(&self, result: Result<T>) -> Result<T> {
         let size = self.size();
-        let mine = if result.is_err() { self.rank() } else { size } as i64;
-        let first = self.reduced(mine, SystemOperation::min()) as usize;
+        let first = self.min_count(if result.is_err() { self.rank() } else { size });
         if first == size {
             return result;
         }

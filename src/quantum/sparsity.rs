@@ -90,8 +90,11 @@ pub fn q(dv: f64, jump: f64) -> usize {
 #[derive(Clone, Copy)]
 struct Fullest(usize, usize);
 
+/// The place of no unknown.
+const NOWHERE: usize = i64::MAX as usize;
+
 impl Fullest {
-    const NONE: Self = Self(0, usize::MAX);
+    const NONE: Self = Self(0, NOWHERE);
 
     fn see(&mut self, count: usize, place: usize) {
         if count > self.0 || (count == self.0 && place < self.1) {
@@ -102,9 +105,8 @@ impl Fullest {
     /// Over the ranks of `group`.
     fn over(self, group: &Group) -> Self {
         let most = group.max_count(self.0);
-        let mine = if self.0 == most { self.1 } else { usize::MAX };
-        // The least place, by a maximum.
-        Self(most, usize::MAX - group.max_count(usize::MAX - mine))
+        let mine = if self.0 == most { self.1 } else { NOWHERE };
+        Self(most, group.min_count(mine))
     }
 }
 
@@ -298,7 +300,7 @@ impl Report<'_> {
         let point =
             |global: usize| describe_point(space.dimension(), &space.point(&space.cell(global)));
         match place {
-            usize::MAX => "no row".to_owned(),
+            NOWHERE => "no row".to_owned(),
             place if place < all => point(place),
             place if place == 2 * all => "the common auxiliary unknown".to_owned(),
             place => format!("the auxiliary unknown of {}", point(place - all)),
