@@ -6,11 +6,12 @@ use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
-use crate::results::table_file::with_tables;
+use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Reads the case file and the table that it names on rank 0, for all. Collective.
@@ -43,6 +44,8 @@ struct Continuation {
     overrides: Vec<String>,
     /// What of them is left out.
     left_out: Vec<String>,
+    /// Checksums of the tables of the first part, by their keys, where the second has them too.
+    tables: BTreeMap<String, String>,
 }
 
 /// Keys of a continued run that follow from what it goes on from.
@@ -72,7 +75,19 @@ pub fn load_continued(
         let keys = found.left_out.join(" and ");
         report(&format!("--continue: {keys} left out, whose times are before the start"));
     }
-    Ok(with_tables(&group, &case)?.into_owned())
+    let case = with_tables(&group, &case)?.into_owned();
+    for file in &case.tables {
+        let (key, sum) = (file.of.key(), file.checksum.map(|sum| format!("{sum:016x}")));
+        if found.tables.get(&key).is_some_and(|before| sum.as_ref() != Some(before)) {
+            return Err(Error::Input(format!(
+                "--continue {}: {key}.file = \"{}\" has changed since the first part; \
+                 --set {key}.file=… takes other values on purpose",
+                directory.display(),
+                file.path.display()
+            )));
+        }
+    }
+    Ok(case)
 }
 
 /// What there is to go on from. By one rank.
@@ -108,7 +123,20 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
     let before = before.filter(|set| !OF_CONTINUATION.contains(&key_of(set).as_str()));
+    // A relative path is that of another directory.
+    let mut files = Vec::new();
+    let mut tables = BTreeMap::new();
+    for of in case.tables.iter().map(|file| file.of) {
+        let key = of.key();
+        let is_kept = !keys.iter().any(|set| key.starts_with(set) || set.starts_with(&key));
+        let known = [file_name(of), checksum_name(of)].map(|name| stored.provenance.get(&name));
+        if let (true, [Some(path), Some(sum)]) = (is_kept, known) {
+            files.push(format!("{key}.file={}", serde_json::Value::from(path.as_str())));
+            tables.insert(key, sum.clone());
+        }
+    }
     let overrides = before
+        .chain(files)
         .chain(left_out.iter().map(|key| format!("{key}=[]")))
         .chain(own)
         .chain([
@@ -118,7 +146,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         ])
         .collect();
     let name = stored.provenance.get("case_file").map_or("case", String::as_str).to_owned();
-    Ok(Continuation { name, text: stored.text, overrides, left_out })
+    Ok(Continuation { name, text: stored.text, overrides, left_out, tables })
 }
 
 /// `DIR-until-TIME`.

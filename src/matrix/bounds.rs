@@ -251,8 +251,7 @@ fn line_bounds(
             let end = rate * LineKind { ends: true, ..alone }.dissipation();
             causes.ends += if open && !space.is_periodic(a) { end } else { 0.0 };
             causes.beyond += if open && jumps[a] { end } else { 0.0 };
-            let upwind = LineKind { ends: reflects, reflects, ..alone };
-            causes.reflection += rate * upwind.dissipation();
+            causes.reflection += rate * LineKind { reflects, ..alone }.dissipation();
         }
         if steepest[a] > 0.0 {
             let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: open, reflects: false };

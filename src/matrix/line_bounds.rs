@@ -103,9 +103,10 @@ impl Element {
 }
 
 impl LineKind {
-    /// What the two faces of an element may add: between elements, or at an end of the box.
+    /// What the two faces of an element may add: between elements, or at an end of the box or a
+    /// jump with partial reflection.
     fn pairs(&self, inside: f64, end: f64) -> Vec<[f64; 2]> {
-        match self.ends {
+        match self.ends || self.reflects {
             true => vec![[inside, inside], [end, inside], [inside, end], [end, end]],
             false => vec![[inside, inside]],
         }

@@ -9,6 +9,9 @@ use std::fmt;
 pub const MOST_VALUES: usize = 1 << 24;
 /// Coordinates of a formula.
 const MOST_AXES: usize = 7;
+/// What lies half-way between two points to this part of their distance belongs to the upper one,
+/// whatever round-off says.
+const HALF_WAY: f64 = 1e-9;
 
 /// An axis of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -131,7 +134,8 @@ impl Table {
             let points = &axis.points;
             let above = points.partition_point(|p| *p <= x).clamp(1, points.len() - 1);
             let [a, b] = [points[above - 1], points[above]];
-            place = place * points.len() + above - usize::from(x < a + 0.5 * (b - a));
+            let is_lower = x < a + (0.5 - HALF_WAY) * (b - a);
+            place = place * points.len() + above - usize::from(is_lower);
         }
         self.values[place]
     }
@@ -163,6 +167,22 @@ impl Table {
             if weight == 0.0 { 0.0 } else { weight * self.values[place] }
         };
         (0..1usize << steps.len()).map(corner).sum()
+    }
+
+    /// How many pairs of neighbouring points have different values, and how many pairs there are.
+    pub fn steps(&self) -> [usize; 2] {
+        let (mut found, mut stride) = ([0, 0], 1);
+        for axis in self.axes.iter().rev() {
+            let count = axis.points.len();
+            for (place, value) in self.values.iter().enumerate() {
+                if place / stride % count + 1 < count {
+                    found[0] += usize::from(*value != self.values[place + stride]);
+                    found[1] += 1;
+                }
+            }
+            stride *= count;
+        }
+        found
     }
 
     /// Where `[lower, upper]` of coordinate `position` goes beyond the table by more than a step of

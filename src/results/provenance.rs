@@ -26,7 +26,8 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     ];
     let mut all = all.map(|(name, text)| (name.to_owned(), text)).to_vec();
     for file in &case.tables {
-        all.push((file_name(file.of), file.path.display().to_string()));
+        let path = std::fs::canonicalize(&file.path).unwrap_or_else(|_| file.path.clone());
+        all.push((file_name(file.of), path.display().to_string()));
         all.extend(file.checksum.map(|sum| (checksum_name(file.of), format!("{sum:016x}"))));
     }
     if let Some(start) = &case.start_field {

@@ -27,6 +27,8 @@ use crate::solve::prepared::Prepared;
 
 /// Error beside `T ‖D f(T)‖`.
 const OF_TRANSPORT: f64 = 2.0;
+/// There is no estimate where less than this part of the square of `f` lies where `D f` is known.
+const LEAST_KNOWN: f64 = 0.1;
 /// Error of elements beside what is estimated of the coefficients beyond the highest.
 const OF_COEFFICIENTS: f64 = 3.0;
 /// Coefficients at a front fall to no less than this part from one to the next.
@@ -35,7 +37,7 @@ const OF_FRONTS: f64 = 0.5;
 const OF_DEGREE_1: f64 = 0.5;
 
 /// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run;
-/// none for measure-valued data. Collective.
+/// none for measure-valued data, and where `V` jumps nearly everywhere. Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.
@@ -59,7 +61,8 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same of the integrals over the velocities.
-/// Next to an end of the box or a jump of `V` nothing is added. Collective.
+/// Next to an end of the box or a jump of `V` nothing is added; NaN where nearly all of `f` lies
+/// there. Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.
@@ -93,7 +96,20 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         let mut corrections = vec![0.0; matrix.length()];
         line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
         fill_ghosts(exchange, &mut corrections, rows);
-        line.each(|i, cell| added[i] += line.difference(i, cell, &corrections).unwrap_or(0.0));
+        let mut parts = [vec![0.0; block.cells()], vec![0.0; block.cells()]];
+        line.each(|i, cell| {
+            let found = line.difference(i, cell, &corrections);
+            added[i] += found.unwrap_or(0.0);
+            let is_known = [scheme.speed(cell, axis) != 0.0, found.is_some()];
+            parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = f64::from(u8::from(is)));
+        });
+        let [moving, known] = parts.map(|part| {
+            let here = &part[place.mine.clone()];
+            volumes.power_sum(world, 2, |i| here[i] * f[i])
+        });
+        if known < LEAST_KNOWN * moving {
+            return Ok([f64::NAN; 2]);
+        }
         if space.degree() > 0 {
             let mut within = vec![0.0; block.cells()];
             line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));

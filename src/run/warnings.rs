@@ -2,7 +2,7 @@
 
 use crate::base::text::{counted, place};
 use crate::plan::Plan;
-use crate::problem::case::{Case, Delta, Method};
+use crate::problem::case::{Case, Delta, Method, Region};
 use crate::problem::potential::{StrayEdge, overlooked};
 use crate::schrodingerization::warp_plan::WarpPlan;
 
@@ -24,6 +24,7 @@ pub fn warnings(case: &Case) -> Vec<String> {
     });
     (found.edges.iter().map(stray_edge))
         .chain(found.empty.iter().map(empty_region))
+        .chain(case.potential.iter().enumerate().filter_map(staircase))
         .chain(idle)
         .chain(unread)
         .chain(limited)
@@ -40,6 +41,18 @@ fn stray_edge(edge: &StrayEdge) -> String {
         place(edge.face, moved),
         moved
     )
+}
+
+/// A table with a jump of `V` between nearly all of its points.
+fn staircase((region, potential): (usize, &Region)) -> Option<String> {
+    let table = potential.value.table().filter(|table| table.is_stepped())?;
+    let [jumps, pairs] = table.steps();
+    (jumps >= 8 && 2 * jumps > pairs).then(|| {
+        format!(
+            "potential.{region}.table: V jumps between {jumps} of {pairs} pairs of neighbouring \
+             points; potential.{region}.interpolation = \"linear\" makes it continuous"
+        )
+    })
 }
 
 fn empty_region(region: &usize) -> String {

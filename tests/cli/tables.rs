@@ -487,3 +487,54 @@ fn another_potential_is_another_run() {
     let after = datasets(to.path()).unwrap();
     assert!(!differences(&before, &after).is_empty(), "the same result of another table");
 }
+
+/// A part that goes on has the tables of the first one, wherever it is started from; a table that
+/// has changed is refused unless it is given.
+#[test]
+fn a_second_part_has_the_tables_of_the_first() {
+    let (place, first) = (directory(), directory());
+    let path = place.path().join("V.csv");
+    let write =
+        |height: f64| write_grid(&path, &[("x", &[-2.0, 0.0, 2.0])], "V", |x| height * x[0]);
+    write(0.1);
+    let potential = "potential=[{table={file='V.csv'}, interpolation='linear'}]";
+    std::fs::copy(case("example1.toml"), place.path().join("case.toml")).unwrap();
+    let job = Job::new(["run", "case.toml"]).set(&GRID);
+    let job = job.set(&["solver.tolerance=1e-4", "time.end=0.2", "exact={}", potential]);
+    job.inside(place.path()).solve(first.path()).unwrap();
+    let second = |name: &str| {
+        let directory = first.path().display().to_string();
+        let job = Job::new(["run", "--continue", &directory, "--until", "0.3"]);
+        job.into(&place.path().join(name))
+    };
+    second("kept").succeed().unwrap();
+    write(0.2);
+    let refused = second("changed").run().unwrap();
+    refused.ended(2, &["potential.0.table.file", "V.csv", "has changed since"]).unwrap();
+    let given = format!("potential.0.table.file='{}'", path.display());
+    second("given").set(&[&given]).succeed().unwrap();
+}
+
+/// A smooth `V` by a table that is constant around its points, which lie on faces: the values
+/// half-way belong to the upper point, a warning names the other interpolation, and no error of the
+/// grid is claimed where `V` jumps everywhere.
+#[test]
+fn a_staircase_is_noticed() {
+    let place = directory();
+    let path = place.path().join("V.csv");
+    let x: Vec<f64> = (0..=20).map(|k| -1.5 + 0.15 * f64::from(k)).collect();
+    write_grid(&path, &[("x", &x)], "V", |x| 0.1 * x[0] * x[0]);
+    let potential = format!("potential=[{{{}}}]", given(&path, ""));
+    let results = directory();
+    let job = run(&format!("f='{SMOOTH}'"), &[&potential, "exact={}"]);
+    let summary = job.solve(results.path()).unwrap();
+    let warned = summary.value["warnings"].to_string();
+    assert!(warned.contains("V jumps between 20 of 20 pairs"), "{warned}");
+    assert!(warned.contains("potential.0.interpolation"), "{warned}");
+    assert!(summary.value["accuracy"]["grid_estimate"].is_null(), "{:#}", summary.value);
+    let all = datasets(results.path()).unwrap();
+    let found = all["/potential"].numbers();
+    for (k, (value, x)) in found.iter().zip(&x[1..]).enumerate() {
+        assert_eq!(*value, 0.1 * x * x, "cell {k}");
+    }
+}

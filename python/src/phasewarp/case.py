@@ -355,10 +355,18 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
     >>> v = xr.DataArray(0.1 * x**2, coords={"x": x})
     >>> case["potential"] = [{"table": write_table(v, "V.h5"), "interpolation": "linear"}]
     """
+    if not isinstance(f, xr.DataArray):
+        raise TypeError(f"{type(f).__name__}: an xarray.DataArray with coordinates expected")
+    if Path(path).suffix.lower() == ".csv":
+        raise ValueError(f"{path}: this writes HDF5, which the program takes a .csv not to be")
     known = {*SPACE, *(f"v{name}" for name in SPACE), "t"}
     names = [str(name) for name in f.dims]
     if not names or not known.issuperset(names) or any(name not in f.coords for name in names):
         raise ValueError(f"dimensions {f.dims}: some of {sorted(known)}, each with a coordinate")
+    if not np.isfinite(f.values).all():
+        raise ValueError("a value is not finite")
+    if any(not (np.diff(f[name].values) > 0).all() for name in names):
+        raise ValueError("a coordinate does not ascend")
     path = Path(path).absolute()
     with h5py.File(path, "w") as file:
         file.create_dataset("f", data=f.values.astype("<f8"))

@@ -354,6 +354,31 @@ fn closed_ends_lose_nothing() {
     assert!(skew.iter().all(|&found| found > 3), "{skew:?}");
 }
 
+/// Partial reflection dissipates where nothing else does: with closed ends and the central flux.
+#[test]
+fn partial_reflection_is_within_its_bounds() {
+    let mut dice = Dice(ChaCha8Rng::seed_from_u64(19));
+    let mut alone = 0;
+    for number in 0..80 {
+        let (text, _) = random_case(&mut dice, [1, 1, 1, 2][number % 4]);
+        let part = dice.number(0.0, 1.0);
+        let mut text = text
+            .replace("[[potential]]\n", &format!("[[potential]]\nreflection = '{part}'\n"))
+            .replace("value = '1.7'", "value = '0'");
+        if number % 3 > 0 {
+            text = text.replace("[scheme]", "[scheme]\nends = 'closed'");
+        }
+        let case = Case::parse("random", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let name = format!("scene {number}\n{text}");
+        let scene = Dissected::new(&name, &case);
+        scene.check_dissipation();
+        scene.check_intervals();
+        let dissipates = scene.weighted.symmetric().largest() > 1e-3;
+        alone += usize::from(dissipates && case.flux == 0.0 && number % 3 > 0);
+    }
+    assert!(alone > 3, "{alone}");
+}
+
 /// The bound on `−S` beside its largest eigenvalue, where `V` is constant.
 #[test]
 fn the_bound_on_the_dissipation_is_sharp() {
