@@ -447,7 +447,7 @@ pub struct ResourcesArgs {
     /// Instead: which profile, recovery point, delta and access to H take the fewest Toffoli gates
     #[arg(long)]
     pub optimise: bool,
-    /// Instead: the density at a point (the first of [readout], or the largest) to this relative
+    /// Instead: the density at a point (that of the first readout, or the largest) to this relative
     /// error, from end to end, beside classical methods
     #[arg(
         long,

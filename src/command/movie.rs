@@ -15,7 +15,7 @@ use crate::results::pictures::stored::{Snapshot, Stored};
 /// Writes the movies of a run; the first rank reads and writes. Collective.
 ///
 /// # Errors
-/// As [`open`], [`Cut::parse`] and [`movie::write`], the same on all ranks;
+/// As `open`, [`Cut::parse`] and [`movie::write`], the same on all ranks;
 /// [`Error::Input`] where there is one time only, or too many.
 pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| movies(args))?;
