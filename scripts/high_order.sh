@@ -124,6 +124,9 @@ unitary() {
 for table in "$@"; do
     case $table in
     smooth | order | example1 | limited | unitary) "$table" && echo ;;
-    *) echo "high_order: $table is none of smooth, order, example1, limited, unitary" >&2 && exit 2 ;;
+    *)
+        echo "high_order: $table is none of smooth, order, example1, limited, unitary" >&2
+        exit 2
+        ;;
     esac
 done

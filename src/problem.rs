@@ -7,6 +7,7 @@
 pub mod case;
 pub mod element;
 pub mod exact;
+pub mod exported;
 pub mod formula;
 pub mod grid;
 pub mod legs;

@@ -9,7 +9,6 @@
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
-//! | [`exported`] | whose files an export would replace |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
@@ -27,7 +26,6 @@ pub mod access;
 pub mod circuit;
 pub mod cost;
 pub mod export;
-pub mod exported;
 pub mod figure;
 pub mod matrices;
 pub mod optimise;

@@ -8,7 +8,7 @@ use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::quantum::exported::{self, Kind, Owner};
+use crate::problem::exported::{self, Kind, Owner};
 use crate::results::pictures;
 use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;

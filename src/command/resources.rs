@@ -69,8 +69,8 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
     drop(prepared);
     let ranking = optimise(world, case)?;
     let (unitary, not_unitary) = match unitary(world, case) {
-        Ok(unitary) => (unitary, None),
-        Err(why) => (Unitary::none(case.tolerance), Some(why.to_string())),
+        Ok(unitary) => (Some(unitary), None),
+        Err(why) => (None, Some(why.to_string())),
     };
     let Some(choice) = ranking.first() else {
         return Ok(Comparison { cheapest: own.clone(), own, unitary, not_unitary });

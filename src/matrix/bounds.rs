@@ -189,6 +189,11 @@ impl Bounds {
         }
     }
 
+    /// Whether `A` is skew in weighted unknowns: `S = 0`.
+    pub fn is_skew(&self) -> bool {
+        self.decay == 0.0 && self.growth == 0.0
+    }
+
     /// Bound on `|x*Ax|` of unit vectors `x`, in weighted unknowns: on the numerical radius.
     pub fn radius(&self) -> f64 {
         let Interval { centre, half_width } = self.interval(0.0);

@@ -3,8 +3,8 @@
 //! [`Case::parse`] reads a case in three steps, without MPI: `file` reads TOML and `--set` into a
 //! tree that remembers where each value stands; serde makes a `Tables` of it, by `reader`, which
 //! refuses unknown keys and wrong types, and takes formulas of constants for numbers; `Case::new`
-//! turns that into a [`Case`], a section after
-//! the other, and `Case::validate` refuses what does not go together.
+//! turns that into a [`Case`], a section after the other, and `Case::validate` refuses what does
+//! not go together.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
@@ -367,6 +367,17 @@ impl Case {
     /// with another flux than upwind, or with partial reflection.
     pub fn is_galerkin(&self) -> bool {
         self.space.degree() > 0 || self.flux < 1.0 || self.reflects()
+    }
+
+    /// Whether its scheme of degree 0 is the upwind one, with laws at jumps and slopes; of a case
+    /// of a higher degree, whether it would be.
+    pub fn has_upwind_cells(&self) -> bool {
+        !self.reflects() && (self.space.degree() > 0 || self.flux >= 1.0)
+    }
+
+    /// `scheme.flux`, where the scheme is not the upwind one of degree 0.
+    pub fn flux_of_elements(&self) -> Option<f64> {
+        (self.space.degree() > 0 || self.flux < 1.0).then_some(self.flux)
     }
 
     /// Whether nothing leaves or enters through the ends of the box.

@@ -81,7 +81,7 @@ impl Cost {
 }
 
 /// What is asked of an evolution.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
     /// The highest wavenumber that carries something.
     pub highest: f64,
@@ -91,6 +91,13 @@ pub struct Demand {
     pub period: f64,
     /// Error of the state that it may make.
     pub tolerance: f64,
+}
+
+impl Demand {
+    /// Of the unitary scheme: one mode, and no register of `p`.
+    pub fn unitary(tolerance: f64) -> Self {
+        Self { highest: 0.0, points: 1, period: 1.0, tolerance }
+    }
 }
 
 /// What the accesses to a case's `H` depend on.
@@ -123,8 +130,8 @@ impl Accesses {
             .and_then(|()| Scene::new(case, Bins::Within(rounding / time)))
             .map(|scene| scene.transport)
             .map_err(|error| error.to_string());
-        let skew = bounds.decay == 0.0 && bounds.growth == 0.0;
-        Self { time, matrix, qubits, skew, transport: scene, counts: RefCell::default() }
+        let counts = RefCell::default();
+        Self { time, matrix, qubits, skew: bounds.is_skew(), transport: scene, counts }
     }
 
     /// Why there is no circuit; none where there is one.
@@ -205,7 +212,7 @@ impl Accesses {
         let Evolution { steps, .. } = Evolution::new(alpha * self.time, demand.tolerance);
         let all = |count: usize| steps.times(&Figure::emitted(count as f64));
         let toffoli = all(counted.toffoli_a_step());
-        let rotations = all(counted.rotations + 1);
+        let rotations = all(counted.rotations_a_step());
         Cost {
             access: Access::Circuit(levels),
             alpha: Figure::exact(alpha),

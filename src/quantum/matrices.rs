@@ -19,8 +19,8 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Field};
+use crate::problem::exported::{self, Kind, Owner};
 use crate::quantum::export::numpy;
-use crate::quantum::exported::{self, Kind, Owner};
 use crate::scheme::rows::{Row, Scheme};
 use crate::solve::prepared::Prepared;
 use serde::Serialize;

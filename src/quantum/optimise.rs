@@ -111,6 +111,9 @@ pub struct Choice {
     /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
     /// repeated, and by amplitude amplification.
     pub cost: [Figure; 2],
+    /// What it asks of an evolution; none where nothing is known.
+    #[serde(skip)]
+    pub demand: Option<Demand>,
     /// The profile and the recovery point as they are asked for.
     #[serde(skip)]
     candidate: Candidate,
@@ -130,11 +133,12 @@ impl Choice {
             walk_steps: none(),
             probability: [none(), none()],
             cost: [none(), none()],
+            demand: None,
         }
     }
 
     /// The probability of the window, or of the slice where there is none.
-    fn nearest(&self) -> &Figure {
+    pub fn nearest(&self) -> &Figure {
         let [slice, window] = &self.probability;
         if window.value().is_some() { window } else { slice }
     }
@@ -344,9 +348,8 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
         choices.into_iter().map(|choice| closer(family, choice)).reduce(Choice::cheaper)
     };
     let mut found: Vec<Choice> = coarse.into_iter().filter_map(of_family).collect();
-    let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
     // Where S = 0 one mode does, whatever the profile.
-    let planned = skew.then_some(ProfileChoice::Planned);
+    let planned = system.bounds.is_skew().then_some(ProfileChoice::Planned);
     let own = &system.case.warp.profile;
     let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
     let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
@@ -430,6 +433,7 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
         points: Figure::exact(found.points as f64),
         access: Some(least.access),
         cost: least.until_measured,
+        demand: Some(demand),
         walk_steps: least.steps,
         probability: [found.at_slice.all, found.in_window.all],
     }

@@ -209,8 +209,8 @@ pub struct Comparison {
     pub cheapest: Record,
     /// As the case file has it, or as it is planned to be emulated.
     pub own: Record,
-    /// Of the same grid.
-    pub unitary: Unitary,
+    /// Of the same grid, where there is one.
+    pub unitary: Option<Unitary>,
     /// Why there is no such scheme; none where there is.
     pub not_unitary: Option<String>,
 }
@@ -218,25 +218,19 @@ pub struct Comparison {
 impl Unitary {
     /// For `accesses` of a skew matrix.
     pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
-        let demand = Demand { highest: 0.0, points: 1, period: 1.0, tolerance };
         let once = || Figure::exact(1.0);
         Self {
             tolerance,
-            costs: accesses.costs(&demand, &[once(), once()]),
+            costs: accesses.costs(&Demand::unitary(tolerance), &[once(), once()]),
             no_circuit: accesses.no_circuit().map(str::to_owned),
             caveats: CAVEATS,
         }
-    }
-
-    /// None, where there is no such scheme.
-    pub fn none(tolerance: f64) -> Self {
-        Self { tolerance, costs: Vec::new(), no_circuit: None, caveats: CAVEATS }
     }
 }
 
 /// Of the relative error of the field, what the rounding of jumps to levels may take: half of the
 /// tolerance, by the same share as the rounding of values in sparse access.
-const OF_ROUNDING: f64 = 0.5;
+pub const OF_ROUNDING: f64 = 0.5;
 
 /// What the accesses to the `H` of `prepared` depend on. Collective.
 pub fn accesses(prepared: &Prepared, ratio: f64) -> Accesses {

@@ -117,12 +117,7 @@ fn is_skew(case: &Case, bounds: &Bounds) -> bool {
     let by_hand = warp.choice() != ProfileChoice::Planned || warp.recovery.is_some();
     let is_shown = case.warped_field || case.plateau.is_some();
     let shifted = shift(case, bounds) != 0.0;
-    bounds.decay == 0.0
-        && bounds.growth == 0.0
-        && !bounds.inflow
-        && !by_hand
-        && !is_shown
-        && !shifted
+    bounds.is_skew() && !bounds.inflow && !by_hand && !is_shown && !shifted
 }
 
 /// The one mode of a skew `A`, which is the solution. A second reading would tell nothing.

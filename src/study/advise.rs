@@ -258,7 +258,7 @@ impl<'a> Study<'a> {
             interface: scheme.interface,
             limiter: scheme.limiter,
             degree: scheme.degree,
-            flux: (scheme.degree > 0).then_some(target.flux),
+            flux: target.flux_of_elements(),
             shape: reach.shape.clone(),
             cells: cells(&target.space.shape()),
             computed_cells: cells(&self.trials.merged(target).space.shape()),

@@ -62,7 +62,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
-    let treated = jumps && !case.reflects();
+    let treated = jumps && case.has_upwind_cells();
     let programme = Programme::new(&case.space, &Grids::new(case), treated, |space| {
         stray_edges(&on_grid(case, &space.elements())) <= stray
     });

@@ -28,12 +28,10 @@ use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
 use crate::quantum::cost::{Accesses, Cost, CostTable, Demand};
 use crate::quantum::figure::Figure;
-use crate::quantum::optimise::{Ranking, System, choices, preparation, scheme_of, unitary_of};
-use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::quantum::optimise::{Ranking, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
-use crate::quantum::resources::{parts_of, qubits_of};
-use crate::schrodingerization::profile::series::points;
+use crate::quantum::resources::{OF_ROUNDING, parts_of, qubits_of};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
@@ -410,14 +408,14 @@ impl Task<'_> {
             &bounds,
             (s * factor, k * factor, fuller),
             qubits_of(&target),
-            0.5 * tolerance / ratio,
+            OF_ROUNDING * tolerance / ratio,
         );
         let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
         let velocities = target.space.velocity_cells() as f64;
         let prefactor = velocity_volume(&target) / velocities.sqrt() * norms.field * scale;
         let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
-        let (demand, probability) = match bounds.decay == 0.0 && bounds.growth == 0.0 {
-            true => (Demand { highest: 0.0, points: 1, period: 1.0, tolerance }, 1.0),
+        let (demand, probability) = match bounds.is_skew() {
+            true => (Demand::unitary(tolerance), 1.0),
             false => self.planned(&target, &bounds, ratio, norms, accesses)?,
         };
         let count = preparations(evaluations(overlap_error * probability.sqrt()));
@@ -451,38 +449,18 @@ impl Task<'_> {
         let world = &self.world.group();
         let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
         let ranking = Ranking::new(choices(&system));
-        let Some(choice) = ranking.first() else {
-            let why = ranking.0.first().and_then(|choice| match &choice.recovery {
-                Figure::Unavailable { because } => Some(because.clone()),
-                _ => None,
-            });
-            return Err(Error::Input(format!(
-                "{}: no profile is planned: {}",
-                target.name,
-                why.unwrap_or_default()
-            )));
-        };
-        let case = choice.of(target, bounds);
-        let planned = preparation(&case, bounds, ratio)?;
-        let (series, time) = (&planned.series, case.duration());
-        let points = points(series).next_power_of_two();
-        let state = PlannedState {
-            bounds,
-            series,
-            point: planned.point,
-            state_tolerance: planned.state_tolerance,
-            time,
-            points,
-        };
-        let found = Probabilities::new(&state, norms, &Figure::exact);
-        let probability = found.nearest().all.value().unwrap_or(f64::NAN);
-        let demand = Demand {
-            highest: series.wavenumber(series.modes() - 1),
-            points,
-            period: series.period,
-            tolerance: case.tolerance * found.amplitude(),
-        };
-        Ok((demand, probability))
+        if let Some((choice, demand)) = ranking.first().and_then(|c| Some((c, c.demand?))) {
+            return Ok((demand, choice.nearest().value().unwrap_or(f64::NAN)));
+        }
+        let why = ranking.0.first().and_then(|choice| match &choice.recovery {
+            Figure::Unavailable { because } => Some(because.as_str()),
+            _ => None,
+        });
+        Err(Error::Input(format!(
+            "{}: no profile is planned: {}",
+            target.name,
+            why.unwrap_or_default()
+        )))
     }
 
     /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.

@@ -28,9 +28,9 @@ fn interface(case: &Case) -> String {
     if case.is_galerkin() { String::new() } else { word(&case.interface) }
 }
 
-/// The flux between elements; of degree 0 there is none.
+/// The flux between elements; the upwind scheme of degree 0 has none.
 fn flux(case: &Case) -> String {
-    if case.space.degree() > 0 { case.flux.to_string() } else { String::new() }
+    case.flux_of_elements().map_or(String::new(), |flux| flux.to_string())
 }
 
 /// All choices but elements and degree.

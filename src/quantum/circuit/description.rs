@@ -91,7 +91,7 @@ impl Evolution {
             steps,
             toffoli: steps * controlled.toffoli_a_step(),
             t: steps * controlled.t,
-            rotations: steps * controlled.rotations + steps + 1,
+            rotations: steps * controlled.rotations_a_step() + 1,
             qubits: controlled.qubits,
         }
     }

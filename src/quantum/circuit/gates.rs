@@ -234,6 +234,11 @@ impl Counts {
     pub fn toffoli_a_step(&self) -> usize {
         self.toffoli + 2 * self.block_qubits.saturating_sub(1)
     }
+
+    /// Rotations of a step: with a phase of the sequence, which has one more.
+    pub fn rotations_a_step(&self) -> usize {
+        self.rotations + 1
+    }
 }
 
 /// T gates of a Toffoli gate without measurement.

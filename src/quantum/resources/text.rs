@@ -12,24 +12,28 @@ use std::fmt;
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
-        let all = [
-            ("cheapest", &self.cheapest.costs),
-            ("own", &self.own.costs),
-            ("unitary", &self.unitary.costs),
-        ];
-        let rows = all.iter().flat_map(|(name, costs)| costs.iter().map(move |c| (*name, c)));
+        let unitary = self.unitary.as_ref();
+        let of_unitary = unitary.map(|unitary| ("unitary", &unitary.costs));
+        let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
+        let rows = all
+            .iter()
+            .chain(&of_unitary)
+            .flat_map(|(name, costs)| costs.iter().map(move |c| (*name, c)));
         write!(f, "{}", CostTable(rows.collect()))?;
         for (what, why) in [
             ("no circuit", &self.cheapest.no_circuit),
             ("no circuit of the case's own set-up", &self.own.no_circuit),
-            ("no circuit of the unitary scheme", &self.unitary.no_circuit),
+            ("no circuit of the unitary scheme", &unitary.and_then(|u| u.no_circuit.clone())),
             ("no unitary scheme", &self.not_unitary),
         ] {
             if let Some(why) = why {
                 writeln!(f, "{what}: {why}")?;
             }
         }
-        writeln!(f, "{}\n", self.unitary.caveats)?;
+        if let Some(unitary) = unitary {
+            writeln!(f, "{}", unitary.caveats)?;
+        }
+        writeln!(f)?;
         writeln!(f, "THE CHEAPEST SET-UP ON A QUANTUM COMPUTER\n{}", self.cheapest)?;
         write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)
     }

@@ -52,7 +52,7 @@ pub struct Entry {
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
-    /// Flux between them; none of degree 0.
+    /// Flux between them; none of the upwind scheme of degree 0.
     pub flux: Option<f64>,
     /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,

@@ -57,8 +57,9 @@ impl Scheme {
         Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
-    /// The schemes that are tried for `case`: its own first; other degrees; of degree 0 other
-    /// interfaces where `V` jumps, then slopes where the inflow does not depend on time.
+    /// The schemes that are tried for `case`: its own first; other degrees; of the upwind scheme of
+    /// degree 0 other interfaces where `V` jumps, then slopes where the inflow does not depend on
+    /// time.
     pub fn candidates(case: &Case, jumps: bool) -> Vec<Self> {
         let own = Self { limiter: Limiter::None, ..Self::of(case) };
         let mut schemes = vec![own];
@@ -69,7 +70,7 @@ impl Scheme {
         };
         let elements = Self { interface: Interface::Conservative, ..own };
         (1..=HIGHEST_DEGREE).for_each(|degree| add(Self { degree, ..elements }));
-        if case.reflects() {
+        if !case.has_upwind_cells() {
             add(Self { degree: 0, ..elements });
             return schemes;
         }

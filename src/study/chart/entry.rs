@@ -47,7 +47,7 @@ pub struct Entry {
     pub grid: String,
     /// Degree of the elements.
     pub degree: usize,
-    /// Flux between them; none of degree 0.
+    /// Flux between them; none of the upwind scheme of degree 0.
     pub flux: Option<f64>,
     /// Number of unknowns.
     pub cells: usize,
@@ -131,7 +131,7 @@ impl Entry {
             method: case.method,
             grid: grid_name(&case.space),
             degree: case.space.degree(),
-            flux: (case.space.degree() > 0).then_some(case.flux),
+            flux: case.flux_of_elements(),
             cells: case.space.cells(),
             interface: word(&case.interface),
             integrator: (!modes).then(|| word(&case.integrator)),
@@ -237,7 +237,9 @@ impl Entry {
         parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
-        let flux = self.flux.filter(|flux| *flux != DEFAULT_FLUX);
+        // Of the unitary scheme it is known.
+        let is_unitary = self.profile.as_deref() == Some(UNITARY);
+        let flux = self.flux.filter(|flux| *flux != DEFAULT_FLUX && !is_unitary);
         parts.extend(flux.map(|flux| format!("with flux {flux}")));
         match self.weights {
             Some(_) if self.no_jump => {}

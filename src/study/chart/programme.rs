@@ -4,6 +4,7 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
+use crate::study::advise::scheme::Flux;
 use crate::study::chart::setup::{Modes, Setup};
 use crate::study::grids::Grids;
 use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
@@ -26,8 +27,6 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
 /// growing.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
-/// Fluxes between elements that are tried beside that of the case.
-const FLUXES: [f64; 2] = [1.0, 0.25];
 /// Grids of other degrees have about so many times the unknowns of the case along an axis.
 const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
@@ -182,8 +181,8 @@ impl Programme {
         self.others.iter().flat_map(with).collect()
     }
 
-    /// Elements of all degrees with other fluxes between them: the exponential, and the first
-    /// profile at two tolerances.
+    /// Elements of all degrees with each flux between them that is tried: the exponential, and the
+    /// first profile at two tolerances.
     pub fn other_fluxes(&self) -> Vec<Setting> {
         let grids = self.grids.iter().chain(&self.others).filter(|space| space.degree() > 0);
         let exponential = Setup::classical(Integrator::Exponential, Limiter::None);
@@ -193,7 +192,7 @@ impl Programme {
             let all = grids.clone().flat_map(|grid| on(grid, &setups));
             all.map(move |setting| Setting { flux: Some(flux), ..setting })
         };
-        FLUXES.into_iter().flat_map(with).collect()
+        Flux::ALL.into_iter().map(Flux::alpha).flat_map(with).collect()
     }
 
     /// Classical methods and the first profile on the case's own grid, and the case as given.
@@ -363,7 +362,7 @@ mod tests {
         assert_eq!(shapes[4], (2, vec![22, 6]));
         assert_eq!(shapes[5], (4, vec![14, 4]));
         let fluxes = found.other_fluxes();
-        assert_eq!(fluxes.len(), 2 * 3 * found.others.len());
+        assert_eq!(fluxes.len(), Flux::ALL.len() * 3 * found.others.len());
         assert!(fluxes.iter().all(|s| s.flux == Some(s.apply(&degrees[0], None).flux)));
         let settings = found.other_degrees();
         assert!(settings.iter().all(|s| match s.setup {

@@ -163,7 +163,9 @@ pub fn refused(case: &Case) -> Option<&'static str> {
     let modes = case.method == Method::Schrodingerized;
     let other = case.propagator.method != PropagatorMethod::Chebyshev;
     if case.is_galerkin() && case.limiter != Limiter::None {
-        return Some("slopes are those of cells of degree 0 without partial reflection");
+        return Some(
+            "slopes are those of the upwind scheme of degree 0 without partial reflection",
+        );
     }
     if case.varies() && case.limiter != Limiter::None {
         return Some("slopes take the inflow at time 0, and it depends on t");

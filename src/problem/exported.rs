@@ -1,4 +1,5 @@
-//! `description.json` of an export: whose files lie in a directory, which are not replaced unasked.
+//! `description.json` of an export or of pictures: whose files a directory holds. Those of another
+//! case are not replaced unasked.
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
