@@ -211,8 +211,27 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
     made["potential"] = [{"table": table, "interpolation": "linear"}]
     points = pw.run(made, tmp_path / "potential").open()["potential"]
     assert np.allclose(points, v, atol=1e-12)
-    with pytest.raises(ValueError, match="each with a coordinate"):
-        pw.write_table(xr.DataArray(f.values, dims=("x", "vx")), tmp_path / "none.h5")
+
+
+def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
+    x = np.linspace(0.0, 1.0, 3)
+    f = xr.DataArray(x**2, coords={"x": x})
+    path = tmp_path / "none.h5"
+    with pytest.raises(TypeError, match="an xarray"):
+        pw.write_table(f.values, path)  # type: ignore[arg-type]
+    rows = [
+        (xr.DataArray(f.values, dims=("x",)), path, "each with a coordinate"),
+        (f.rename(x="q"), path, "dimensions"),
+        (xr.DataArray(1.0), path, "dimensions"),
+        (f.where(f > 0), path, "a value is not finite"),
+        (f[::-1], path, "a coordinate does not ascend"),
+        (xr.DataArray(x, coords={"x": [0.0, 0.0, 1.0]}), path, "does not ascend"),
+        (f, tmp_path / "none.csv", "this writes HDF5"),
+    ]
+    for array, place, why in rows:
+        with pytest.raises(ValueError, match=why):
+            pw.write_table(array, place)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_relative_start_holds_from_anywhere(

@@ -6,6 +6,7 @@ use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
+use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
 use crate::run::planning;
@@ -114,7 +115,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
     }
-    let path = std::fs::canonicalize(directory.join("result.h5")).map_err(|e| wrong(&e))?;
+    let path = std::fs::canonicalize(directory.join(RESULT)).map_err(|e| wrong(&e))?;
     let path = path.to_str().ok_or_else(|| wrong(&"its path is no UTF-8 text"))?;
     let is_given = |key: &&str| {
         case.settings.keys().any(|k| k.starts_with(*key)) && !keys.iter().any(|k| k == key)

@@ -9,6 +9,7 @@ use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, Kind, Owner};
+use crate::results::dataset::RESULT;
 use crate::results::pictures;
 use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;
@@ -47,32 +48,38 @@ impl Written {
 /// Where pictures and movies of a run go.
 pub(super) struct Place {
     pub directory: PathBuf,
-    /// Whose they are; nobody's in the directory of the run.
+    /// The directory of the run.
+    of_run: PathBuf,
+    /// Whose they are; nobody's among the results of the run.
     owner: Option<Owner>,
 }
 
 impl Place {
     /// Into `output`, by default among the results of the run.
     pub fn new(run: &Stored, output: Option<&Path>) -> Self {
-        let own = run.directory.join(pictures::FOLDER);
-        match output.filter(|output| **output != own) {
-            None => Self { directory: own, owner: None },
-            Some(output) => {
-                let settings = run.case.as_ref().map(|case| case.settings.clone());
-                // A case that this program does not read is known by its text.
-                let settings =
-                    settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
-                let owner = Some(Owner { export: Kind::Pictures, settings });
-                Self { directory: output.to_owned(), owner }
-            }
+        let of_run = run.directory.clone();
+        let own = of_run.join(pictures::FOLDER);
+        let Some(output) = output else {
+            return Self { directory: own, of_run, owner: None };
+        };
+        let directory = output.to_owned();
+        if is_same(output, &own) || is_same(output, &of_run) {
+            return Self { directory, of_run, owner: None };
         }
+        let settings = run.case.as_ref().map(|case| case.settings.clone());
+        // A case that this program does not read is known by its text.
+        let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
+        let owner = Some(Owner { export: Kind::Pictures, settings });
+        Self { directory, of_run, owner }
     }
 
-    /// Refuses to replace files of another case, and those of `names` that phasewarp did not write.
+    /// Refuses to replace files of another case, and those of `names` that phasewarp did not write,
+    /// and to write among the results of another run.
     ///
     /// # Errors
     /// [`Error::Directory`].
     pub fn refuse_to_replace(&self, names: &[String]) -> Result<()> {
+        refuse_among_other_results(&self.of_run, &self.directory)?;
         (self.owner.as_ref())
             .map_or(Ok(()), |owner| owner.refuse_to_replace(&self.directory, names))
     }
@@ -84,6 +91,34 @@ impl Place {
     pub fn claim(&self) -> Result<()> {
         self.owner.as_ref().map_or(Ok(()), |owner| exported::write(&self.directory, owner))
     }
+}
+
+/// Whether both are one directory, which need not be there if the one above it is.
+fn is_same(one: &Path, other: &Path) -> bool {
+    let resolved = |path: &Path| {
+        let path = std::path::absolute(path).ok()?;
+        let above = || Some(std::fs::canonicalize(path.parent()?).ok()?.join(path.file_name()?));
+        std::fs::canonicalize(&path).ok().or_else(above)
+    };
+    resolved(one).is_some_and(|one| resolved(other).is_some_and(|other| one == other))
+}
+
+/// Refuses to write into `directory`, or into its folder of pictures, where it holds the results of
+/// another run than that in `of_run`.
+///
+/// # Errors
+/// [`Error::Directory`].
+fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
+    let above = directory.file_name().filter(|name| *name == pictures::FOLDER);
+    let results = above.and_then(|_| directory.parent()).unwrap_or(directory);
+    if !results.join(RESULT).exists() || is_same(results, of_run) {
+        return Ok(());
+    }
+    let reason = format!(
+        "it holds the {RESULT} of another run; --force writes there nevertheless, -o gives another \
+         directory"
+    );
+    Err(Error::Directory { path: results.to_owned(), reason })
 }
 
 /// Draws a run; the first rank reads and writes. Collective.
@@ -148,6 +183,7 @@ fn write_report(
     };
     let directory = args.output.as_ref().unwrap_or(&args.directory);
     if !args.force {
+        refuse_among_other_results(&page.run.directory, directory)?;
         page.refuse_to_replace(directory)?;
     }
     let page = page.html()?;

@@ -8,6 +8,9 @@ use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+/// The name of the file of a run's datasets.
+pub const RESULT: &str = "result.h5";
+
 /// The exact solution on a rank's share.
 pub enum ExactSolution {
     /// `f` at cell centres.

@@ -6,6 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
+use crate::results::dataset::RESULT;
 use crate::results::file_checksums;
 use crate::results::grids;
 use crate::results::pictures;
@@ -37,13 +38,13 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     if world.max_count(usize::from(same)) == 0 {
         return Ok(false);
     }
-    for name in ["result.h5"].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
+    for name in [RESULT].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
         untrusted::check(world, &directory.join(name))?;
     }
     // Files that the run would write, and no others that lie there.
     let listed = file_checksums::check(world, directory)?;
     let written = |name: &&str| case_writes(case, name);
-    let texts = ["result.h5", xdmf::NAME, "readout.csv"].into_iter().filter(written);
+    let texts = [RESULT, xdmf::NAME, "readout.csv"].into_iter().filter(written);
     let mut names = texts.map(str::to_owned).chain(grids::names_of(case));
     match names.find(|name| !listed.contains_key(name)) {
         Some(name) => Err(file_checksums::not_listed(directory, &name)),
@@ -55,7 +56,7 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
 fn case_writes(case: &Case, name: &str) -> bool {
     match name {
         xdmf::NAME => case.storage.xdmf,
-        "result.h5" => true,
+        RESULT => true,
         _ => case.readout.is_some(),
     }
 }
@@ -63,7 +64,7 @@ fn case_writes(case: &Case, name: &str) -> bool {
 /// Whether all files are there, the summary last, and no checkpoint is left to continue from.
 fn is_whole(directory: &Path, case: &Case) -> bool {
     let written = |name: &str| modified(&directory.join(name));
-    let (Some(result), Some(summary)) = (written("result.h5"), written("summary.json")) else {
+    let (Some(result), Some(summary)) = (written(RESULT), written("summary.json")) else {
         return false;
     };
     let given = [
@@ -86,7 +87,7 @@ fn modified(path: &Path) -> Option<SystemTime> {
 
 /// How what `result.h5` is the result of differs from `case` and this program, if it does.
 fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
-    let path = directory.join("result.h5");
+    let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
     let file = File::open(path)?;
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
@@ -121,7 +122,7 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";
-    if there(&"result.h5") {
+    if there(&RESULT) {
         let goes_on = resume && directory.join("checkpoint").is_dir();
         return match difference(directory, case) {
             Ok(_) if goes_on => None,

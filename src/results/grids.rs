@@ -15,6 +15,7 @@
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::problem::case::{Case, deflate_available};
+use crate::results::dataset::RESULT;
 use crate::results::views::{Grid, Step, View};
 use crate::results::writer::Outcome;
 use crate::results::xdmf::item;
@@ -81,7 +82,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     let path = directory.join(HEAVY);
     let partial = disk::partial(&path);
     disk::clear(&partial).map_err(|e| failure(&partial, &e))?;
-    let written = heavy(&partial, &directory.join("result.h5"), steps);
+    let written = heavy(&partial, &directory.join(RESULT), steps);
     if written.is_err() {
         let _ = std::fs::remove_file(&partial);
     }
@@ -246,7 +247,7 @@ fn values(group: &Group, result: &File, view: &View, cells: usize) -> Outcome<()
     let to: Vec<Range<usize>> = shape.iter().map(|n| 0..*n).collect();
     group
         .new_dataset::<f64>()
-        .virtual_map("result.h5", &view.dataset, &there, selection(&from), &shape, selection(&to))
+        .virtual_map(RESULT, &view.dataset, &there, selection(&from), &shape, selection(&to))
         .shape(&shape)
         .create(view.name.as_str())?;
     Ok(())

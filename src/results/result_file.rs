@@ -33,7 +33,7 @@ use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
 use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::numbers as readout_numbers;
-use crate::results::dataset::{About, PlateauPoint, Results};
+use crate::results::dataset::{About, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
 use crate::results::views::Step;
@@ -47,7 +47,7 @@ use std::path::Path;
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
-    let path = directory.join("result.h5");
+    let path = directory.join(RESULT);
     world.on_first_rank(|| enough_room(directory, results.case))?;
     put_in_place(world, &path, |partial| {
         let steps = write_all(world, partial, results)?;

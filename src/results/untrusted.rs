@@ -13,6 +13,7 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
+use crate::results::dataset::RESULT;
 use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
 use crate::results::readback::{Share, Sums, compare, datasets, differs, numbers, sound, sums_of};
@@ -166,7 +167,7 @@ fn progress(bytes: u64) {
 fn inspect_here(path: &Path, inspection: Inspection) -> Found {
     let said = |e: hdf5::Error| e.to_string();
     let file = match inspection {
-        Inspection::Directory => path.join("result.h5"),
+        Inspection::Directory => path.join(RESULT),
         _ => path.to_owned(),
     };
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
@@ -269,7 +270,7 @@ fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>
 /// [`Error::Input`] where there is none, or none that can be read; [`Error::Output`] where one is
 /// damaged.
 pub fn open(directory: &Path) -> Result<Stored> {
-    let path = directory.join("result.h5");
+    let path = directory.join(RESULT);
     let wrong = |why: &dyn std::fmt::Display| {
         Error::Input(format!(
             "{}: {why}; a directory that `phasewarp run` wrote is expected",
@@ -297,7 +298,7 @@ pub fn open(directory: &Path) -> Result<Stored> {
 /// [`Error::Output`], naming the first dataset or file that is not as written; [`Error::Input`]
 /// where there is no `result.h5`.
 pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
-    let path = directory.join("result.h5");
+    let path = directory.join(RESULT);
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
     world.agree(match std::fs::metadata(&path) {
         Ok(found) if found.is_file() => Ok(()),
@@ -314,7 +315,7 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
         names.sort_unstable();
     }
     let names = world.broadcast_text(&names.join("\n"));
-    let files = ["result.h5"].into_iter().chain(names.lines()).map(|name| directory.join(name));
+    let files = [RESULT].into_iter().chain(names.lines()).map(|name| directory.join(name));
     let checked = files.map(|path| check(world, &path).map(|datasets| (path, datasets)));
     let checked: Vec<_> = checked.collect::<Result<_>>()?;
     file_checksums::check(world, directory)?;

@@ -147,6 +147,21 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
         }
         job.with(["--force"]).on(2).succeed().map(|_| ())
     });
+    // Nothing is drawn among the results of another run; among its own it is.
+    let drawn = [job(&["plot", &result]), job(&["report", &result]), movie(timed.path())];
+    for job in drawn {
+        for there in [other.path().to_owned(), other.path().join("plots")] {
+            let before = contents(other.path());
+            let refused = job.clone().into(&there);
+            let says = ["it holds the result.h5 of another run", "--force", "-o"];
+            refused.is_refused(&says).expect("a refusal");
+            assert_eq!(contents(other.path()), before, "the directory was changed");
+        }
+    }
+    for place in [path.join("plots"), path.join("./plots/../plots"), path.to_owned()] {
+        job(&["plot", &result]).into(&place).succeed().expect("pictures");
+        assert!(!place.join("description.json").exists(), "{}", place.display());
+    }
     // One export beside the other is refused as well.
     let place = directory();
     let [matrix, quantum] = exports.map(|job| job.into(place.path()));

@@ -7,6 +7,7 @@ use crate::parallel::files::read_slab;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
+use crate::results::dataset::RESULT;
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::summary;
@@ -85,7 +86,7 @@ impl Stored {
     /// # Errors
     /// What is wrong with the file.
     pub(crate) fn read(directory: &Path) -> Read<Self> {
-        let file = File::open(directory.join("result.h5")).map_err(|e| e.to_string())?;
+        let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
         Self::of(directory, file)
     }
 
