@@ -320,6 +320,18 @@ impl Plan {
 
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write_scene(f)?;
+        match &self.warp {
+            Some(warp) => self.write_modes(f, warp)?,
+            None => self.write_classical(f)?,
+        }
+        self.write_ranks(f)
+    }
+}
+
+impl Plan {
+    /// The grid and what is on it.
+    fn write_scene(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
         writeln!(f, "grid            {} = {}", shape.join(" x "), self.grid_size())?;
         for line in &self.reductions {
@@ -335,59 +347,70 @@ impl fmt::Display for Plan {
         if b.stages > 0 {
             writeln!(f, "time            {} steps of two exponentials", b.stages / 2)?;
         }
-        if let Some(w) = &self.warp {
-            writeln!(
-                f,
-                "spectrum of S   [-{}, {}] guaranteed, time {}",
-                short(b.decay),
-                short(rounded(b.growth, b.decay)),
-                short(self.time)
-            )?;
-            writeln!(f, "tolerance       {:e} (state {:.2e})", self.tolerance, w.state_tolerance)?;
-            let file = || "that of initial.warped".to_owned();
-            let profile = w.profile.as_ref().map_or_else(file, Profile::to_string);
-            writeln!(
-                f,
-                "profile         {}: period {}, cut-off {}, read at {}",
-                profile,
-                short(w.series.period),
-                short(w.series.wavenumber(w.series.modes() - 1)),
-                short(rounded(w.readings[0].point, 1.0))
-            )?;
-            writeln!(
-                f,
-                "modes           {} ({}) in {} of at most {LANES}",
-                w.modes,
-                if w.modes > w.series.modes() { "l of both signs" } else { "l >= 0" },
-                counted(self.layout.groups.iter().map(Vec::len).sum(), "batch", "batches")
-            )?;
-            if let Some(points) = w.points {
-                writeln!(f, "kept            all of them: w(T, x, v, p) at {points} points in p")?;
-            }
-            writeln!(f, "propagator      {}", self.propagator_text(w))?;
-            let passed: usize = w.legs.iter().map(|leg| leg.passed.len()).sum();
-            if passed > 0 {
-                writeln!(f, "moments         at {passed} times from series that go past them")?;
-            }
-            match w.solves {
-                0 => writeln!(f, "applications    {}", w.applications)?,
-                solves => writeln!(f, "solves          {solves}")?,
-            }
-            for warning in &w.warnings {
-                writeln!(f, "warning         {warning}")?;
-            }
-        } else {
-            writeln!(
-                f,
-                "method          classical, {} steps{}",
-                self.classical_steps,
-                match self.limiter {
-                    Limiter::None => "",
-                    Limiter::Minmod => ", minmod slopes",
-                    Limiter::VanLeer => ", van Leer slopes",
-                }
-            )?;
+        Ok(())
+    }
+
+    /// The modes, what they come from and what they take.
+    fn write_modes(&self, f: &mut fmt::Formatter<'_>, w: &WarpPlan) -> fmt::Result {
+        writeln!(
+            f,
+            "spectrum of S   [-{}, {}] guaranteed, time {}",
+            short(self.bounds.decay),
+            short(rounded(self.bounds.growth, self.bounds.decay)),
+            short(self.time)
+        )?;
+        writeln!(f, "tolerance       {:e} (state {:.2e})", self.tolerance, w.state_tolerance)?;
+        let file = || "that of initial.warped".to_owned();
+        let profile = w.profile.as_ref().map_or_else(file, Profile::to_string);
+        writeln!(
+            f,
+            "profile         {}: period {}, cut-off {}, read at {}",
+            profile,
+            short(w.series.period),
+            short(w.series.wavenumber(w.series.modes() - 1)),
+            short(rounded(w.readings[0].point, 1.0))
+        )?;
+        writeln!(
+            f,
+            "modes           {} ({}) in {} of at most {LANES}",
+            w.modes,
+            if w.modes > w.series.modes() { "l of both signs" } else { "l >= 0" },
+            counted(self.layout.groups.iter().map(Vec::len).sum(), "batch", "batches")
+        )?;
+        if let Some(points) = w.points {
+            writeln!(f, "kept            all of them: w(T, x, v, p) at {points} points in p")?;
         }
+        writeln!(f, "propagator      {}", self.propagator_text(w))?;
+        let passed: usize = w.legs.iter().map(|leg| leg.passed.len()).sum();
+        if passed > 0 {
+            writeln!(f, "moments         at {passed} times from series that go past them")?;
+        }
+        match w.solves {
+            0 => writeln!(f, "applications    {}", w.applications)?,
+            solves => writeln!(f, "solves          {solves}")?,
+        }
+        for warning in &w.warnings {
+            writeln!(f, "warning         {warning}")?;
+        }
+        Ok(())
+    }
+
+    /// The steps of the classical method.
+    fn write_classical(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "method          classical, {} steps{}",
+            self.classical_steps,
+            match self.limiter {
+                Limiter::None => "",
+                Limiter::Minmod => ", minmod slopes",
+                Limiter::VanLeer => ", van Leer slopes",
+            }
+        )
+    }
+
+    /// How the work is divided, and the memory it takes.
+    fn write_ranks(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let l = &self.layout;
         let blocks: Vec<String> = l.mesh.space.iter().map(usize::to_string).collect();
         writeln!(
