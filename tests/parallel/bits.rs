@@ -35,12 +35,13 @@ impl Bits {
     }
 
     /// Counts a quantity as passed that had one fingerprint every time, and one that no other
-    /// quantity has: equal fingerprints everywhere would mean that the comparison sees nothing.
-    pub fn compare(&self, all: bool, tally: &mut Tally) {
+    /// quantity has: equal fingerprints everywhere would mean that the comparison sees nothing. Each
+    /// must have been seen at `least` so many times.
+    pub fn compare(&self, least: usize, all: bool, tally: &mut Tally) {
         let mut others: BTreeSet<&String> = BTreeSet::new();
         for (name, (hashes, times)) in &self.0 {
             let own = hashes.iter().all(|hash| !others.contains(hash));
-            let passed = hashes.len() == 1 && *times >= 4 && own;
+            let passed = hashes.len() == 1 && *times >= least && own;
             let reason = format!("{} different in {times}; its own: {own}", hashes.len());
             tally.count(&format!("bits of {name}"), passed, &reason);
             others.extend(hashes);
