@@ -1,6 +1,10 @@
 //! Words and numbers as they are printed.
 
+use serde::Serialize;
+use serde_json::Value;
+use serde_json::ser::{Formatter, Serializer};
 use std::borrow::Cow;
+use std::io::{self, Write};
 use textwrap::core::{Word, display_width};
 use textwrap::{Options, WordSeparator, WordSplitter, WrapAlgorithm, wrap};
 
@@ -12,12 +16,12 @@ const MOST_HANG: usize = 40;
 const COMMANDS: [&str; 4] = ["phasewarp", "mpirun", "srun", "sbatch"];
 
 /// A choice as the case file writes it, its parameters behind it.
-pub(crate) fn word(choice: &impl serde::Serialize) -> String {
-    fn text(value: &serde_json::Value) -> Option<String> {
+pub(crate) fn word(choice: &impl Serialize) -> String {
+    fn text(value: &Value) -> Option<String> {
         match value {
-            serde_json::Value::Null => None,
-            serde_json::Value::String(text) => Some(text.clone()),
-            serde_json::Value::Object(map) => {
+            Value::Null => None,
+            Value::String(text) => Some(text.clone()),
+            Value::Object(map) => {
                 let names = |key: &str| ["kind", "method", "given"].contains(&key);
                 let first = map.iter().find(|(key, _)| names(key.as_str()));
                 let mut parts: Vec<String> = first.and_then(|(_, v)| text(v)).into_iter().collect();
@@ -233,9 +237,42 @@ pub fn on_one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// A value as people write it: text without quotes, all else as JSON.
+pub fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => compact(other),
+    }
+}
+
+/// JSON without blanks, numbers as Python writes them.
+pub fn compact(value: &Value) -> String {
+    let mut bytes = Vec::new();
+    // Writing into memory does not fail.
+    let _ = value.serialize(&mut Serializer::with_formatter(&mut bytes, Python));
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+struct Python;
+
+impl Formatter for Python {
+    /// `1e-05` and `1e+16`, where Rust writes `1e-5` and `1e16`; the digits are the same.
+    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
+        let text = format!("{value:?}");
+        match text.split_once('e') {
+            None => writer.write_all(text.as_bytes()),
+            Some((digits, exponent)) => match exponent.strip_prefix('-') {
+                Some(exponent) => write!(writer, "{digits}e-{exponent:0>2}"),
+                None => write!(writer, "{digits}e+{exponent:0>2}"),
+            },
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     #[test]
     fn nothing_in_a_text_is_obeyed() {
@@ -341,5 +378,12 @@ mod tests {
         }
         assert_eq!(csv_records("x,y\n1,"), [["x", "y"], ["1", ""]]);
         assert!(csv_records("").is_empty());
+    }
+
+    #[test]
+    fn numbers_are_those_of_python() {
+        let numbers = json!([0.0, 1.0, 0.1, 1e-4, 1e-5, -2.5e-7, 1e15, 1e16, 1.5e300, 3, true]);
+        let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
+        assert_eq!(compact(&numbers), text);
     }
 }

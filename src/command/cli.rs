@@ -441,7 +441,8 @@ pub struct ResourcesArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// As a table, as JSON, as Azure's LogicalCounts, as a program of QREF v1
+    /// As text, as JSON, the table of costs as CSV or in LaTeX, as Azure's LogicalCounts, as a
+    /// program of QREF v1
     #[arg(long, value_enum, default_value = "text")]
     pub format: RecordFormat,
     /// Instead: which profile, recovery point, delta and access to H take the fewest Toffoli gates
@@ -515,10 +516,14 @@ pub enum Mode {
 /// How resources are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RecordFormat {
-    /// A table.
+    /// For people.
     Text,
     /// All that is known.
     Json,
+    /// The table of costs, with all digits.
+    Csv,
+    /// The table of costs, a `tabular`.
+    Latex,
     /// `LogicalCounts` of Azure's resource estimator.
     Azure,
     /// QREF v1.

@@ -1,9 +1,10 @@
 //! `phasewarp resources`: what the case takes on a quantum computer.
 
 use crate::base::error::{Error, Result};
+use crate::base::table::{Values, csv, tabular};
 use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
-use crate::command::printing::{print, print_as, print_json};
+use crate::command::printing::{print, print_json, print_unwrapped};
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
@@ -16,6 +17,12 @@ use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::end_to_end::EndToEnd;
+use serde::Serialize;
+use std::fmt::Display;
+
+/// First line of a table in LaTeX.
+const TEX_HEAD: &str =
+    "% Written by phasewarp resources. x exact, g exact (emitted gates), b upper bound, m model";
 
 /// Counts for the cheapest set-up and the case's own, or ranks choices; prints what was found.
 /// Collective.
@@ -28,29 +35,48 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let one = matches!(args.format, RecordFormat::Azure | RecordFormat::Qref);
     if one && (args.optimise || args.accuracy.is_some()) {
         return Err(Error::Input(format!(
-            "{many} compares many choices: --format text and json show them, azure and qref hold \
-             one"
+            "{many} compares many choices: --format text, json, csv and latex show them, azure and \
+             qref hold one"
         )));
     }
     if let Some(accuracy) = args.accuracy {
         has_counts(&case)?;
         let found = EndToEnd::new(world, &case, accuracy)?;
-        print_as(world, &found, args.format == RecordFormat::Json);
+        show(world, args.format, &found, EndToEnd::columns);
         return Ok(());
     }
     if args.optimise {
         has_counts(&case)?;
-        print_as(world, &optimise(world, &case)?, args.format == RecordFormat::Json);
+        show(world, args.format, &optimise(world, &case)?, Ranking::columns);
         return Ok(());
     }
     let found = compare(world, &case)?;
     match args.format {
-        RecordFormat::Text => print(world, &found.to_string()),
-        RecordFormat::Json => print_json(world, &found),
         RecordFormat::Azure => print_json(world, &found.cheapest.logical_counts()),
         RecordFormat::Qref => print_json(world, &found.cheapest.qref()),
+        format => show(world, format, &found, |found| found.costs().columns()),
     }
     Ok(())
+}
+
+/// Prints what was found, or the table of it.
+fn show<T: Serialize + Display>(
+    world: &World,
+    format: RecordFormat,
+    found: &T,
+    columns: impl Fn(&T) -> Vec<Values>,
+) {
+    match format {
+        RecordFormat::Csv => print_unwrapped(world, &csv(&columns(found))),
+        RecordFormat::Latex => {
+            let table = tabular(&columns(found), |_| String::new());
+            print_unwrapped(world, &format!("{TEX_HEAD}\n{table}"));
+        }
+        RecordFormat::Json => print_json(world, found),
+        RecordFormat::Text | RecordFormat::Azure | RecordFormat::Qref => {
+            print(world, &found.to_string());
+        }
+    }
 }
 
 /// The counts of the cheapest set-up and of the case's own. Collective.

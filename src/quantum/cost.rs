@@ -13,6 +13,7 @@
 //!
 //! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
 
+use crate::base::table::Values;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::circuit::gates::Counts;
@@ -231,6 +232,28 @@ impl Accesses {
 
 /// A table of costs, each by its name.
 pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
+
+impl CostTable<'_> {
+    /// Its columns, a row a cost.
+    pub fn columns(&self) -> Vec<Values> {
+        let figures = |name: &str, figure: fn(&Cost) -> &Figure| {
+            Figure::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
+        };
+        vec![
+            Values::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
+            Values::new("access", self.0.iter().map(|(_, cost)| cost.access.to_string().into())),
+            figures("alpha", |cost| &cost.alpha),
+            figures("steps", |cost| &cost.steps),
+            figures("toffoli_a_step", |cost| &cost.toffoli_a_step),
+            figures("toffoli", |cost| &cost.toffoli),
+            figures("t", |cost| &cost.t),
+            figures("rotations", |cost| &cost.rotations),
+            figures("qubits", |cost| &cost.qubits),
+            figures("until_measured_repeated", |cost| &cost.until_measured[0]),
+            figures("until_measured_amplified", |cost| &cost.until_measured[1]),
+        ]
+    }
+}
 
 impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,6 +1,7 @@
 //! A number of the quantum side with its trust: exact, of emitted gates, an upper bound, an
 //! estimate, of a model, or unavailable.
 
+use crate::base::table::{Label, Values};
 use crate::base::text::short;
 use serde::Serialize;
 use std::fmt;
@@ -112,20 +113,37 @@ impl Figure {
         }
     }
 
+    /// The label and its letter in tables.
+    fn label(&self) -> Label {
+        let (word, mark) = match self {
+            Self::Exact { .. } => ("exact", 'x'),
+            Self::Emitted { .. } => ("emitted", 'g'),
+            Self::UpperBound { .. } => ("upper-bound", 'b'),
+            Self::Estimate { .. } => ("estimate", 'm'),
+            Self::Model { .. } => ("model", 'm'),
+            Self::Unavailable { .. } => ("unavailable", ' '),
+        };
+        Label { word, mark }
+    }
+
     /// The number to three digits with a letter for its label, of tables.
     pub fn marked(&self) -> String {
-        let mark = match self {
-            Self::Exact { .. } => 'x',
-            Self::Emitted { .. } => 'g',
-            Self::UpperBound { .. } => 'b',
-            Self::Estimate { .. } | Self::Model { .. } => 'm',
-            Self::Unavailable { .. } => return "-".to_owned(),
-        };
         let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e6 {
             true => format!("{x}"),
             false => format!("{x:.3e}"),
         };
-        format!("{} {mark}", self.value().map_or(String::new(), number))
+        let Some(value) = self.value() else { return "-".to_owned() };
+        format!("{} {}", number(value), self.label().mark)
+    }
+
+    /// Figures as a column of a table, with their labels.
+    pub fn column<'a>(name: &str, figures: impl Iterator<Item = &'a Self>) -> Values {
+        let mut column = Values::new(name, []);
+        for figure in figures {
+            column.cells.push(figure.value().into());
+            column.labels.push(figure.label());
+        }
+        column
     }
 
     /// The number, if there is one.

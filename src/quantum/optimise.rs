@@ -14,6 +14,7 @@
 //! table as large as phase space no query could compute ([`scheme_of`]).
 
 use crate::base::error::{Error, Result};
+use crate::base::table::Values;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{
@@ -457,6 +458,44 @@ impl Ranking {
     }
 }
 
+impl Ranking {
+    /// Its columns, a row a choice.
+    pub fn columns(&self) -> Vec<Values> {
+        let words = |name: &str, word: fn(&Choice) -> Option<String>| {
+            Values::new(name, self.0.iter().map(|choice| word(choice).into()))
+        };
+        let figures = |name: &str, figure: fn(&Choice) -> &Figure| {
+            Figure::column(name, self.0.iter().map(figure))
+        };
+        let why = |choice: &Choice| match &choice.recovery {
+            Figure::Unavailable { because } => Some(because.clone()),
+            _ => None,
+        };
+        let columns = [
+            words("profile", |choice| Some(parameters(&choice.profile))),
+            words("delta", |choice| choice.delta.map(delta_text)),
+            figures("recovery", |choice| &choice.recovery),
+            figures("points", |choice| &choice.points),
+            words("access", |choice| choice.access.map(|access| access.to_string())),
+            figures("walk_steps", |choice| &choice.walk_steps),
+            figures("probability", Choice::nearest),
+            figures("until_measured_repeated", |choice| &choice.cost[0]),
+            figures("until_measured_amplified", |choice| &choice.cost[1]),
+            words("unavailable_because", why),
+        ];
+        columns.into_iter().filter(|column| !column.is_empty()).collect()
+    }
+}
+
+/// A `δ` in a table.
+fn delta_text(delta: Delta) -> String {
+    match delta {
+        Delta::Planned => "planned".to_owned(),
+        Delta::Largest => "max".to_owned(),
+        Delta::Given(delta) => format!("{delta:.2e}"),
+    }
+}
+
 impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
@@ -467,12 +506,7 @@ impl fmt::Display for Ranking {
         let number =
             |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
-            let delta = match choice.delta {
-                None => "-".to_owned(),
-                Some(Delta::Planned) => "planned".to_owned(),
-                Some(Delta::Largest) => "max".to_owned(),
-                Some(Delta::Given(delta)) => format!("{delta:.2e}"),
-            };
+            let delta = choice.delta.map_or("-".to_owned(), delta_text);
             let profile = parameters(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
                 writeln!(f, "{profile:<25}{delta:>8}   unavailable: {because}")?;

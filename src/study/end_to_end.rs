@@ -20,6 +20,7 @@
 //! with a reversible trace, compute and uncompute, in each evaluation (a model).
 
 use crate::base::error::{Error, Result};
+use crate::base::table::Values;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
@@ -41,6 +42,7 @@ use crate::study::trial::{final_fields_only, trial};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::Serialize;
+use serde_json::Value;
 use std::fmt;
 use std::time::Instant;
 
@@ -530,10 +532,43 @@ fn verdict(quantum: &[Way], classical: &[Baseline]) -> Vec<String> {
     lines
 }
 
+/// Elements along each axis, in words.
+fn grid_text(shape: &[usize]) -> String {
+    shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
+}
+
+impl EndToEnd {
+    /// The columns of a table: a row a way with a quantum computer, then one a classical method.
+    pub fn columns(&self) -> Vec<Values> {
+        let none = Figure::unavailable("");
+        let quantum = |name: &str, figure: fn(&Way) -> &Figure| {
+            let without = self.classical.iter().map(|_| &none);
+            Figure::column(name, self.quantum.iter().map(figure).chain(without))
+        };
+        let words = |name: &str, word: fn(&Way) -> Value, other: fn(&Baseline) -> Value| {
+            Values::new(name, self.quantum.iter().map(word).chain(self.classical.iter().map(other)))
+        };
+        let seconds = self.quantum.iter().map(|_| &none);
+        let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));
+        vec![
+            words("way", |way| way.name.into(), |method| method.name.into()),
+            words(
+                "grid",
+                |way| way.grids.last().map(|grid| grid_text(grid)).into(),
+                |_| Value::Null,
+            ),
+            words("order", |way| way.order.into(), |_| Value::Null),
+            quantum("probability", |way| &way.probability),
+            quantum("evolutions", |way| &way.evolutions),
+            quantum("toffoli", |way| &way.toffoli),
+            words("cells_or_traces", |_| Value::Null, |method| method.size.into()),
+            Figure::column("seconds", seconds),
+        ]
+    }
+}
+
 impl fmt::Display for EndToEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let list =
-            |shape: &[usize]| shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ");
         writeln!(
             f,
             "{}: the density at {:?}, {:.4e}, to {:e} of it\n",
@@ -542,10 +577,14 @@ impl fmt::Display for EndToEnd {
         for way in &self.quantum {
             writeln!(f, "{}", way.name.to_uppercase())?;
             for (grid, error) in way.grids.iter().zip(&way.errors) {
-                writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", list(grid))?;
+                writeln!(
+                    f,
+                    "  {:<24}relative L1 error of the density {error:.3e}",
+                    grid_text(grid)
+                )?;
             }
             if let (Some(order), Some(grid)) = (way.order, way.grids.last()) {
-                writeln!(f, "  {:<24}needed, by the order {order:.2}", list(grid))?;
+                writeln!(f, "  {:<24}needed, by the order {order:.2}", grid_text(grid))?;
             }
             for (name, figure) in [
                 ("probability", &way.probability),

@@ -1,6 +1,7 @@
 //! `phasewarp resources` and the probabilities of a run: counts, and measurements of the whole
 //! warped field.
 
+use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
 use crate::support::{Job, case, check_all, datasets_of, directory, field, require, run};
@@ -179,6 +180,36 @@ fn counts_are_those_of_the_emitted_circuit() {
     }
 }
 
+/// The table of costs as CSV has the numbers of the JSON with all digits and their labels; in LaTeX
+/// it has as many rows.
+#[test]
+fn tables_of_costs_have_the_numbers_of_the_json() {
+    let read = |more: &[&str], format: &str| {
+        let job = Job::new(["resources", &case("example1.toml"), "--format", format]);
+        job.set(&["axis.0.x.cells=16", "axis.0.v.cells=16"]).with(more.iter().copied()).succeed()
+    };
+    let record = read(&[], "json").unwrap().json().unwrap();
+    let costs = |set_up: &Value| set_up["costs"].as_array().cloned().unwrap_or_default();
+    let all: Vec<Value> =
+        [&record, &record["own"], &record["unitary"]].into_iter().flat_map(costs).collect();
+    let lines = csv_records(&read(&[], "csv").unwrap().printed);
+    assert!(all.len() >= 4 && lines.len() == all.len() + 1, "{lines:?}");
+    let column = |name: &str| lines[0].iter().position(|n| n == name).expect("a column");
+    for (line, cost) in lines[1..].iter().zip(&all) {
+        for name in ["alpha", "steps", "toffoli", "t", "rotations", "qubits"] {
+            assert_eq!(line[column(name)].parse().ok(), cost[name]["value"].as_f64(), "{name}");
+            assert_eq!(line[column(&format!("{name}_label"))], cost[name]["label"], "{name}");
+        }
+    }
+    let table = read(&[], "latex").unwrap().printed;
+    let rows = table.lines().filter(|line| line.ends_with("\\\\")).count();
+    assert_eq!(rows, lines.len(), "{table}");
+    let choices = read(&["--optimise"], "json").unwrap().json().unwrap();
+    let lines = csv_records(&read(&["--optimise"], "csv").unwrap().printed);
+    assert_eq!(lines.len(), choices.as_array().map_or(0, Vec::len) + 1);
+    read(&["--optimise"], "azure").unwrap_err();
+}
+
 /// A density from end to end: orders as documented, numbers that follow from one another, and a
 /// density that quadrature over characteristics finds.
 #[test]
@@ -221,6 +252,12 @@ fn a_density_from_end_to_end() {
     assert!(density > 0.02 && density < 0.3, "{density}");
     let verdict = found["verdict"].as_array().unwrap();
     assert!(verdict.iter().any(|line| line.as_str().unwrap_or_default().contains("does not win")));
+    let baselines = found["classical"].as_array().unwrap();
+    let table = Job::new(["resources", &case("smooth-beams.toml"), "--accuracy", "0.05"]);
+    let table = table.set(&settings).with(["--format", "csv"]).succeed().unwrap();
+    let lines = csv_records(&table.printed);
+    let names = ways.iter().chain(baselines).map(|way| way["name"].as_str().unwrap());
+    assert!(lines[1..].iter().map(|line| line[0].as_str()).eq(names), "{lines:?}");
     let job = |name: &str| Job::new(["resources", &case(name), "--accuracy", "0.1"]);
     job("example2.toml").is_refused(&["is not linear"]).unwrap();
     job("example1.toml").with(["--format", "qref"]).is_refused(&["--accuracy", "qref"]).unwrap();

@@ -9,17 +9,22 @@ use crate::quantum::resources::{Comparison, Record};
 use crate::quantum::sparsity::{Count, Sparsity};
 use std::fmt;
 
+impl Comparison {
+    /// The costs of all set-ups.
+    pub fn costs(&self) -> CostTable<'_> {
+        let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.costs));
+        let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
+        let rows = (all.iter().chain(&of_unitary))
+            .flat_map(|(name, costs)| costs.iter().map(move |cost| (*name, cost)));
+        CostTable(rows.collect())
+    }
+}
+
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
-        let of_unitary = unitary.map(|unitary| ("unitary", &unitary.costs));
-        let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
-        let rows = all
-            .iter()
-            .chain(&of_unitary)
-            .flat_map(|(name, costs)| costs.iter().map(move |c| (*name, c)));
-        write!(f, "{}", CostTable(rows.collect()))?;
+        write!(f, "{}", self.costs())?;
         for (what, why) in [
             ("no circuit", &self.cheapest.no_circuit),
             ("no circuit of the case's own set-up", &self.own.no_circuit),

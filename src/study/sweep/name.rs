@@ -4,10 +4,8 @@
 //! point numbers as Python writes them. `python/src/phasewarp/sweep.py` has it once more.
 
 use crate::base::checksum;
-use serde::Serialize;
-use serde_json::ser::{Formatter, Serializer};
+use crate::base::text::{compact, plain};
 use serde_json::{Value, json};
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Most characters of the values in a name.
@@ -22,14 +20,6 @@ pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Val
         words.map(|(key, value)| format!("{}={}", last(key), plain(value))).collect();
     let shown: String = without_special(&words.join("_")).chars().take(MOST_SHOWN).collect();
     format!("{shown}_{checksum:016x}")
-}
-
-/// A value as people write it: text without quotes, all else as JSON.
-pub fn plain(value: &Value) -> String {
-    match value {
-        Value::String(text) => text.clone(),
-        other => compact(other),
-    }
 }
 
 /// Makes paths in the case of the file `file` hold from anywhere.
@@ -59,40 +49,9 @@ fn without_special(text: &str) -> String {
     name
 }
 
-/// JSON without blanks, numbers as Python writes them.
-fn compact(value: &Value) -> String {
-    let mut bytes = Vec::new();
-    // Writing into memory does not fail.
-    let _ = value.serialize(&mut Serializer::with_formatter(&mut bytes, Python));
-    String::from_utf8_lossy(&bytes).into_owned()
-}
-
-struct Python;
-
-impl Formatter for Python {
-    /// `1e-05` and `1e+16`, where Rust writes `1e-5` and `1e16`; the digits are the same.
-    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
-        let text = format!("{value:?}");
-        match text.split_once('e') {
-            None => writer.write_all(text.as_bytes()),
-            Some((digits, exponent)) => match exponent.strip_prefix('-') {
-                Some(exponent) => write!(writer, "{digits}e-{exponent:0>2}"),
-                None => write!(writer, "{digits}e+{exponent:0>2}"),
-            },
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_are_those_of_python() {
-        let numbers = json!([0.0, 1.0, 0.1, 1e-4, 1e-5, -2.5e-7, 1e15, 1e16, 1.5e300, 3, true]);
-        let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
-        assert_eq!(compact(&numbers), text);
-    }
 
     /// The same case and name as in `python/tests/test_sweep.py`.
     #[test]

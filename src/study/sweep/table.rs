@@ -2,9 +2,8 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::table::{self, in_pieces};
-use crate::base::text::{csv_field, csv_records, short, shortened};
-use crate::study::sweep::name::plain;
+use crate::base::table::{Column, Values, csv, in_pieces, tabular};
+use crate::base::text::{csv_records, plain, short, shortened};
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -126,18 +125,6 @@ pub struct Table {
     pub rows: Vec<Row>,
 }
 
-/// A column of the table.
-struct Column {
-    name: String,
-    cells: Vec<Value>,
-}
-
-impl Column {
-    fn is_empty(&self) -> bool {
-        self.cells.iter().all(Value::is_null)
-    }
-}
-
 impl Table {
     /// Without rows.
     pub fn new(keys: &[String]) -> Self {
@@ -156,12 +143,12 @@ impl Table {
     }
 
     /// `values` of all rows, as a column of this name.
-    fn column(&self, name: &str, value: impl Fn(&Row) -> Value) -> Column {
-        Column { name: name.to_owned(), cells: self.rows.iter().map(value).collect() }
+    fn column(&self, name: &str, value: impl Fn(&Row) -> Value) -> Values {
+        Values::new(name, self.rows.iter().map(value))
     }
 
     /// The varied keys, and the numbers that any run knows.
-    fn numbers(&self) -> Vec<Column> {
+    fn numbers(&self) -> Vec<Values> {
         let keys = self.keys.iter().enumerate();
         let keys = keys.map(|(i, key)| self.column(key, |row| row.values[i].clone()));
         let entries = ENTRIES.iter().map(|key| self.column(key, |row| row.entry(key)));
@@ -169,7 +156,7 @@ impl Table {
     }
 
     /// All columns.
-    fn columns(&self) -> Vec<Column> {
+    fn columns(&self) -> Vec<Values> {
         let texts = [
             self.column("warnings", Row::warnings),
             self.column("error", |row| row.error().into()),
@@ -181,40 +168,16 @@ impl Table {
 
     /// `table.csv`: a line of names, then one a run.
     fn csv(&self) -> String {
-        let columns = self.columns();
-        let names: Vec<String> = columns.iter().map(|column| csv_field(&column.name)).collect();
-        let mut text = names.join(",") + "\n";
-        for i in 0..self.rows.len() {
-            let cells: Vec<String> =
-                columns.iter().map(|column| csv_field(&exact(&column.cells[i]))).collect();
-            text += &(cells.join(",") + "\n");
-        }
-        text
+        csv(&self.columns())
     }
 
-    /// `table.tex`: a `tabular` of the numbers, for the package booktabs; why runs failed stands in
-    /// comments.
+    /// `table.tex`: a `tabular` of the numbers; why runs failed stands in comments.
     fn tex(&self) -> String {
-        let columns = self.numbers();
-        let side = |column: &Column| {
-            let is_text = column.cells.iter().any(|cell| cell.is_string() || cell.is_array());
-            if is_text { 'l' } else { 'r' }
+        let comment = |row: usize| {
+            let error = self.rows[row].error().unwrap_or_default();
+            error.lines().map(|line| format!("% {line}\n")).collect()
         };
-        let sides: String = columns.iter().map(side).collect();
-        let names: Vec<String> = columns.iter().map(|column| tex_text(&column.name)).collect();
-        let names = names.join(" & ");
-        let mut text = format!(
-            "{TEX_HEAD}\n\\begin{{tabular}}{{{sides}}}\n\\toprule\n{names} \\\\\n\\midrule\n"
-        );
-        for (i, row) in self.rows.iter().enumerate() {
-            if let Some(error) = row.error() {
-                error.lines().for_each(|line| text += &format!("% {line}\n"));
-            }
-            let cells: Vec<String> =
-                columns.iter().map(|column| tex_cell(&column.cells[i])).collect();
-            text += &format!("{} \\\\\n", cells.join(" & "));
-        }
-        text + "\\bottomrule\n\\end{tabular}\n"
+        format!("{TEX_HEAD}\n{}", tabular(&self.numbers(), comment))
     }
 
     /// Writes `table.csv` and `table.tex` into `directory`, which is made. By one rank.
@@ -278,62 +241,20 @@ fn head(path: &Path) -> Option<String> {
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = (1..=self.rows.len()).map(|number| number.to_string());
-        let columns: Vec<table::Column> = self.numbers().iter().map(shown).collect();
-        write!(f, "{}", in_pieces(&table::Column::new("run", runs), &columns))
+        let columns: Vec<Column> = self.numbers().iter().map(shown).collect();
+        write!(f, "{}", in_pieces(&Column::new("run", runs), &columns))
     }
 }
 
 /// A column for the terminal.
-fn shown(column: &Column) -> table::Column {
+fn shown(column: &Values) -> Column {
     let fit = |text: &str| shortened(&text.replace(['\n', '\t'], " "), MOST_SHOWN - 1);
     let cell = |cell: &Value| match cell {
         Value::Null => "-".to_owned(),
         Value::Number(number) if number.is_f64() => short(number.as_f64().unwrap_or(f64::NAN)),
         other => fit(&plain(other)),
     };
-    table::Column::new(&fit(&column.name), column.cells.iter().map(cell))
-}
-
-/// A value with all its digits.
-fn exact(value: &Value) -> String {
-    match value {
-        Value::Null => String::new(),
-        other => plain(other),
-    }
-}
-
-/// A value in LaTeX.
-fn tex_cell(value: &Value) -> String {
-    let Value::Number(number) = value else {
-        return if value.is_null() { "--".to_owned() } else { tex_text(&plain(value)) };
-    };
-    let text = match number.as_f64().filter(|_| number.is_f64()) {
-        Some(number) => short(number),
-        None => number.to_string(),
-    };
-    match text.split_once('e') {
-        None => format!("${text}$"),
-        Some(("1", exponent)) => format!("$10^{{{exponent}}}$"),
-        Some((digits, exponent)) => format!("${digits} \\times 10^{{{exponent}}}$"),
-    }
-}
-
-/// Text in LaTeX.
-fn tex_text(text: &str) -> String {
-    let mut shown = String::new();
-    for c in text.chars() {
-        match c {
-            '\\' => shown += "\\textbackslash{}",
-            '^' => shown += "\\textasciicircum{}",
-            '~' => shown += "\\textasciitilde{}",
-            '<' => shown += "\\textless{}",
-            '>' => shown += "\\textgreater{}",
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => shown.extend(['\\', c]),
-            '\n' => shown.push(' '),
-            other => shown.push(other),
-        }
-    }
-    shown
+    Column::new(&fit(&column.name), column.cells.iter().map(cell))
 }
 
 #[cfg(test)]
@@ -386,10 +307,6 @@ mod tests {
         assert!(lines[4].starts_with(row), "{}", lines[4]);
         assert_eq!(lines[5..7], ["% solver.tolerance = 5.0:", "% below 1"]);
         assert!(lines[7].starts_with("$5$ & exp") && lines[7].ends_with("& -- \\\\"));
-        assert_eq!(
-            tex_text("a\\b{c}_~<"),
-            "a\\textbackslash{}b\\{c\\}\\_\\textasciitilde{}\\textless{}"
-        );
     }
 
     #[test]
