@@ -27,14 +27,19 @@ pub mod sheet;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Inflow};
+use crate::problem::element::Nodes;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::Potential;
+use crate::problem::potential::{Potential, region_edges};
 
 /// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face
 /// reached so close to time zero is not crossed.
 const ROUND_OFF: f64 = 1e-13;
 /// Feet closer to a face than this fraction of a cell lie on it.
 const ON_FACE: f64 = 1e-11;
+/// An edge of a region so close to a face, as a fraction of an element, lies on it.
+const EDGE_ON_FACE: f64 = 1e-9;
+/// Degree of elements in which it is seen whether `V` bends.
+const BENT: usize = 2;
 /// A particle that cannot get further from a face than this fraction of a cell, on either side,
 /// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
 const REST: f64 = 1e-12;
@@ -89,14 +94,16 @@ pub struct Crossing {
     pub velocity: f64,
 }
 
-/// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the
-/// case's grid.
+/// The exact solution of a case's boundary-value problem.
+///
+/// `V` is that of the case where it is linear or constant in regions whose edges are planes across
+/// an axis, wherever they lie. Where it is curved, the solution is approached with the order Δx² of
+/// the cells it is traced in, with Δx^(3/2) by particles that turn around on the way; edges that
+/// are not across an axis are the staircase of the case's grid, as in the scheme.
 ///
 /// Energy is conserved to round-off where every region's `V` is a sum of functions of one
 /// coordinate each and jumps are constant along faces. Elsewhere slopes and jumps are those at the
-/// centre of a cell and of a face, and a particle's energy is conserved up to the mesh width. Where
-/// `V` is curved, the solution in `V` itself is approached with the order Δx², with Δx^(3/2) by
-/// particles that turn around on the way.
+/// centre of a cell and of a face, and a particle's energy is conserved up to the mesh width.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
@@ -217,22 +224,72 @@ fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
 
 /// Cells of space in which a curved potential is traced at most.
 const MOST_TRACED_CELLS: usize = 1 << 21;
-/// Parts of an element that is traced in a curved potential, along each axis.
+/// Parts of an element along each axis: at most, ...
 const MOST_PARTS: usize = 64;
+/// ... and, of degree 0, no more than give so many along the axis, in up to two dimensions.
+const ENOUGH_CELLS: usize = 512;
 
-/// The grid on which `V` is linear in each cell: that of a case of degree 0. Elements of a higher
-/// degree are cells where `V` is linear in them; where it is curved they are cut into as many as
-/// `most` cells of space allow, and the error of the trace falls like their square.
+/// The grid on which `V` is traced: linear in each cell, with jumps at faces. Its cells are the
+/// case's elements, cut into parts where `V` is curved in them, as many as `most` cells of space
+/// allow, and where an edge of a region lies inside of one, so that the edge is on a face.
 fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     let mut space = case.space.by_elements();
-    if case.space.degree() > 0 && Potential::whole(case)?.is_curved(&case.space) {
-        let room = most as f64 / space.space_cells() as f64;
-        let parts = (room.powf(1.0 / space.dimension() as f64) as usize).clamp(1, MOST_PARTS);
-        for axis in &mut space.x {
-            *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
-        }
+    let n = space.dimension();
+    let room = |most: usize| {
+        let parts = libm::pow(most as f64 / space.space_cells() as f64, 1.0 / n as f64);
+        (parts as usize).clamp(1, MOST_PARTS)
+    };
+    let (enough, cuts) = (room(most), room(MOST_TRACED_CELLS));
+    let is_curved = is_curved(case)?;
+    for (axis, edges) in space.x.iter_mut().zip(region_edges(case)) {
+        let least = match (is_curved, case.space.degree()) {
+            (false, _) => 1,
+            (true, 0) if n == MAX_DIMENSION => 1,
+            (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
+            (true, _) => enough,
+        };
+        let parts = with_edges(axis, &edges.unwrap_or_default(), least, cuts);
+        *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
     }
     Ok(space)
+}
+
+/// Whether `V` bends within an element.
+fn is_curved(case: &Case) -> Result<bool> {
+    if case.space.degree() >= BENT {
+        return Ok(Potential::whole(case)?.is_curved(&case.space));
+    }
+    let mut space = case.space.by_elements();
+    for axis in &mut space.x {
+        *axis = axis.clone().with_nodes(Nodes::of_space(BENT));
+    }
+    let case = Case { space, ..case.clone() };
+    Ok(Potential::whole(&case)?.is_curved(&case.space))
+}
+
+/// The number of parts of an element, from `least` to `most` or `least`, with which all `edges` lie
+/// on faces; where there is none, with which they are nearest to faces.
+fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
+    let furthest = |parts: usize| {
+        let width = axis.width() / parts as f64;
+        let miss = |edge: &f64| {
+            let place = (edge - axis.lower) / width;
+            (place - place.round()).abs() * width
+        };
+        edges.iter().map(miss).fold(0.0, f64::max)
+    };
+    let near = EDGE_ON_FACE * axis.width();
+    let mut best = (least, furthest(least));
+    for parts in least + 1..=most {
+        if best.1 <= near {
+            break;
+        }
+        let miss = furthest(parts);
+        if miss < best.1 {
+            best = (parts, miss);
+        }
+    }
+    best.0
 }
 
 impl<'a> Tracer<'a> {

@@ -494,12 +494,21 @@ pub struct Overlooked {
     pub empty: Vec<usize>,
 }
 
-/// Where along each space axis the piece of `V` changes between the centres of neighbouring cells:
-/// the region, or the value of a table that is constant around its points; `None` for an axis along
-/// which it does so at more than some dozens of places, as a curved edge does.
+/// Points along each axis between which edges are looked for at least, by dimension.
+const SCANNED: [usize; 3] = [4096, 256, 48];
+
+/// Where along each space axis the piece of `V` changes: the region, or the value of a table that is
+/// constant around its points; `None` for an axis along which it does so at more than some dozens of
+/// places, as a curved edge does. Of pieces narrower than an element those count that are wider than
+/// a few thousandths of the axis in two dimensions, less in one and more in three.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
-    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let scanned = SCANNED[case.space.dimension() - 1];
+    let finer = |axis: &Axis| {
+        let elements = axis.elements();
+        Axis::new(axis.lower, axis.upper, elements * scanned.div_ceil(elements).max(1))
+    };
+    let axes: Vec<Axis> = case.space.x.iter().map(finer).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];

@@ -30,6 +30,7 @@ use crate::plan::Plan;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, Effort, LARGEST_TOLERANCE, Limiter, Method};
+use crate::problem::potential::overlooked;
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::entry::{Advised, Entry, Given, Parts, doubt_the_dearest};
@@ -273,7 +274,7 @@ impl<'a> Study<'a> {
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
-            refused: self.misses(reach),
+            refused: vanished(target).or_else(|| self.misses(reach)),
             estimate: None,
             command: command(self.case, &settings),
             settings,
@@ -622,6 +623,13 @@ fn rounded_down(x: f64) -> f64 {
     let digit = (x / unit * (1.0 + 1e-9)).floor().clamp(1.0, 9.0);
     // As it is written, so that the command has the same number.
     format!("{digit}e{power}").parse().unwrap_or(x)
+}
+
+/// That a region of `V` is not there on the grid of `target`.
+fn vanished(target: &Case) -> Option<String> {
+    let region = overlooked(target).empty.into_iter().next()?;
+    let grid = shape_text(&target.space.elements());
+    Some(format!("potential.{region} is not there on {grid}: its where holds at no cell's centre"))
 }
 
 #[cfg(test)]

@@ -13,8 +13,9 @@ use std::cmp::Reverse;
 
 /// An edge this close to a face, in cells, lies on it.
 const ON_FACE: f64 = 1e-6;
-/// Cell counts so much larger or smaller than wanted still do.
-const FARTHEST: f64 = 0.3;
+/// Most elements along an axis of which multiples are taken to have edges of `V` on faces, by
+/// dimension; more where the case itself has more.
+const LARGEST_UNIT: [usize; 3] = [1000, 64, 16];
 /// Fewest elements of an axis where the case itself has no fewer, by dimension: of degree 0, and of
 /// a higher one.
 const FEWEST: [[usize; 3]; 2] = [[8, 4, 4], [4, 2, 2]];
@@ -141,6 +142,9 @@ pub struct Grids {
     ///
     /// [`check_axis`]: crate::scheme::interface::energy::check_axis
     edges: Vec<Option<Vec<f64>>>,
+    /// The fewest elements along each axis that have faces at all its edges: multiples have, too.
+    /// `None` where that would be too many.
+    units: Vec<Option<usize>>,
     /// Of degree 0 or not.
     fewest: [usize; 3],
     /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
@@ -155,14 +159,22 @@ impl Grids {
         // Jumps that cannot be found here are found, and reported, by whoever solves the case.
         let rests = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
         let at_rest = |axis: &Axis| (rests && inside(axis)).then(|| vec![0.0]);
-        Self {
-            axes: case.space.axes().cloned().collect(),
-            edges: (region_edges(case).into_iter())
-                .chain(case.space.v.iter().map(at_rest))
-                .collect(),
-            fewest: FEWEST[usize::from(case.space.degree() > 0)],
-            merged: vec![false; 2 * case.space.dimension()],
-        }
+        let edges: Vec<_> =
+            region_edges(case).into_iter().chain(case.space.v.iter().map(at_rest)).collect();
+        let fewest = FEWEST[usize::from(case.space.degree() > 0)];
+        Self::over(case.space.axes().cloned().collect(), edges, fewest)
+    }
+
+    /// Over a box with these axes and edges.
+    fn over(axes: Vec<Axis>, edges: Vec<Option<Vec<f64>>>, fewest: [usize; 3]) -> Self {
+        let largest = LARGEST_UNIT[axes.len() / 2 - 1];
+        let unit = |(axis, edges): (&Axis, &Option<Vec<f64>>)| {
+            let Some(edges) = edges else { return Some(1) };
+            (1..=largest.max(axis.elements())).find(|&n| keeps(axis, edges, n))
+        };
+        let units = axes.iter().zip(&edges).map(unit).collect();
+        let merged = vec![false; axes.len()];
+        Self { axes, edges, units, fewest, merged }
     }
 
     /// With axes of the `2n` that runs merge.
@@ -209,14 +221,7 @@ impl Grids {
 
     /// Whether `n` elements along axis `k` have faces at all its edges.
     fn keeps(&self, k: usize, n: usize) -> bool {
-        let axis = &self.axes[k];
-        let Some(edges) = &self.edges[k] else {
-            return true;
-        };
-        edges.iter().all(|edge| {
-            let place = (edge - axis.lower) / (axis.upper - axis.lower) * n as f64;
-            (place - place.round()).abs() < ON_FACE
-        })
+        self.edges[k].as_ref().is_none_or(|edges| keeps(&self.axes[k], edges, n))
     }
 
     /// Whether an axis of velocities needs an even number and no more.
@@ -229,20 +234,18 @@ impl Grids {
         (0..self.dimension()).filter(|&a| !self.keeps(a, shape[a])).collect()
     }
 
-    /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: such that edges are
-    /// on faces, if there is such a number nearby; along v otherwise an even number, as the error
-    /// differs where a cell stands still.
+    /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: the nearest number
+    /// with edges on faces, if there is one; along v otherwise an even number, as the error differs
+    /// where a cell stands still.
     fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
         let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
-        if self.is_even(k) {
-            return wanted.next_multiple_of(2);
+        let unit = if self.is_even(k) { 2 } else { self.units[k].unwrap_or(1) };
+        let above = wanted.next_multiple_of(unit);
+        match above.checked_sub(unit) {
+            // Along v not fewer than wanted.
+            Some(below) if unit > 2 && below >= fewest && wanted - below < above - wanted => below,
+            _ => above,
         }
-        let reach = ((FARTHEST * wanted as f64) as usize).clamp(2, 100_000);
-        (0..=reach)
-            .flat_map(|o| [Some(wanted + o), wanted.checked_sub(o)])
-            .flatten()
-            .find(|&cells| cells >= fewest && self.keeps(k, cells))
-            .unwrap_or(wanted)
     }
 
     /// The coarsest grid that is tried.
@@ -305,17 +308,21 @@ impl Grids {
     }
 }
 
+/// Whether `n` elements along `axis` have faces at all `edges`.
+fn keeps(axis: &Axis, edges: &[f64], n: usize) -> bool {
+    edges.iter().all(|edge| {
+        let place = (edge - axis.lower) / (axis.upper - axis.lower) * n as f64;
+        (place - place.round()).abs() < ON_FACE
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn grids(edges: &[f64]) -> Grids {
-        Grids {
-            axes: vec![Axis::new(-1.0, 2.0, 30); 2],
-            edges: vec![Some(edges.to_vec()), None],
-            fewest: FEWEST[0],
-            merged: vec![false; 2],
-        }
+        let axes = vec![Axis::new(-1.0, 2.0, 30); 2];
+        Grids::over(axes, vec![Some(edges.to_vec()), None], FEWEST[0])
     }
 
     #[test]
@@ -336,12 +343,9 @@ mod tests {
     #[test]
     fn merged_axes_keep_their_cells() {
         let axis = || Axis::new(-1.0, 1.0, 32);
-        let grids = Grids {
-            axes: vec![axis(), axis(), axis(), axis()],
-            edges: vec![None; 4],
-            fewest: FEWEST[0],
-            merged: vec![false, true, false, true],
-        };
+        let axes = vec![axis(), axis(), axis(), axis()];
+        let grids = Grids::over(axes, vec![None; 4], FEWEST[0]);
+        let grids = grids.with_merged(vec![false, true, false, true]);
         let shape = [32, 3, 16, 5];
         assert_eq!(grids.coarsest(&shape), [8, 3, 4, 5]);
         assert_eq!(grids.scaled(&shape, 1.5), [48, 3, 24, 5]);

@@ -163,6 +163,41 @@ fn what_is_chosen_is_reached_and_kept() {
     assert!(differences(&datasets(place.path()).unwrap(), &before).is_empty());
 }
 
+/// A barrier that is narrower than the elements that would do without it: with `[exact]` and
+/// without, the grid that is chosen has its edges on faces, and particles come back from it.
+#[test]
+fn what_is_chosen_keeps_every_region() {
+    let case = r#"
+potential = [{ where = "x > 0 && x < 0.3", value = "0.6" }, { value = "0" }]
+initial.f = "exp(-((x + 2)^2/0.5 + (v - 1.1)^2/0.125))"
+time.end = 2.5
+[[axis]]
+x = { lower = -4, upper = 6, cells = 100 }
+v = { lower = -2.5, upper = 2.5, cells = 50 }
+"#;
+    check_all(&["", "exact.kind = \"characteristics\"\n"], |exact| {
+        let place = directory();
+        let file = place.path().join("barrier.toml");
+        std::fs::write(&file, format!("{exact}{case}")).map_err(|e| e.to_string())?;
+        let job = Job::new(["run", &file.display().to_string(), "--accuracy", "1e-1"]);
+        let out = place.path().join("out");
+        let finished = job.on(2).within(120).into(&out).succeed()?;
+        let found = datasets(&out)?;
+        // Averages over elements; of degree 0 over cells.
+        let density = found.get("/averages/density").unwrap_or(&found["/density"]).numbers();
+        let left = density.len() * 4 / 10;
+        if (density.len() * 43) % 100 != 0 {
+            return Err(finished.report("no face at 0.3"));
+        }
+        let back = density[..left].iter().sum::<f64>() / density.iter().sum::<f64>();
+        // By a program that follows particles: 0.503 are at x < 0 at the end.
+        if (back - 0.503).abs() > 0.02 {
+            return Err(finished.report(&format!("{back} of it is at x < 0")));
+        }
+        Ok(())
+    });
+}
+
 /// The last line of a run names both errors where that of the grid is the larger by far, as it is
 /// in summary.json; no other run has it.
 #[test]

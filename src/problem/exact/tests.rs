@@ -61,8 +61,9 @@ fn spread(case: &Case, count: usize, share: f64) -> Vec<[f64; 6]> {
     (1..=count).map(point).collect()
 }
 
+/// Through `V` as it is linear in each cell of the case.
 fn tracer(case: &Case) -> Tracer<'_> {
-    Tracer::new(case).expect("V is finite")
+    Tracer::with_cells(case, 1).expect("V is finite")
 }
 
 fn distance(a: &[f64; 6], b: &[f64; 6]) -> f64 {
@@ -261,6 +262,50 @@ fn harmonic_potential_converges_to_the_rotation() {
     assert!(fast.iter().all(|o| (o - 2.0).abs() < 0.1), "{fast:?}");
     let turning = harmonic_orders(|v, from_v| v * from_v < 0.0);
     assert!(turning.iter().all(|o| (o - 1.5).abs() < 0.1), "{turning:?}");
+}
+
+/// Edges inside of cells stay where they are: a barrier that is narrower than a cell, a well, in two
+/// dimensions too; as on a grid that has faces there.
+#[test]
+fn edges_inside_of_cells_are_not_moved() {
+    let barrier = [("x > 0 && x < 0.3", "0.35"), ("x > 1.1 && x < 1.27", "-0.2"), ("", "0")];
+    let square = [("abs(x) < 0.3 && abs(y) < 0.7", "0.35"), ("", "0")];
+    let f = "x + 0.3*v";
+    for (n, potential, cells, finer) in [
+        (1, &barrier[..], [7, 50], 1000),
+        (1, &barrier[..], [10, 1], 1000),
+        (2, &square, [6, 9], 80),
+    ] {
+        let on = |cells| case(n, (-4.0, 6.0, cells), (-2.5, 2.5, 8), potential, f, "0");
+        let exact = on(finer);
+        let exact = tracer(&exact);
+        for cells in cells {
+            let coarse = on(cells);
+            let coarse = Tracer::new(&coarse).unwrap();
+            for point in spread(&on(8), 400, 0.7) {
+                let [foot, expected] = [&coarse, &exact].map(|tracer| tracer.foot(&point, 2.0));
+                let off = distance(&foot.point, &expected.point);
+                assert!(off < 1e-9, "{n}, {cells}: {point:?}: {foot:?}, {expected:?}");
+            }
+        }
+    }
+}
+
+/// Where `V` is curved, coarse cells are cut.
+#[test]
+fn a_curved_potential_is_traced_in_parts_of_cells() {
+    let case = case(1, (-4.0, 4.0, 16), (-4.0, 4.0, 16), &[("", "x^2/2")], "x", "0");
+    let worst = |tracer: &Tracer<'_>| {
+        let off = |point: &[f64; 6]| {
+            let (x, v, time) = (point[0], point[3], 1.7f64);
+            let exact = [x * time.cos() - v * time.sin(), v * time.cos() + x * time.sin()];
+            let foot = tracer.foot(point, time).point;
+            (foot[0] - exact[0]).hypot(foot[3] - exact[1])
+        };
+        spread(&case, 300, 0.6).iter().map(off).fold(0.0, f64::max)
+    };
+    let [as_it_is, cut] = [tracer(&case), Tracer::new(&case).unwrap()].map(|t| worst(&t));
+    assert!(as_it_is > 3e-2 && cut < 1e-3, "{as_it_is} {cut}");
 }
 
 #[test]

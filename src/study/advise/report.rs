@@ -52,9 +52,13 @@ pub fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
     }
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         if can().any(|e| e.moved_edges.contains(&axis)) {
+            let error = match case.exact {
+                Some(_) => "which is part of the error",
+                None => "which no estimate of the error sees",
+            };
             warnings.push(format!(
                 "no grid nearby has faces on all edges of V across {name}; they are moved to the \
-                 nearest faces, which is part of the error"
+                 nearest faces, {error}"
             ));
         }
     }
