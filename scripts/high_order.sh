@@ -2,13 +2,14 @@
 # Prints the tables of docs/high-order.md: errors, modes, applications and seconds by degree, one
 # rank. Needs `make build` and Python 3.
 #
-#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited|unitary]…
+#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited|unitary|steps]…
 #
 # smooth    smooth beams through a step, about 128 unknowns an axis
 # order     the same under refinement, classical, so that only the grid's error is seen
 # example1  quarter discs at a step, about 256 unknowns an axis
 # limited   both cases: modes of high degree beside van Leer's slopes with SSP-RK3, by error
 # unitary   degree 0: the central flux with closed ends beside upwind, a Gaussian and example 1
+# steps     classical SSP-RK3 at its default step beside the exponential, smooth beams
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -16,7 +17,7 @@ program=target/release/phasewarp
 if [ "${1:-}" = --program ]; then
     program=$2 && shift 2
 fi
-[ $# -gt 0 ] || set -- smooth order example1 limited unitary
+[ $# -gt 0 ] || set -- smooth order example1 limited unitary steps
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
 
@@ -37,6 +38,23 @@ path, form, *label = sys.argv[1:]
 s = json.load(open(path))
 print("| " + " | ".join(label + [form.format(s=s)]) + " |", flush=True)
 P
+}
+
+# Smooth beams by the exponential, which has no time error, and by SSP-RK3, whose distance to it is.
+steps() {
+    echo "| degree | elements | f | density | time error | density by SSP-RK3 |"
+    echo "|---|---|---|---|---|---|"
+    local classical=(--set solver.method=classical --set scheme.flux=0.5)
+    for pair in 2:42 4:26 4:38 6:26 6:56 8:20 8:28 8:40; do
+        run smooth-beams "${pair%:*}" "${pair#*:}" "${classical[@]}"
+        local grid
+        grid=$(row "{s[error_l2_relative]:.2e} | {s[error_density_l2_relative]:.2e}")
+        grid=${grid#| } && grid=${grid% |}
+        run smooth-beams "${pair%:*}" "${pair#*:}" "${classical[@]}" \
+            --set solver.verify=true --set solver.classical.integrator=ssp-rk3
+        row "{s[error_semidiscrete]:.1e} | {s[error_density_l2_relative]:.2e}" \
+            "${pair%:*}" "${pair#*:}" "$grid"
+    done
 }
 
 # Even numbers of elements: faces on x = 0 and v = 0.
@@ -123,9 +141,9 @@ unitary() {
 
 for table in "$@"; do
     case $table in
-    smooth | order | example1 | limited | unitary) "$table" && echo ;;
+    smooth | order | example1 | limited | unitary | steps) "$table" && echo ;;
     *)
-        echo "high_order: $table is none of smooth, order, example1, limited, unitary" >&2
+        echo "high_order: $table is none of smooth, order, example1, limited, unitary, steps" >&2
         exit 2
         ;;
     esac

@@ -31,6 +31,14 @@ def test_copies_are_independent(made: pw.Case) -> None:
     assert other != made and made.replace({}) == made
 
 
+def test_a_case_of_a_case(small: pw.Case) -> None:
+    small["axis.0.x.cells"] = 24
+    other = pw.Case(small, title="Another")
+    assert other["title"] == "Another" and other.settings()[:-1] == small.settings()
+    other["axis.0.x.cells"] = 32
+    assert small["axis.0.x.cells"] == 24 and pw.check(pw.Case(small))["axes"][0]["elements"] == 24
+
+
 def test_a_table_replaces_the_whole_table(small: pw.Case) -> None:
     small["solver.propagator.step"] = 0.1
     small["solver.propagator"] = {"method": "chebyshev"}

@@ -183,6 +183,15 @@ pub fn percent(part: f64) -> String {
     }
 }
 
+/// The largest number of one digit that is not larger than `x > 0`.
+pub fn rounded_down(x: f64) -> f64 {
+    let power = x.log10().floor() as i32;
+    let unit = 10f64.powi(power);
+    let digit = (x / unit * (1.0 + 1e-9)).floor().clamp(1.0, 9.0);
+    // As it is written, so that a command has the same number.
+    format!("{digit}e{power}").parse().unwrap_or(x)
+}
+
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
     digits(value, 4)
@@ -273,6 +282,13 @@ impl Formatter for Python {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn tolerances_are_rounded_down_to_a_digit() {
+        for (x, digit) in [(3.7e-4, 3e-4), (1e-3, 1e-3), (0.1, 0.1), (9.99e-5, 9e-5)] {
+            assert_eq!(rounded_down(x), digit);
+        }
+    }
 
     #[test]
     fn nothing_in_a_text_is_obeyed() {

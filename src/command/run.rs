@@ -127,8 +127,12 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
         line += &if summary.error_estimate_reliable {
             format!(", error estimate {estimate:.1e} (tolerance {:e})", summary.tolerance)
         } else {
-            let doubt = summary.doubt.as_deref();
-            format!(", no error estimate: {}", doubt.unwrap_or("round-off may hide it"))
+            let doubt = summary.doubt.as_deref().unwrap_or("it is not finite");
+            let verify = match summary.error_semidiscrete {
+                Some(_) => "",
+                None => "; solver.verify = true measures the error",
+            };
+            format!(", no error estimate: {doubt}{verify}")
         };
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {

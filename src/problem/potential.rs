@@ -484,11 +484,14 @@ pub struct StrayEdge {
     pub face: f64,
 }
 
+/// So many edges that miss faces are looked for: a curved one misses some in every cell.
+pub const MOST_STRAY_EDGES: usize = 256;
+
 /// What the grid does not see of the regions.
 #[derive(Clone, Debug, Default)]
 pub struct Overlooked {
-    /// Edges inside cells, one a distinct place. The scheme treats them as lying on the nearest
-    /// face, a change of the problem by that distance.
+    /// Edges inside cells, one a distinct place, [`MOST_STRAY_EDGES`] at most. The scheme treats
+    /// them as lying on the nearest face, a change of the problem by that distance.
     pub edges: Vec<StrayEdge>,
     /// Regions, by index, that hold at no cell's centre.
     pub empty: Vec<usize>,
@@ -551,7 +554,6 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
 /// Looks for edges of regions and of tables along lines through cell centres, and for regions
 /// between the centres.
 pub fn overlooked(case: &Case) -> Overlooked {
-    const MOST: usize = 8;
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
@@ -577,7 +579,7 @@ pub fn overlooked(case: &Case) -> Overlooked {
                     point[a] = x;
                     at(&point) == own
                 };
-                if found.len() >= MOST || probe(outside) {
+                if found.len() >= MOST_STRAY_EDGES || probe(outside) {
                     continue;
                 }
                 for _ in 0..60 {

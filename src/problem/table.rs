@@ -74,7 +74,7 @@ impl Table {
             return Err(format!("{} values for axes of {shape:?} points", values.len()));
         }
         if let Some(k) = values.iter().position(|value| !value.is_finite()) {
-            return Err(format!("value {k} is {}", values[k]));
+            return Err(format!("the value at {} is {}", place_text(&axes, k), values[k]));
         }
         Ok(Self { axes, values, interpolation: Interpolation::Linear })
     }
@@ -209,6 +209,17 @@ impl Table {
     }
 }
 
+/// The coordinates of the value of this number: `x = 1, v = 0.5`.
+fn place_text(axes: &[TableAxis], number: usize) -> String {
+    let mut rest = number;
+    let mut places = Vec::new();
+    for TableAxis { name, points, .. } in axes.iter().rev() {
+        places.insert(0, format!("{name} = {}", points[rest % points.len()]));
+        rest /= points.len();
+    }
+    places.join(", ")
+}
+
 /// Refuses a table with more than [`MOST_VALUES`].
 ///
 /// # Errors
@@ -308,7 +319,12 @@ mod tests {
         assert!(one(&[0.0, f64::NAN], &[1.0, 1.0]).contains("point 1 of the axis x is NaN"));
         assert!(one(&[0.0], &[1.0]).contains("points of the axis x: 1, at least 2"));
         assert!(one(&[0.0, 1.0], &[1.0]).contains("1 values for axes of [2]"));
-        assert!(one(&[0.0, 1.0], &[1.0, f64::INFINITY]).contains("value 1 is inf"));
+        assert!(one(&[0.0, 1.0], &[1.0, f64::INFINITY]).contains("the value at x = 1 is inf"));
+        let two = |values: [f64; 4]| {
+            let axes = vec![axis("x", 0, &[0.0, 1.0]), axis("v", 3, &[2.0, 3.5])];
+            Table::new(axes, values.to_vec()).unwrap_err()
+        };
+        assert!(two([0.0, f64::NAN, 0.0, 0.0]).contains("the value at x = 0, v = 3.5 is NaN"));
         assert!(check_size(&[1 << 13, 1 << 12]).unwrap_err().contains("at most 16777216"));
         let twice = vec![axis("x", 0, &[0.0, 1.0]), axis("x", 0, &[0.0, 1.0])];
         assert!(Table::new(twice, vec![0.0; 4]).unwrap_err().contains("twice"));

@@ -4,8 +4,9 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::percent;
-use crate::problem::case::{Case, Interface, Method};
+use crate::base::text::{percent, rounded_down, short};
+use crate::problem::case::{Case, Data, Interface, Limiter, Method};
+use crate::problem::element::LARGEST_DEGREE;
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
@@ -92,6 +93,9 @@ pub struct Accuracy {
     /// Whether the grid's error is above a tenth, or ten times the larger of the algorithm's error
     /// and the tolerance; where `solver.accuracy` is measured, whether that is missed.
     pub under_resolved: bool,
+    /// What would help, where it is under-resolved: the end of a sentence.
+    #[serde(default)]
+    pub advice: Option<String>,
 }
 
 /// A grid's error above this is large by itself.
@@ -139,10 +143,8 @@ impl Accuracy {
         if errors.is_empty() {
             return None;
         }
-        let [head, advice] = match self.under_resolved {
-            true => ["UNDER-RESOLVED", "; more cells or a higher scheme.degree would lower it"],
-            false => ["accuracy", ""],
-        };
+        let head = if self.under_resolved { "UNDER-RESOLVED" } else { "accuracy" };
+        let advice = self.advice_after();
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = match (self.algorithm, self.asked) {
             (Some(error), _) => format!(", the algorithm's {error:.1e}"),
@@ -156,6 +158,65 @@ impl Accuracy {
             "{head}: error of the grid ({how}, relative L2) {errors}{of_algorithm}{advice}"
         ))
     }
+
+    /// `; ` and what would help; nothing where nothing has to.
+    pub fn advice_after(&self) -> String {
+        self.advice.as_ref().map_or(String::new(), |advice| format!("; {advice}"))
+    }
+
+    /// What would help a run of `case` whose grid's error is too large.
+    fn advice(&self, case: &Case) -> String {
+        let degree = lowest_degree(case);
+        let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
+        let is_large = missed.is_some() || self.is_coarse();
+        let (ratio, wanted) = match missed {
+            Some((error, goal)) => (error / goal, format!("{goal:e}")),
+            None => (self.worst() / MUCH, format!("{} %", short(100.0 * MUCH))),
+        };
+        let cells = match largest_order(case, degree).filter(|_| is_large) {
+            Some(order) => {
+                let times = short((10.0 * ratio.powf(1.0 / order)).ceil() / 10.0);
+                format!("more cells (at least {times} times as many an axis for {wanted})")
+            }
+            None => "more cells".to_owned(),
+        };
+        let is_classical = case.method == Method::Classical;
+        let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
+        let or = match degree {
+            0 if case.limiter != Limiter::None => "",
+            0 if may_have_slopes => ", a scheme.degree above 0 or slopes (scheme.limiter)",
+            0 => " or a scheme.degree above 0",
+            1 | 2 => " or a higher scheme.degree",
+            LARGEST_DEGREE.. => "",
+            // Where data jump, degrees above 3 gain little.
+            _ => ", or a higher scheme.degree where f does not jump,",
+        };
+        let is_start = case.start.is_none() && case.start_field.is_none();
+        let then = if !is_large {
+            let enough = rounded_down(self.worst() / MANY_TIMES);
+            format!("; with this grid solver.tolerance = {enough:e} would do")
+        } else if is_start {
+            format!("; phasewarp advise {} --accuracy ε finds a grid", case.name)
+        } else {
+            String::new()
+        };
+        format!("{cells}{or} would lower it{then}")
+    }
+}
+
+/// The order in the cells' width that the error of a run of `case` falls with at most, whose axes
+/// have this `degree` at least: one more than that; 2 of central cells and of slopes. None of
+/// measure-valued data.
+fn largest_order(case: &Case, degree: usize) -> Option<f64> {
+    let is_second = case.limiter != Limiter::None || case.flux == 0.0;
+    let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
+    matches!(case.data, Data::Density).then_some(order)
+}
+
+/// The lowest degree of the axes that have more than one cell.
+fn lowest_degree(case: &Case) -> usize {
+    let axes = case.space.axes().filter(|axis| axis.cells > 1);
+    axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
 }
 
 /// What a run misses of what it was asked for: a sentence each, none where it is met or not known.
@@ -441,6 +502,9 @@ impl Summary {
         self.missed = Missed::new(case, self);
         if goal_error.is_some() {
             self.accuracy.under_resolved = self.missed.accuracy.is_some();
+        }
+        if self.accuracy.under_resolved {
+            self.accuracy.advice = Some(self.accuracy.advice(case));
         }
     }
 

@@ -184,18 +184,19 @@ fn of_text(file: &TableFile, text: &str) -> Found<Table> {
     let (_, head) = lines.next().ok_or("is empty")?;
     let mut axes: Vec<(String, usize)> = Vec::new();
     let mut column_of_value = None;
-    for (column, name) in head.split(',').map(|name| name.trim().trim_matches('"')).enumerate() {
+    let names: Vec<&str> = head.split(',').map(|name| name.trim().trim_matches('"')).collect();
+    for (column, &name) in names.iter().enumerate() {
         match file.position_of_axis(name) {
             Some(position) => axes.push((name.to_owned(), position)),
             None if name == file.dataset && column_of_value.is_none() => {
                 column_of_value = Some(column);
             }
             None => {
-                let names = file.axes_text();
-                let value = &file.dataset;
+                let (names, value) = (file.axes_text(), &file.dataset);
+                let hint = hint_on_column(file, name);
                 return Err(format!(
                     "column \"{name}\" in the first line is neither one of the axes {names} nor \
-                     the value \"{value}\""
+                     the value \"{value}\"{hint}"
                 ));
             }
         }
@@ -208,11 +209,14 @@ fn of_text(file: &TableFile, text: &str) -> Found<Table> {
         let mut count = 0;
         let mut own = places.iter_mut();
         for (column, word) in line.split(',').map(str::trim).enumerate() {
-            let value: f64 = word
-                .parse()
-                .ok()
-                .filter(|value: &f64| value.is_finite())
-                .ok_or_else(|| format!("line {number}: \"{word}\" is not a finite number"))?;
+            let value: f64 =
+                word.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
+                    let name = names.get(column).map_or(String::new(), |n| format!(" ({n})"));
+                    let column = column + 1;
+                    format!(
+                        "line {number}, column {column}{name}: \"{word}\" is not a finite number"
+                    )
+                })?;
             count += 1;
             if column == column_of_value {
                 values.push(value);
@@ -225,6 +229,20 @@ fn of_text(file: &TableFile, text: &str) -> Found<Table> {
         }
     }
     on_grid(axes, &places, &values)
+}
+
+/// What would help where the first line of a CSV file has a column of this name, which is none.
+fn hint_on_column(file: &TableFile, name: &str) -> String {
+    let expected = format!("{},{}", file.axes_text().replace(", ", ","), file.dataset);
+    if name.contains([';', '\t']) {
+        format!("; columns are separated by commas: \"{expected}\" expected")
+    } else if name.parse::<f64>().is_ok() {
+        format!("; the first line names the columns: \"{expected}\" expected")
+    } else if file.has_axis(name) {
+        format!("; {}.axes makes it one: a list of some of {}", file.of.key(), file.all_axes_text())
+    } else {
+        String::new()
+    }
 }
 
 /// The table whose `values` stand at `places`, a list of coordinates an axis: every point of the
@@ -291,8 +309,10 @@ mod tests {
             ("", "is empty"),
             ("x,v\n1,2\n", "no column \"f\""),
             ("x,w,f\n", "column \"w\" in the first line is neither one of the axes x, v"),
-            ("x,v,f\n0,0,one\n", "line 2: \"one\" is not a finite number"),
-            ("x,v,f\n0,0,nan\n", "line 2: \"nan\" is not a finite number"),
+            ("x;v;f\n0;0;1\n", "separated by commas: \"x,v,f\" expected"),
+            ("0,0,1\n", "the first line names the columns: \"x,v,f\" expected"),
+            ("x,v,f\n0,0,one\n", "line 2, column 3 (f): \"one\" is not a finite number"),
+            ("# NaN\n\nx,v,f\n0,nan,0\n", "line 4, column 2 (v): \"nan\" is not a finite number"),
             ("x,v,f\n0,0\n", "line 2: 2 numbers, 3 expected"),
             ("x,v,f\n0,0,1\n0,1,1\n1,0,1\n", "3 lines for [2, 2] different coordinates of x, v"),
             ("x,v,f\n0,0,1\n0,0,1\n1,1,1\n0,1,2\n", "the point [0.0, 0.0] is there twice"),

@@ -304,8 +304,11 @@ fn estimate(
         // Both readings share what the steps of time leave.
         let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
-        summary.doubt = warp.estimate_doubt().map(str::to_owned);
         summary.hidden_by_round_off = estimate <= round_off;
+        let hidden = summary.hidden_by_round_off.then(|| {
+            format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
+        });
+        summary.doubt = warp.estimate_doubt().map(str::to_owned).or(hidden);
         let tells = estimate.is_finite() && !summary.hidden_by_round_off;
         summary.error_estimate_reliable = tells && summary.doubt.is_none();
     }

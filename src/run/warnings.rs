@@ -3,7 +3,7 @@
 use crate::base::text::{counted, place};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
-use crate::problem::potential::{StrayEdge, overlooked};
+use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, overlooked};
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 /// What the user should know of a case: edges of `V` that miss faces, regions without a cell, keys
@@ -22,13 +22,27 @@ pub fn warnings(case: &Case) -> Vec<String> {
          its error what no estimate knows; a first part without it is exact in that"
             .to_owned()
     });
-    (found.edges.iter().map(stray_edge))
+    (found.edges.iter().take(MOST_SHOWN).map(stray_edge))
+        .chain(more_stray_edges(found.edges.len()))
         .chain(found.empty.iter().map(empty_region))
         .chain(case.potential.iter().enumerate().filter_map(staircase))
         .chain(idle)
         .chain(unread)
         .chain(limited)
         .collect()
+}
+
+/// Edges that miss faces are shown one by one up to so many.
+const MOST_SHOWN: usize = 8;
+
+/// How many edges of all that miss faces are not shown.
+fn more_stray_edges(all: usize) -> Option<String> {
+    let more = all.checked_sub(MOST_SHOWN).filter(|more| *more > 0)?;
+    let at_least = if all >= MOST_STRAY_EDGES { "at least " } else { "" };
+    let places = counted(more, "place", "places");
+    Some(format!(
+        "potential: and at {at_least}{places} more a region's edge misses the faces of the grid"
+    ))
 }
 
 fn stray_edge(edge: &StrayEdge) -> String {

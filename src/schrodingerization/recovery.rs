@@ -59,8 +59,9 @@ impl Reading {
 /// some `s` up to `to − from`. A component there is read as the functional of `g(p + s)`, and
 /// should be `e^{−s}`.
 pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
-    /// The `s`, besides all, and samples in each.
-    const SPREADS: [f64; 4] = [0.06, 0.6, 6.0, 20.0];
+    /// The `s`, besides all, and samples in each. Elements that resolve smooth data leave a
+    /// spectrum of some 1e-3: their error is that at one end.
+    const SPREADS: [f64; 5] = [0.002, 0.06, 0.6, 6.0, 20.0];
     const SAMPLES: u32 = 24;
     /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.
     const TURN: i64 = 1 << 20;
@@ -79,8 +80,8 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 
         }
         read
     };
-    let [a, b, c, d] = SPREADS.map(|spread| spread.min(to - from));
-    let ratios = [a, b, c, d, to - from].map(|spread| {
+    let spreads = SPREADS.iter().map(|spread| spread.min(to - from)).chain([to - from]);
+    let ratios = spreads.map(|spread| {
         let (mut seen, mut all) = (0.0, 0.0);
         for i in 0..SAMPLES {
             let place = (f64::from(i) + 0.5) / f64::from(SAMPLES);
@@ -90,7 +91,7 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 
         }
         (seen / all).sqrt()
     });
-    [ratios.into_iter().fold(f64::INFINITY, f64::min), ratios.into_iter().fold(0.0, f64::max)]
+    ratios.fold([f64::INFINITY, 0.0], |[least, most], r: f64| [least.min(r), most.max(r)])
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ pub mod settings;
 pub mod trials;
 
 use crate::base::error::{Error, Result};
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, rounded_down};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -129,6 +129,16 @@ struct Tolerance {
     bound: Option<f64>,
 }
 
+/// What the search for the grid of a scheme came to.
+enum Tried {
+    /// A grid.
+    Found(Reach),
+    /// The budget does not hold a run on this grid, the first.
+    NotWithin(Vec<usize>),
+    /// A trial failed.
+    Failed(Error),
+}
+
 /// What is found on the way to advice.
 struct Study<'a> {
     world: &'a World,
@@ -220,33 +230,99 @@ impl<'a> Study<'a> {
     /// The last one, where no scheme could be tried.
     fn reach_by_schemes(&mut self) -> Result<Vec<(Scheme, Reach)>> {
         let schemes = self.schemes();
-        let (mut found, mut failure) = (Vec::new(), None);
+        // The first scheme is tried in any case.
+        let first = self.start(schemes[0]);
+        let mut found: Vec<(Scheme, Tried)> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
             // Each scheme has its share of the budget for grids; the rest is for what is advised.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
-            let accuracy = self.wanted.accuracy;
-            let start = self.start(scheme);
-            let own = self.trials.scene(scheme).plain.space.elements();
-            // The first scheme is tried in any case.
-            if k > 0 && !self.trials.may(scheme, &start, share)? {
-                let name = self.name(Method::Classical, scheme);
-                let grid = shape_text(&start);
-                self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
-                continue;
+            let tried = match k {
+                0 => self.reach_from(scheme, &first, share),
+                _ => self.reach_by(scheme, share)?,
+            };
+            found.push((scheme, tried));
+        }
+        // Where none that modes can take reaches it, what some left of theirs is for the others
+        // until one does, those first that expect the fewest unknowns.
+        let by_modes = |scheme: &Scheme| scheme.limiter == Limiter::None;
+        if found.iter().all(|(scheme, tried)| !by_modes(scheme) || self.is_open(tried)) {
+            found.sort_by(|a, b| self.expects(a).total_cmp(&self.expects(b)));
+            for (scheme, tried) in &mut found {
+                let more = match tried {
+                    Tried::Failed(_) => continue,
+                    _ if !by_modes(scheme) => continue,
+                    _ => self.reach_by(*scheme, FOR_GRIDS)?,
+                };
+                // What was found within less stays.
+                if matches!(more, Tried::Found(_)) {
+                    *tried = more;
+                }
+                if !self.is_open(tried) {
+                    break;
+                }
             }
-            let goal = Goal { scheme, start: &start, own: &own, accuracy, share };
-            match reach(&mut self.trials, goal) {
-                Ok(reach) => found.push((scheme, reach)),
-                Err(error) => {
-                    self.left_out
-                        .push(format!("{}: {error}", self.name(Method::Classical, scheme)));
+        }
+        let (mut reached, mut failure) = (Vec::new(), None);
+        for (scheme, tried) in found {
+            let name = self.name(Method::Classical, scheme);
+            match tried {
+                Tried::Found(reach) => reached.push((scheme, reach)),
+                Tried::NotWithin(start) => {
+                    let grid = shape_text(&start);
+                    self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
+                }
+                Tried::Failed(error) => {
+                    self.left_out.push(format!("{name}: {error}"));
                     failure = Some(error);
                 }
             }
         }
-        match found.is_empty() {
+        match reached.is_empty() {
             true => Err(failure.unwrap_or_else(|| Error::Input("nothing to try".to_owned()))),
-            false => Ok(found),
+            false => Ok(reached),
+        }
+    }
+
+    /// The coarsest grid of `scheme` that reaches the accuracy, within this part of the budget.
+    /// Collective.
+    fn reach_by(&mut self, scheme: Scheme, share: f64) -> Result<Tried> {
+        let start = self.start(scheme);
+        match self.trials.may(scheme, &start, share)? {
+            true => Ok(self.reach_from(scheme, &start, share)),
+            false => Ok(Tried::NotWithin(start)),
+        }
+    }
+
+    /// As [`reach_by`](Self::reach_by), from the grid `start` on. Collective.
+    fn reach_from(&mut self, scheme: Scheme, start: &[usize], share: f64) -> Tried {
+        let own = self.trials.scene(scheme).plain.space.elements();
+        let goal = Goal { scheme, start, own: &own, accuracy: self.wanted.accuracy, share };
+        match reach(&mut self.trials, goal) {
+            Ok(reach) => Tried::Found(reach),
+            Err(error) => Tried::Failed(error),
+        }
+    }
+
+    /// Unknowns of the grid that is expected to reach the accuracy.
+    fn expects(&self, tried: &(Scheme, Tried)) -> f64 {
+        match tried {
+            (scheme, Tried::Found(reach)) => {
+                let nodes = (scheme.degree + 1) as f64;
+                cells(&reach.shape) * nodes.powi(reach.shape.len() as i32)
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// Whether no grid that was tried reaches the accuracy.
+    fn is_open(&self, tried: &Tried) -> bool {
+        match tried {
+            Tried::Found(reach) => {
+                let misses =
+                    reach.error > DISCRETISATION * self.wanted.accuracy * (1.0 + ROUND_OFF);
+                reach.known == Known::Extrapolated || misses
+            }
+            Tried::NotWithin(_) | Tried::Failed(_) => true,
         }
     }
 
@@ -616,30 +692,9 @@ impl<'a> Study<'a> {
     }
 }
 
-/// The largest number of one digit that is not larger.
-fn rounded_down(x: f64) -> f64 {
-    let power = x.log10().floor() as i32;
-    let unit = 10f64.powi(power);
-    let digit = (x / unit * (1.0 + 1e-9)).floor().clamp(1.0, 9.0);
-    // As it is written, so that the command has the same number.
-    format!("{digit}e{power}").parse().unwrap_or(x)
-}
-
 /// That a region of `V` is not there on the grid of `target`.
 fn vanished(target: &Case) -> Option<String> {
     let region = overlooked(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
     Some(format!("potential.{region} is not there on {grid}: its where holds at no cell's centre"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tolerances_are_rounded_down_to_a_digit() {
-        for (x, digit) in [(3.7e-4, 3e-4), (1e-3, 1e-3), (0.1, 0.1), (9.99e-5, 9e-5)] {
-            assert_eq!(rounded_down(x), digit);
-        }
-    }
 }

@@ -9,8 +9,9 @@ use crate::plan::here::seconds_to_look;
 use crate::problem::case::Case;
 use std::time::Instant;
 
-/// Updates of an unknown that count as a second: a third of what a core does, or less.
-pub const UPDATES_PER_SECOND: f64 = 2e7;
+/// Updates of an unknown that count as a second: a third of what a core does, or less, also where
+/// others use the machine.
+pub const UPDATES_PER_SECOND: f64 = 4e7;
 
 /// Refuses a grid on which a look at `V` alone takes longer than `limit` seconds. Collective.
 ///

@@ -261,6 +261,47 @@ fn the_last_line_says_what_limits_a_run() {
     });
 }
 
+/// After UNDER-RESOLVED stands what would help this run: how many times the cells at least, degrees
+/// where there are higher ones, slopes where there can be some, and a tolerance that does where the
+/// grid's error is below a tenth. On slightly fewer cells than it names the error is above a tenth.
+#[test]
+fn what_is_advised_is_what_that_run_lacks() {
+    let minmod = ["scheme.limiter=minmod", "solver.classical.integrator=ssp-rk3", CLASSICAL];
+    let (degree_2, degree_3, degree_8) = (elements(2, 34), elements(3, 32), elements(8, 8));
+    let (some, all) =
+        ("or a higher scheme.degree", "or a higher scheme.degree where f does not jump");
+    let rows: [(&str, Vec<&str>, &[&str], &[&str]); 7] = [
+        ("smooth-beams.toml", words(&degree_2), &[some, "(at least ", "finds a grid"], &["slopes"]),
+        ("example1.toml", words(&degree_3), &[all, "(at least 1.2 ", "example1.toml"], &["slopes"]),
+        ("smooth-beams.toml", words(&degree_8), &["more cells (at least"], &["scheme.degree"]),
+        ("smooth-beams.toml", vec![], &["solver.tolerance = 2e-3 would do"], &["10 %"]),
+        ("example1.toml", vec![], &["(at least 2.6 ", "or a scheme.degree above 0"], &["slopes"]),
+        ("example1.toml", vec![CLASSICAL], &["above 0 or slopes (scheme.limiter)"], &["tolerance"]),
+        (
+            "example1.toml",
+            minmod.to_vec(),
+            &["more cells (at least "],
+            &["scheme.degree", "slopes"],
+        ),
+    ];
+    check_all(&rows, |(name, settings, says, never)| {
+        let place = directory();
+        let summary = run(name).set(settings).solve(place.path())?;
+        let advice = summary.value["accuracy"]["advice"].as_str().unwrap_or_default();
+        let says = says.iter().all(|words| advice.contains(words));
+        let is_right = says && !never.iter().any(|words| advice.contains(words));
+        summary.require(is_right, || format!("advice: {advice}"))
+    });
+    let place = directory();
+    // 1.3 times 34.
+    let summary = of_the_grid("smooth-beams.toml", &elements(2, 44)).solve(place.path()).unwrap();
+    assert!(accuracy(&summary.value, "grid").unwrap() > 0.1);
+}
+
+fn words(settings: &[String]) -> Vec<&str> {
+    settings.iter().map(String::as_str).collect()
+}
+
 /// Errors and estimates are sums over the ranks, with the same bits on any of them.
 #[test]
 fn errors_of_the_grid_are_the_same_on_any_ranks() {

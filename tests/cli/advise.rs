@@ -183,6 +183,54 @@ fn elements_are_advised_for_small_errors_of_smooth_data() {
     assert_eq!(error, again);
 }
 
+/// Without `[exact]` errors take a grid twice as fine, and the budget holds it: of smooth beams, of
+/// a well, and where data jump. What is advised reaches the accuracy.
+#[test]
+fn accuracies_are_reached_without_an_exact_solution() {
+    let well = r#"
+        initial.f = "exp(-20*((x - 0.7)^2 + v^2))"
+        time.end = 1.5
+        potential = [{ value = "x^2/2" }]
+        [[axis]]
+        x = { lower = -2, upper = 2, cells = 32 }
+        v = { lower = -2, upper = 2, cells = 32 }
+    "#;
+    let file = directory();
+    let well = written(file.path(), well).unwrap();
+    let rows = [(case("smooth-beams.toml"), 5e-2), (case("example1.toml"), 1.5e-1), (well, 3e-2)];
+    check_all(&rows, |(path, accuracy)| {
+        let words = ["run", path, "--accuracy", &accuracy.to_string()];
+        let place = directory();
+        let job = Job::new(words).set(&["exact={}"]).within(120);
+        let finished = job.into(place.path()).succeed()?;
+        finished.says(&finished.errors, &["(estimated"])?;
+        // The same set-up, measured.
+        let choice = std::fs::read_to_string(place.path().join("accuracy.json"));
+        let choice: Value =
+            serde_json::from_str(&choice.map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
+        let chosen = choice["settings"].as_array().into_iter().flatten();
+        let chosen: Vec<&str> = chosen.filter_map(Value::as_str).collect();
+        let exact = ["exact={kind='characteristics'}"];
+        let job = Job::new(["run", path]).set(&chosen).set(&exact).with(["--force"]);
+        let summary = job.within(120).solve(place.path())?;
+        let error = summary.number("error_density_l1_relative")?;
+        summary.require(error <= 1.3 * accuracy, || format!("{error:e}, told {accuracy:e}"))
+    });
+}
+
+/// Between cells of degree 0 with a flux below 1 jumps are matched by energy, and there are no
+/// slopes: none are named.
+#[test]
+fn no_law_of_the_upwind_scheme_is_tried_of_another() {
+    let job = advise(&case("example1.toml"), "2e-1").set(&["scheme.flux=0.5"]);
+    let advised = job.with(["--budget", "5s"]).succeed().unwrap().json().unwrap();
+    let told = advised.to_string();
+    for law in ["hat", "linear", "slopes", "minmod", "van Leer"] {
+        assert!(!told.contains(law), "{law}: {advised:#}");
+    }
+    assert!(entry(&advised, "Schrödingerized, conservative interface").is_ok(), "{advised:#}");
+}
+
 /// A shorter budget leaves things open, and forbids nothing that a longer one finds.
 #[test]
 fn budgets_do_not_contradict_each_other() {

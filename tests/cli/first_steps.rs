@@ -94,6 +94,13 @@ fn a_refused_case_is_told_as_json() {
     assert_eq!((&error["file"], &error["key"]), (&file.into(), &"axis.0.x.cells".into()));
     assert!(error["line"].as_u64() > Some(1) && error["column"].as_u64() > Some(1), "{error}");
     assert!(error["set"].is_null(), "{error}");
+    // A file that is not there.
+    let missing = place.path().join("none.toml").display().to_string();
+    let finished = Job::new(["check", &missing, "--json"]).run().expect("an end");
+    let found = finished.json().expect("JSON");
+    let message = found["error"]["message"].as_str().unwrap_or_default();
+    assert!(found["ok"] == false && finished.code == Some(2), "{found}");
+    assert!(message.contains("none.toml") && message.contains("No such file"), "{found}");
 }
 
 /// Constants stand in the place of numbers, in files and in settings.
@@ -107,7 +114,8 @@ fn numbers_are_formulas_of_constants() {
             ("axis.0.x.lower", "-L", "-1.5"),
             ("axis.0.x.upper", "L", "1.5"),
             ("solver.tolerance", "eps", "1e-6"),
-            ("output.field_times", "['T', 0.3]", "[0.25, 0.3]"),
+            // In a setting a formula in a list needs no quotes.
+            ("output.field_times", "[T, max(0.1, 0.3)]", "[0.25, 0.3]"),
             ("solver.warp.shift", "0*T", "0"),
             ("inflow.value", "1", "1"),
         ];

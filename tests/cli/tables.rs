@@ -166,6 +166,8 @@ fn bad_tables_are_refused() {
     put("hole.csv", "x,v,f\n-2,-2,1\n-2,2,1\n2,-2,1\n");
     put("small.csv", "x,v,f\n-1,-2,1\n-1,2,1\n0,-2,1\n0,2,1\n");
     put("names.csv", "x,y,f\n0,0,1\n");
+    put("semicolons.csv", "x;v;f\n0;0;1\n");
+    put("headless.csv", "0,0,1\n0,1,1\n");
     put("letter.h5", "a letter");
     let [line, down] = [&[-2.0, 2.0][..], &[2.0, -2.0]];
     let hdf5 = |name: &str, axes: &[(&str, &[f64])], value: f64| {
@@ -175,8 +177,10 @@ fn bad_tables_are_refused() {
     hdf5("down.h5", &[("x", down), ("vx", line)], 1.0);
     hdf5("flat.h5", &[("x", line)], 1.0);
     hdf5("infinite.h5", &[("x", line), ("vx", line)], f64::INFINITY);
-    let rows: [(&str, &[&str]); 14] = [
-        ("file='nan.csv'", &["initial.table.file", "nan.csv", "line 3: \"nan\""]),
+    let rows: [(&str, &[&str]); 16] = [
+        ("file='nan.csv'", &["initial.table.file", "nan.csv", "line 3, column 3 (f): \"nan\""]),
+        ("file='semicolons.csv'", &["separated by commas: \"x,v,f\" expected"]),
+        ("file='headless.csv'", &["column \"0\"", "names the columns: \"x,v,f\" expected"]),
         ("file='hole.csv'", &["hole.csv", "3 lines for [2, 2] different coordinates"]),
         ("file='small.csv'", &["small.csv", "its axis x goes from -1 to 0", "-1.5 to 1.5"]),
         ("file='names.csv'", &["names.csv", "column \"y\"", "x, v"]),
@@ -184,7 +188,7 @@ fn bad_tables_are_refused() {
         ("file='none.h5'", &["none.h5", "No such file"]),
         ("file='down.h5'", &["the axis x does not ascend: 2, then -2"]),
         ("file='flat.h5'", &["/f has the shape [2]", "x, v"]),
-        ("file='infinite.h5'", &["value 0 is inf"]),
+        ("file='infinite.h5'", &["the value at x = -2, v = -2 is inf"]),
         ("file='flat.h5', axes=['y']", &["initial.table.axes", "y is none of x, v"]),
         ("file='flat.h5', axes=['x','x']", &["initial.table.axes", "twice"]),
         ("file='flat.h5', axes=['x'], dataset='g'", &["holds no dataset /g"]),
@@ -404,7 +408,8 @@ fn inflow_by_table_is_that_of_a_formula() {
     });
     // Without saying so no axis is time.
     let untold = format!("inflow={{{}}}", given(&file, ""));
-    run("f='0'", &[&untold]).is_refused(&["inflow.table.file", "column \"t\"", "x, v"]).unwrap();
+    let says = ["inflow.table.file", "column \"t\"", "x, v", "inflow.table.axes", "x, v, t"];
+    run("f='0'", &[&untold]).is_refused(&says).unwrap();
     run("f='0'", &[&timed, "time.end=2"]).is_refused(&["its axis t goes from 0 to 0.4"]).unwrap();
     run("f='0'", &[&timed, "output.field_times=[0.2]"])
         .is_refused(&["output.field_times", "with t in inflow.table"])

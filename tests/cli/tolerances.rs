@@ -40,6 +40,28 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
+/// Elements that resolve smooth data leave nearly all of the state where the spectrum of `S` ends:
+/// what the two readings show of the error there is known, and the estimate is right.
+#[test]
+fn estimates_of_resolved_data_are_right() {
+    let beams = ["1e-4", "2e-6", "1e-6", "7e-7", "1e-7", "1e-9"];
+    let gaussian = ["1e-3", "1e-4", "1e-5", "1e-6", "1e-8"];
+    let beams = beams.map(|tolerance| ("smooth-beams.toml", tolerance));
+    let gaussian = gaussian.map(|tolerance| ("unitary_advection.toml", tolerance));
+    let rows: Vec<(&str, &str)> = beams.into_iter().chain(gaussian).collect();
+    check_all(&rows, |(name, tolerance)| {
+        let place = directory();
+        let tolerance = format!("solver.tolerance={tolerance}");
+        let set = ["solver.verify=true", "scheme.flux=0.5", &tolerance];
+        let summary = run(name).set(&set).solve(place.path())?;
+        let ratio = summary.number("error_estimate")? / summary.number("error_semidiscrete")?;
+        let reliable = summary.value["error_estimate_reliable"] == true;
+        summary.require(reliable && (1.0 / 3.0..3.0).contains(&ratio), || {
+            format!("the estimate is {ratio} times the error, reliable: {reliable}")
+        })
+    });
+}
+
 /// Where nothing is dissipated one mode is the solution, to any tolerance.
 #[test]
 fn a_unitary_flow_takes_one_mode() {

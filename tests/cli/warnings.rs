@@ -29,6 +29,16 @@ fn region_edges_off_the_faces_give_a_warning() {
         let known = warnings.contains(edge) && warnings.contains(by);
         summary.require(known, || format!("warnings in summary.json: {warnings}"))
     });
+    // Of many the first are shown, the others counted.
+    let often = "potential.0.where=\"sin(30*x) < 0\"";
+    let finished = check("example1.toml").set(&[often]).succeed().unwrap();
+    let shown = finished.output.matches("misses the faces of the grid; it").count();
+    let more = ["potential: and at ", "places more a region's edge misses the faces"];
+    finished.says(&finished.output, &more).unwrap();
+    let all = finished.output.split("and at ").nth(1).and_then(|rest| rest.split(' ').next());
+    let all = shown + all.and_then(|n| n.parse::<usize>().ok()).unwrap_or(0);
+    // Between -1.5 and 1.5 sin(30 x) changes its sign at k pi/30, |k| <= 14; x = 0 is a face.
+    assert!(shown == 8 && all == 28, "{}", finished.report(&format!("{shown} of {all}")));
     // Control: an edge on a face, and one that is on a face of this grid alone.
     for condition in ["x < 0", "x < 0.0234375"] {
         let setting = format!("potential.0.where=\"{condition}\"");

@@ -38,7 +38,7 @@ class Case:
     Parameters
     ----------
     source
-        A TOML file, or the tables of one.
+        A TOML file, the tables of one, or a case, which is copied.
     **tables
         Further tables, which replace those of `source`.
 
@@ -60,12 +60,18 @@ class Case:
     ... )
     """
 
-    def __init__(self, source: StrPath | Mapping[str, Any] | None = None, **tables: Any) -> None:
+    def __init__(
+        self, source: Case | StrPath | Mapping[str, Any] | None = None, **tables: Any
+    ) -> None:
         #: The file, or ``None`` for a case that was made here.
         self.path: Path | None = None
         self._tree: dict[str, Any] = {}
         self._settings: dict[str, Any] = {}
-        if isinstance(source, Mapping):
+        if isinstance(source, Case):
+            self.path = source.path
+            self._tree = deepcopy(source._tree)
+            self._settings = deepcopy(source._settings)
+        elif isinstance(source, Mapping):
             tables = {**source, **tables}
         elif source is not None:
             self.path = Path(source)

@@ -181,6 +181,17 @@ impl TableFile {
         self.position(name).filter(|position| self.positions.contains(position))
     }
 
+    /// Whether an axis could have this name.
+    pub fn has_axis(&self, name: &str) -> bool {
+        self.position(name).is_some()
+    }
+
+    /// The names that axes can have: `x, v, t`.
+    pub fn all_axes_text(&self) -> String {
+        let names: Vec<&str> = self.names.iter().filter_map(|n| n.first().copied()).collect();
+        names.join(", ")
+    }
+
     /// Position and names of each axis, in the order of an HDF5 dataset.
     pub fn axes(&self) -> Vec<(usize, Vec<&'static str>)> {
         self.positions.iter().map(|&i| (i, self.names[i].to_vec())).collect()
@@ -310,8 +321,7 @@ impl FileTable {
             return Ok(found);
         };
         let key = format!("{}.axes", of.key());
-        let known: Vec<&str> = found.names.iter().filter_map(|n| n.first().copied()).collect();
-        let known = known.join(", ");
+        let known = found.all_axes_text();
         let mut positions = Vec::new();
         for name in &axes.0 {
             match found.position(name) {

@@ -78,7 +78,7 @@ impl<'t> CaseFile<'t> {
         // A value that is no TOML is taken as text, so that shells need no second pair of quotes.
         let value = match DeValue::parse(value.trim()) {
             Ok(value) => marked(value.into_inner(), &span),
-            Err(_) => Spanned::new(span.clone(), DeValue::String(value.trim().into())),
+            Err(_) => Spanned::new(span.clone(), text_value(value.trim(), &span)),
         };
         let parts: Vec<&str> = path.split('.').map(str::trim).collect();
         if parts.iter().any(|p| p.is_empty()) {
@@ -348,6 +348,37 @@ fn begins_with(rest: &str, key: &str) -> bool {
 }
 
 /// `value`, it and all below it standing at `span`.
+/// A value that is no TOML: a list with formulas that are not quoted, or a text.
+fn text_value<'t>(text: &'t str, span: &Range<usize>) -> DeValue<'t> {
+    let list = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let entries = list.map(entries_of).filter(|entries| entries.iter().all(|e| !e.is_empty()));
+    let Some(entries) = entries else {
+        return DeValue::String(text.into());
+    };
+    let entry = |text: &&'t str| match DeValue::parse(text) {
+        Ok(value) => marked(value.into_inner(), span),
+        Err(_) => Spanned::new(span.clone(), DeValue::String((*text).into())),
+    };
+    DeValue::Array(entries.iter().map(entry).collect())
+}
+
+/// The entries of a list: what stands between commas that no bracket or quote encloses.
+fn entries_of(list: &str) -> Vec<&str> {
+    let (mut depth, mut quote) = (0, None);
+    let is_between = |c: char| {
+        match (quote, c) {
+            (Some(open), _) if c == open => quote = None,
+            (Some(_), _) => {}
+            (None, '"' | '\'') => quote = Some(c),
+            (None, '(' | '[' | '{') => depth += 1,
+            (None, ')' | ']' | '}') => depth -= 1,
+            _ => {}
+        }
+        c == ',' && depth == 0 && quote.is_none()
+    };
+    list.split(is_between).map(str::trim).collect()
+}
+
 fn marked<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
     let value = match value {
         DeValue::Array(list) => {

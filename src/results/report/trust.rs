@@ -158,12 +158,10 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         (None, None) if accuracy.is_coarse() => Mark::Bad,
         (None, None) => Mark::Good,
     };
-    if mark == Mark::Bad {
-        text += "; more cells or a higher scheme.degree would lower it";
-    } else if accuracy.under_resolved {
-        text += "; the error of the modes is far smaller, so only more cells or a higher \
-                 scheme.degree make the result better";
+    if mark == Mark::Good && accuracy.under_resolved {
+        text += "; the error of the modes is far smaller";
     }
+    text += &accuracy.advice_after();
     Finding { what, mark, value: errors.join(", "), text }
 }
 

@@ -20,6 +20,8 @@ use std::collections::BTreeMap;
 const MODE: f64 = 0.25;
 /// Points of an element's rule along an axis, more than nodes, at which exact values are taken.
 const MORE_POINTS: usize = 4;
+/// Assembling a matrix and what else a run begins and ends with count as so many updates a cell.
+const PREPARING: f64 = 80.0;
 /// An exact value counts as so many updates: particles are traced back over slopes and jumps.
 const EXACT_VALUE: f64 = 200.0;
 
@@ -139,7 +141,7 @@ impl<'a> Trials<'a> {
         let case = self.merged(&scheme.classical(&self.scene(scheme).plain, shape));
         let cells = all_cells(&case);
         match self.budget.holds(cells, 1.0) {
-            true => Ok(self.cost.work(&case)? * cells),
+            true => Ok((self.cost.work(&case)? + PREPARING) * cells),
             false => Ok(f64::INFINITY),
         }
     }
@@ -200,7 +202,7 @@ impl<'a> Trials<'a> {
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.scene(scheme).plain, shape);
             let merged = self.merged(&case);
-            let mut updates = self.cost.work(&merged)? * all_cells(&merged);
+            let mut updates = (self.cost.work(&merged)? + PREPARING) * all_cells(&merged);
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }

@@ -118,6 +118,10 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
     plan_modes(case);
     let time = case.duration();
     case.interface = Interface::Hat;
+    // The paper's scheme of degree 0 is the upwind one.
+    if case.space.degree() == 0 && !case.reflects() {
+        case.flux = 1.0;
+    }
     case.tolerance = LARGEST_TOLERANCE;
     case.warp.profile = ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) };
     case.warp.coefficients = Coefficients::Sampled;
