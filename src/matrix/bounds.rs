@@ -14,12 +14,13 @@
 //! unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
 use crate::base::error::Result;
-use crate::matrix::line_bounds::{LineBounds, LineKind};
+use crate::matrix::element_faces::ElementFaces;
+use crate::matrix::line_bounds::{Face, LineBounds, Lines};
 use crate::problem::case::{Case, Delta, Method};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::energy::check_axis;
-use crate::scheme::interface::law_of;
+use crate::scheme::interface::{law_of, velocity};
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
@@ -112,33 +113,39 @@ impl Bounds {
         // Some layers at a time, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let layer: usize = ranges[1..].iter().map(Range::len).product();
-        let layers = (CELLS_AT_ONCE / layer.max(1)).max(1);
+        let first = &case.space.x[0];
+        let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
         let (mut force, mut jumps) = (0.0f64, [false; MAX_DIMENSION]);
-        let mut steepest = [0.0f64; MAX_DIMENSION];
         let mut kinds = HashSet::new();
-        for i in (0..case.space.x[0].cells).step_by(layers) {
-            ranges[0] = i..(i + layers).min(case.space.x[0].cells);
+        let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
+        for i in (0..first.cells).step_by(layers) {
+            let end = (i + layers).min(first.cells);
+            // An element's upper face is the next one's lower face.
+            let beyond = usize::from(faces.is_some());
+            ranges[0] = i..(end + beyond).min(first.cells);
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
-            for (a, most) in steepest.iter_mut().enumerate() {
-                *most = most.max(layer.steepest(a));
-            }
             let found = layer.jumps();
             (jumps.iter_mut().zip(found)).for_each(|(j, found)| *j |= found);
             layer.collect_kinds(&mut kinds, MOST_KINDS);
+            ranges[0] = i..end;
+            faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));
         }
         // Through a jump a cell may be its own neighbour and particles move on all the same.
         let single: f64 = (0..case.space.dimension())
             .filter(|&a| jumps[a] && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
             .sum();
-        let (lines, causes) = line_bounds(case, jumps, steepest)?;
-        let (rate, dissipation) = match lines.is_empty() {
-            true => {
+        let (lines, causes) = match faces {
+            None => (Vec::new(), Causes::default()),
+            Some(faces) => line_bounds(case, jumps, &faces)?,
+        };
+        let (rate, dissipation) = match case.is_galerkin() {
+            false => {
                 let rate = transport_rate(&case.space) + single + force;
                 (rate, 2.0 * rate)
             }
-            false => (
+            true => (
                 lines.iter().map(LineBounds::norm).sum(),
                 lines.iter().map(LineBounds::dissipation).sum(),
             ),
@@ -224,50 +231,54 @@ impl Bounds {
     }
 }
 
-/// Bounds of the lines along each axis, space and velocity, where an axis has a degree above 0, and
-/// what their dissipation is made of.
+/// Bounds of the lines along each pair of axes, where an axis has a degree above 0, and what their
+/// dissipation is made of.
 fn line_bounds(
     case: &Case,
     jumps: [bool; MAX_DIMENSION],
-    steepest: [f64; MAX_DIMENSION],
+    faces: &ElementFaces<'_>,
 ) -> Result<(Vec<LineBounds>, Causes)> {
     let space = &case.space;
-    let (mut lines, mut causes) = (Vec::new(), Causes::default());
-    if !case.is_galerkin() {
-        return Ok((lines, causes));
-    }
-    let open = !case.is_closed();
-    let none = |nodes| LineKind { nodes, flux: 0.0, ends: false, reflects: false };
+    let (mut bounds, mut causes) = (Vec::new(), Causes::default());
     let n = space.dimension();
     for a in 0..n {
         let (x, v) = (&space.x[a], &space.v[a]);
         if jumps[a] {
             check_axis(v, &format!("axis.{a}.v ({})", axis_names(n)[n + a]))?;
         }
-        if !space.is_single(a) || jumps[a] {
-            // Behind a jump, what comes from beyond the velocity box comes as through an end.
-            let ends = open && (!space.is_periodic(a) || jumps[a]);
-            let reflects = jumps[a] && case.potential.iter().any(|r| r.reflection.is_some());
-            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends, reflects };
-            let rate = fastest(space, a);
-            lines.push(LineBounds::new(&kind, rate));
-            let alone = none(x.nodes);
-            causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
-            let end = rate * LineKind { ends: true, ..alone }.dissipation();
-            causes.ends += if open && !space.is_periodic(a) { end } else { 0.0 };
-            causes.beyond += if open && jumps[a] { end } else { 0.0 };
-            causes.reflection += rate * LineKind { reflects, ..alone }.dissipation();
-        }
-        if steepest[a] > 0.0 {
-            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: open, reflects: false };
-            let rate = steepest[a] / v.width();
-            lines.push(LineBounds::new(&kind, rate));
-            let alone = none(v.nodes);
-            causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
-            causes.velocities += rate * LineKind { ends: open, ..alone }.dissipation();
-        }
+        let moves = !space.is_single(a) || jumps[a];
+        let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
+        let lines = Lines {
+            nodes: [x.nodes, v.nodes],
+            flux: case.flux,
+            pieces: faces.pieces(a),
+            speeds: (0..v.cells as i64).map(speed).collect(),
+            ends: if case.is_closed() { Face::Closed } else { Face::Open },
+        };
+        causes.add(&lines);
+        bounds.push(LineBounds::new(lines));
     }
-    Ok((lines, causes))
+    Ok((bounds, causes))
+}
+
+impl Causes {
+    /// Adds what the lines along a pair of axes dissipate.
+    fn add(&mut self, lines: &Lines) {
+        let by = |cause: Face| {
+            let seen = move |face| if face == cause { face } else { Face::Unseen };
+            lines.dissipation_of(0.0, Face::Unseen, seen)
+        };
+        let closed = if lines.ends == Face::Closed { Face::Closed } else { Face::Unseen };
+        self.flux += lines.dissipation_of(lines.flux, closed, |face| match face {
+            Face::Open => Face::Unseen,
+            Face::Closed => face,
+            _ => Face::Inner,
+        });
+        self.ends += by(Face::Open);
+        self.beyond += by(Face::Beyond);
+        self.reflection += by(Face::Upwind);
+        self.velocities += lines.dissipation_of(0.0, lines.ends, |_| Face::Unseen);
+    }
 }
 
 /// Interval that holds the spectrum of `H = μS + iK`.

@@ -5,65 +5,117 @@
 //! `H = μS + iK`, for the traces `t_o` before it and `t_i` behind it,
 //!
 //! ```text
-//! −½αμ (|t_o|² + |t_i|²) + 2 Re(c t_i* B t_o),      |c| = ½√(α²μ² + 1),   ‖B‖ ≤ 1
+//! −½αμ (|t_o|² + |t_i|²) + 2 Re(c t_i* B t_o),      c = ½(αμ + i),   ‖B‖ ≤ 1
 //! ```
 //!
-//! where `B` is the identity or the coupling at a jump. With `2|t_i||t_o| ≤ |t_i|² + |t_o|²` each
-//! element is bounded by itself:
+//! where `B` is the identity or the coupling at a jump. With `2|t_i||t_o| ≤ |t_i|² + |t_o|²` a line
+//! may be **cut** at any face: each side takes `−(½αμ ± |c|)|t|²` to the lower and upper bound. Cut
+//! at every face, an element of width 1 is bounded by itself:
 //!
 //! ```text
 //! λ_min(iQ̂ − (½αμ + |c|) P)  ≤  H  ≤  λ_max(iQ̂ − (½αμ − |c|) P),      P = l̂ l̂ᵀ + r̂ r̂ᵀ
 //! ```
 //!
-//! which the Bloch waves of the periodic line attain. Ends of the box have `−½μ |t|²` instead. A
-//! speed that differs from line to line scales traces and elements alike, so the fastest line
-//! bounds all; axes add. Both bounds are convex in `μ` (the lower one concave), so that linear
-//! interpolation between tabulated `μ` stays on the safe side.
+//! which the Bloch waves of the periodic line attain. Other faces have the coefficients of
+//! [`Face`]; a short line without jumps is taken whole.
 //!
-//! For degree 0 this is `−(μ + √(1 + μ²))` and `√(1 + μ²) − μ` times `s/h`.
+//! Lines along a space axis have the speeds `|v_j|/Δx`, so that bounds `x` of an element at speed 1
+//! are the diagonal `x |v_j|/Δx` in velocity. To it comes the force, a velocity line of the speed
+//! `s = |∂V/∂x|/Δv`. Eigenvalues are convex in `s`, so that the steepest slope of the elements with
+//! these faces and `s = 0` bound all between, and
+//!
+//! ```text
+//! λ_min(x |v_j|/Δx + s H_v)      over the velocity line, with its ends
+//! ```
+//!
+//! is narrower than the sum of both bounds: where the fastest velocities are the ends are, too. A
+//! long velocity line is cut into its two ends and the elements in between. The pairs of axes add.
+//!
+//! Eigenvalues are convex in `μ` (the lowest concave), so that linear interpolation between
+//! tabulated `μ` stays on the safe side. For degree 0 and constant `V` the bounds are
+//! `−(μ + √(1 + μ²))` and `√(1 + μ²) − μ` times `s/h`.
 
 use crate::problem::element::Nodes;
 use faer::{Mat, c64};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-/// Wavenumbers of the table: geometric, this many a factor of 10.
-const PER_DECADE: f64 = 24.0;
-/// Decades of the table: from the first of these powers to the second.
-const DECADES: [i32; 2] = [-3, 5];
+/// Wavenumbers of the table are geometric: from a power of 10 to another, so many a factor of 10.
+const DECADES: [[i32; 3]; 3] = [[-3, -2, 6], [-2, 2, 24], [2, 5, 4]];
 
-/// What the bounds of a line depend on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LineKind {
-    /// Nodes of an element.
-    pub nodes: Nodes,
-    /// `α` of the flux.
-    pub flux: f64,
-    /// Whether the line has ends; a periodic one has none, unless `V` jumps on it.
-    pub ends: bool,
-    /// Whether there are jumps with partial reflection on it, where the flux is upwind.
-    pub reflects: bool,
+/// Most unknowns of a stretch of elements that is solved as a whole.
+pub const MOST_UNKNOWNS: usize = 24;
+
+/// What is at a face of an element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Face {
+    /// The next element, maybe behind a jump of `V`.
+    Inner,
+    /// An open end of the box: the flux is upwind.
+    Open,
+    /// A closed end.
+    Closed,
+    /// A jump of `V` from which some velocities go beyond the velocity box: an open end to these.
+    Beyond,
+    /// A jump of `V` with partial reflection: the flux is upwind.
+    Upwind,
+    /// Nothing, to see what the other faces do.
+    Unseen,
 }
 
-/// Bounds of a line of speed 1 and element width 1, by `μ ≥ 0`.
-#[derive(Debug, PartialEq)]
-struct Table {
-    /// `(μ, lower, upper)`, ascending.
-    rows: Vec<[f64; 3]>,
-    /// Bound on `−S`.
-    dissipation: f64,
-    /// Bound on `‖K‖`.
+/// The form `μS + i skew K` of the scheme with flux `α`.
+#[derive(Clone, Copy)]
+struct Form {
+    flux: f64,
+    mu: f64,
     skew: f64,
 }
 
-/// Bounds of the lines along an axis.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LineBounds {
-    /// Largest `s/h`.
-    rate: f64,
-    table: Arc<Table>,
+impl Form {
+    /// What a face takes from the form at one side of it, in lower and in upper bound.
+    fn taken(self, face: Face) -> [f64; 2] {
+        let cut = |flux: f64| {
+            let (half, root) = (0.5 * flux * self.mu, 0.5 * (flux * self.mu).hypot(self.skew));
+            [half + root, half - root]
+        };
+        let ([most, least], end) = (cut(self.flux), 0.5 * self.mu);
+        match face {
+            Face::Inner => [most, least],
+            Face::Open => [end, end],
+            Face::Closed => [self.flux * end, self.flux * end],
+            Face::Beyond => [most.max(end), least.min(end)],
+            Face::Upwind => cut(1.0),
+            Face::Unseen => [0.0, 0.0],
+        }
+    }
 }
 
-/// The matrix of an element: `iQ̂` and its traces.
+/// The elements of a line along a space axis that have the same faces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    /// So many elements, one behind the other.
+    pub elements: usize,
+    /// What is at the two ends.
+    pub faces: [Face; 2],
+    /// Steepest force on them, `|∂V/∂x|/Δv`.
+    pub steepest: f64,
+}
+
+/// The lines along a space axis and its velocity axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lines {
+    /// Nodes of an element of the space axis, and of the velocity axis.
+    pub nodes: [Nodes; 2],
+    /// `α` of the flux.
+    pub flux: f64,
+    /// What the lines along the space axis are made of.
+    pub pieces: Vec<Piece>,
+    /// `|v|/Δx` at all velocities.
+    pub speeds: Vec<f64>,
+    /// The ends of the velocity axis.
+    pub ends: Face,
+}
+
+/// The matrix of an element: `Q̂` and its traces.
 struct Element {
     skew: Vec<Vec<f64>>,
     left: Vec<f64>,
@@ -85,105 +137,176 @@ impl Element {
             right: trace(&e.right),
         }
     }
+}
 
-    /// Least and largest eigenvalue of `i · with_skew · Q̂ − a l̂l̂ᵀ − b r̂r̂ᵀ`.
-    fn extremes(&self, with_skew: bool, a: f64, b: f64) -> [f64; 2] {
-        let count = self.left.len();
-        let (l, r) = (&self.left, &self.right);
-        let matrix = Mat::from_fn(count, count, |m, n| {
-            let skew = if with_skew { self.skew[m][n] } else { 0.0 };
-            c64::new(-a * l[m] * l[n] - b * r[m] * r[n], skew)
-        });
-        match matrix.self_adjoint_eigenvalues(faer::Side::Lower) {
-            Ok(values) => [values[0], values[count - 1]],
-            // Never seen of a finite matrix; the Frobenius norm bounds all eigenvalues.
-            Err(_) => [-matrix.norm_l2(), matrix.norm_l2()],
+/// Elements one behind the other, of speed 1.
+struct Stretch {
+    elements: usize,
+    faces: [Face; 2],
+    /// `|v|/Δx` at the nodes; at the nodes of a space axis nothing.
+    speeds: Vec<f64>,
+}
+
+impl Stretch {
+    /// The entry of the form in `row` and `column`, with `taken` at the two ends.
+    fn entry(&self, of: &Element, form: Form, taken: [f64; 2], at: [usize; 2]) -> c64 {
+        let count = of.left.len();
+        let ([e, f], [m, n]) = (at.map(|i| i / count), at.map(|i| i % count));
+        let cross = 0.5 * form.flux * form.mu;
+        if e == f + 1 {
+            return c64::new(cross, 0.5 * form.skew) * (of.left[m] * of.right[n]);
+        } else if f == e + 1 {
+            return c64::new(cross, -0.5 * form.skew) * (of.right[m] * of.left[n]);
+        } else if e != f {
+            return c64::new(0.0, 0.0);
         }
+        let left = if e == 0 { taken[0] } else { cross };
+        let right = if e + 1 == self.elements { taken[1] } else { cross };
+        let faces = left * of.left[m] * of.left[n] + right * of.right[m] * of.right[n];
+        c64::new(-faces, form.skew * of.skew[m][n])
+    }
+
+    /// Bounds of `rate` times the form, and `added` times the speeds, below and above.
+    fn interval(&self, of: &Element, form: Form, rate: f64, added: [f64; 2]) -> [f64; 2] {
+        let taken = self.faces.map(|face| form.taken(face));
+        let size = self.elements * of.left.len();
+        [0, 1].map(|side| {
+            let taken = taken.map(|taken| taken[side]);
+            let matrix = Mat::from_fn(size, size, |i, j| {
+                let speed = if i == j { self.speeds.get(i).copied().unwrap_or(0.0) } else { 0.0 };
+                self.entry(of, form, taken, [i, j]) * rate + added[side] * speed
+            });
+            match (matrix.self_adjoint_eigenvalues(faer::Side::Lower), side) {
+                (Ok(values), 0) => values[0].min(0.0),
+                (Ok(values), _) => values[size - 1].max(0.0),
+                // Never seen of a finite matrix; the Frobenius norm bounds all eigenvalues.
+                (Err(_), 0) => -matrix.norm_l2(),
+                (Err(_), _) => matrix.norm_l2(),
+            }
+        })
     }
 }
 
-impl LineKind {
-    /// What the two faces of an element may add: between elements, or at an end of the box or a
-    /// jump with partial reflection.
-    fn pairs(&self, inside: f64, end: f64) -> Vec<[f64; 2]> {
-        match self.ends || self.reflects {
-            true => vec![[inside, inside], [end, inside], [inside, end], [end, end]],
-            false => vec![[inside, inside]],
+impl Lines {
+    /// The velocity axis: whole, or its two ends and the elements in between.
+    fn stretches(&self) -> Vec<Stretch> {
+        let (count, speeds) = (self.nodes[1].count(), &self.speeds);
+        let elements = speeds.len() / count;
+        if speeds.len() <= MOST_UNKNOWNS {
+            let faces = [self.ends; 2];
+            return vec![Stretch { elements, faces, speeds: speeds.clone() }];
         }
+        // The faster of both ends bounds either: they are mirror images.
+        let length = (MOST_UNKNOWNS / count).min(elements / 2);
+        let mirrored = speeds.iter().rev();
+        let ends = speeds.iter().zip(mirrored).take(length * count).map(|(a, b)| a.max(*b));
+        let inside = &speeds[length * count..speeds.len() - length * count];
+        let fastest = inside.iter().copied().fold(0.0, f64::max);
+        let inner = Stretch { elements: 1, faces: [Face::Inner; 2], speeds: vec![fastest; count] };
+        let end =
+            Stretch { elements: length, faces: [self.ends, Face::Inner], speeds: ends.collect() };
+        if inside.is_empty() { vec![end] } else { vec![end, inner] }
     }
 
-    /// An upwind face, where there may be one, has more of both than an end.
-    fn end_or_upwind(&self, end: f64, upwind: f64) -> f64 {
-        if self.reflects { upwind } else { end }
-    }
-
-    /// The least eigenvalue of an element, and zero.
-    fn lowest(&self, element: &Element, with_skew: bool, inside: f64, end: f64) -> f64 {
-        let values = self.pairs(inside, end).into_iter();
-        values.map(|[a, b]| element.extremes(with_skew, a, b)[0]).fold(0.0, f64::min)
-    }
-
-    /// Bound on the spectrum of `−S` of a line of speed 1 and element width 1.
-    pub fn dissipation(&self) -> f64 {
-        let element = Element::new(self.nodes);
-        -self.lowest(&element, false, self.flux, self.end_or_upwind(0.5, 1.0))
-    }
-}
-
-impl Table {
-    fn new(kind: &LineKind) -> Self {
-        let element = Element::new(kind.nodes);
-        let pairs = |inside, end| kind.pairs(inside, end);
-        let end_or_upwind = |end, upwind| kind.end_or_upwind(end, upwind);
-        let lowest = |with_skew, inside, end| kind.lowest(&element, with_skew, inside, end);
-        let bounds = |mu: f64| {
-            let (half, root) = (0.5 * kind.flux * mu, 0.5 * (kind.flux * mu).hypot(1.0));
-            // Inside |c| is at least 0, at an end there is none: the same table holds both.
-            let upper = pairs(half - root, 0.5 * mu).into_iter();
-            let upper = upper.map(|[a, b]| element.extremes(true, a, b)[1]).fold(0.0, f64::max);
-            let end = end_or_upwind(0.5 * mu, 0.5 * mu + 0.5 * mu.hypot(1.0));
-            [mu, lowest(true, half + root, end), upper]
-        };
-        let steps = PER_DECADE * f64::from(DECADES[1] - DECADES[0]);
-        let grid = (0..=steps as i32)
-            .map(|k| 10f64.powf(f64::from(DECADES[0]) + f64::from(k) / PER_DECADE));
-        let rows: Vec<[f64; 3]> = std::iter::once(0.0).chain(grid).map(bounds).collect();
-        let skew = f64::max(-rows[0][1], rows[0][2]);
-        Self { rows, dissipation: kind.dissipation(), skew }
-    }
-
-    /// `[lower, upper]` at `mu ≥ 0`.
-    fn at(&self, mu: f64) -> [f64; 2] {
-        let after = self.rows.partition_point(|row| row[0] <= mu);
-        let before = self.rows[after.saturating_sub(1)];
-        let Some(next) = self.rows.get(after) else {
-            // S is at most zero and at least −dissipation.
-            return [before[1] - (mu - before[0]) * self.dissipation, before[2]];
-        };
-        let part = (mu - before[0]) / (next[0] - before[0]);
-        [1, 2].map(|k| before[k] + part * (next[k] - before[k]))
-    }
-}
-
-impl LineBounds {
-    /// Bounds of lines of which the fastest goes through `rate` elements a unit of time.
-    pub fn new(kind: &LineKind, rate: f64) -> Self {
-        Self { rate, table: Arc::new(Table::new(kind)) }
-    }
-
-    /// `[lower, upper]` of the spectrum of `μS + iK`, `mu ≥ 0`.
-    pub fn interval(&self, mu: f64) -> [f64; 2] {
-        self.table.at(mu).map(|bound| self.rate * bound)
+    /// Bounds of `form`, at most and at least 0.
+    fn interval(&self, form: Form) -> [f64; 2] {
+        let of = self.nodes.map(Element::new);
+        let fastest = self.speeds.iter().copied().fold(0.0, f64::max);
+        let stretches = self.stretches();
+        let wider = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        self.pieces.iter().fold([0.0; 2], |widest, piece| {
+            let Piece { elements, faces, steepest } = *piece;
+            let line = Stretch { elements, faces, speeds: Vec::new() };
+            let x = match fastest > 0.0 {
+                true => line.interval(&of[0], form, 1.0, [0.0; 2]),
+                false => [0.0; 2],
+            };
+            let widest = wider(widest, x.map(|bound| bound * fastest));
+            let forced = stretches.iter().filter(|_| steepest > 0.0);
+            forced.fold(widest, |widest, stretch| {
+                wider(widest, stretch.interval(&of[1], form, steepest, x))
+            })
+        })
     }
 
     /// Bound on the spectrum of `−S`.
     pub fn dissipation(&self) -> f64 {
-        self.rate * self.table.dissipation
+        -self.interval(Form { flux: self.flux, mu: 1.0, skew: 0.0 })[0]
+    }
+
+    /// The same of the faces in space for which `seen` alone, with this flux and these ends of the
+    /// velocity axis.
+    pub fn dissipation_of(&self, flux: f64, ends: Face, seen: impl Fn(Face) -> Face) -> f64 {
+        let pieces = self.pieces.iter().map(|p| Piece { faces: p.faces.map(&seen), ..*p });
+        Self { flux, ends, pieces: pieces.collect(), ..self.clone() }.dissipation()
+    }
+}
+
+/// Bounds of the lines along an axis, by `μ ≥ 0`.
+#[derive(Clone, Debug)]
+pub struct LineBounds(Arc<Bounded>);
+
+#[derive(Debug)]
+struct Bounded {
+    lines: Lines,
+    /// Bound on `−S`.
+    dissipation: f64,
+    /// Bound on `‖K‖`.
+    skew: f64,
+    /// `(μ, lower, upper)`, ascending.
+    table: OnceLock<Vec<[f64; 3]>>,
+}
+
+impl PartialEq for LineBounds {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.lines == other.0.lines
+    }
+}
+
+impl LineBounds {
+    /// Bounds of these lines.
+    pub fn new(lines: Lines) -> Self {
+        let [lower, upper] = lines.interval(Form { flux: lines.flux, mu: 0.0, skew: 1.0 });
+        let dissipation = lines.dissipation();
+        let table = OnceLock::new();
+        Self(Arc::new(Bounded { lines, dissipation, skew: upper.max(-lower), table }))
+    }
+
+    fn table(&self) -> &[[f64; 3]] {
+        let lines = &self.0.lines;
+        let bounds = |mu: f64| {
+            let [lower, upper] = lines.interval(Form { flux: lines.flux, mu, skew: 1.0 });
+            [mu, lower, upper]
+        };
+        let powers = DECADES.iter().flat_map(|&[from, to, steps]| {
+            let power = move |k| f64::from(from) + f64::from(k) / f64::from(steps);
+            (0..(to - from) * steps).map(power)
+        });
+        let grid = powers.chain([f64::from(DECADES[2][1])]).map(|power| 10f64.powf(power));
+        self.0.table.get_or_init(|| std::iter::once(0.0).chain(grid).map(bounds).collect())
+    }
+
+    /// `[lower, upper]` of the spectrum of `μS + iK`, `mu ≥ 0`.
+    pub fn interval(&self, mu: f64) -> [f64; 2] {
+        let rows = self.table();
+        let after = rows.partition_point(|row| row[0] <= mu);
+        let before = rows[after.saturating_sub(1)];
+        let Some(next) = rows.get(after) else {
+            // S is at most zero and at least −dissipation.
+            return [before[1] - (mu - before[0]) * self.0.dissipation, before[2]];
+        };
+        let part = (mu - before[0]) / (next[0] - before[0]);
+        [1, 2].map(|k| before[k] + part * (next[k] - before[k]))
+    }
+
+    /// Bound on the spectrum of `−S`.
+    pub fn dissipation(&self) -> f64 {
+        self.0.dissipation
     }
 
     /// Bound on `‖A‖`.
     pub fn norm(&self) -> f64 {
-        self.rate * (self.table.dissipation + self.table.skew)
+        self.0.dissipation + self.0.skew
     }
 }
 
@@ -191,13 +314,24 @@ impl LineBounds {
 mod tests {
     use super::*;
 
-    fn kind(nodes: Nodes, flux: f64, ends: bool) -> LineKind {
-        LineKind { nodes, flux, ends, reflects: false }
+    /// Lines of one speed along a space axis.
+    fn lines(nodes: Nodes, flux: f64, rate: f64, faces: &[[Face; 2]]) -> Lines {
+        let piece = |&faces: &[Face; 2]| Piece { elements: 1, faces, steepest: 0.0 };
+        Lines {
+            nodes: [nodes, Nodes::default()],
+            flux,
+            pieces: faces.iter().map(piece).collect(),
+            speeds: vec![rate],
+            ends: Face::Open,
+        }
     }
+
+    const INNER: [Face; 2] = [Face::Inner; 2];
 
     #[test]
     fn degree_0_has_the_bounds_of_the_upwind_scheme() {
-        let bounds = LineBounds::new(&kind(Nodes::default(), 1.0, true), 3.0);
+        let faces = [INNER, [Face::Open, Face::Inner]];
+        let bounds = LineBounds::new(lines(Nodes::default(), 1.0, 3.0, &faces));
         for mu in [0.0f64, 0.01, 0.7, 12.0, 3000.0] {
             let root = mu.hypot(1.0);
             let [lower, upper] = bounds.interval(mu);
@@ -215,13 +349,39 @@ mod tests {
         let gauss = [4.0, 8.1, 13.3, 19.7];
         for k in 1..=4 {
             for flux in [0.2, 0.5, 1.0] {
-                let (n, table) = (k as f64, |nodes| Table::new(&kind(nodes, flux, false)));
-                let found = table(Nodes::of_space(k));
-                assert!((found.dissipation - flux * n * (n + 1.0)).abs() < 1e-12);
-                assert!((found.skew - lobatto[k - 1]).abs() < 0.06, "{k}: {}", found.skew);
-                let found = table(Nodes::of_velocity(k));
-                assert!((found.dissipation - flux * (n + 1.0) * (n + 2.0)).abs() < 1e-12);
-                assert!((found.skew - gauss[k - 1]).abs() < 0.06, "{k}: {}", found.skew);
+                let n = k as f64;
+                let check = |nodes, dissipation: f64, skew: f64| {
+                    let found = LineBounds::new(lines(nodes, flux, 1.0, &[INNER])).0;
+                    assert!((found.dissipation - dissipation).abs() < 1e-12);
+                    assert!((found.skew - skew).abs() < 0.06, "{k}: {}", found.skew);
+                };
+                check(Nodes::of_space(k), flux * n * (n + 1.0), lobatto[k - 1]);
+                check(Nodes::of_velocity(k), flux * (n + 1.0) * (n + 2.0), gauss[k - 1]);
+            }
+        }
+    }
+
+    /// However a velocity axis is cut, the bounds hold for the whole of it, and longer stretches
+    /// come nearer.
+    #[test]
+    fn a_cut_velocity_axis_is_bounded_by_its_ends() {
+        for (degree, flux) in [(0, 0.3), (1, 0.0), (3, 1.0)] {
+            let nodes = Nodes::of_velocity(degree);
+            let elements = 60 / nodes.count();
+            let speeds: Vec<f64> = (0..60).map(|j| (j as f64 + 0.5 - 20.0).abs() / 40.0).collect();
+            let piece = Piece { elements: 1, faces: INNER, steepest: 1.2 };
+            let of = lines(Nodes::of_space(2), flux, 1.0, &[]);
+            let of = Lines { nodes: [of.nodes[0], nodes], pieces: vec![piece], speeds, ..of };
+            let whole = Stretch { elements, faces: [Face::Open; 2], speeds: of.speeds.clone() };
+            for mu in [0.0, 0.4, 7.0] {
+                let form = Form { flux, mu, skew: 1.0 };
+                let x = Stretch { elements: 1, faces: INNER, speeds: Vec::new() };
+                let x = x.interval(&Element::new(of.nodes[0]), form, 1.0, [0.0; 2]);
+                let exact = whole.interval(&Element::new(nodes), form, 1.2, x);
+                let [lower, upper] = of.interval(form);
+                assert!(lower <= exact[0] + 1e-12 && exact[1] <= upper + 1e-12);
+                let ratio = (upper - lower) / (exact[1] - exact[0]);
+                assert!(ratio < 1.05, "degree {degree}, mu = {mu}: {ratio}");
             }
         }
     }

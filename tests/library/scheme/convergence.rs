@@ -267,18 +267,62 @@ fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     );
     let case = Case::parse("beams", &text, &[]).expect("a good case");
     let tracer = Tracer::new(&case).expect("V is finite");
+    error_of(&case, TIME, |p, time| tracer.value(p, time))
+}
+
+/// The relative error in L2 of what `exact` says at time zero, after `time`.
+fn error_of(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f64 {
     let space = &case.space;
     let points: Vec<[f64; 6]> =
         (0..space.cells()).map(|i| space.inner_point(&space.cell(i))).collect();
-    let f = points.iter().map(|p| tracer.value(p, 0.0)).collect();
-    let f = evolved(&case, &rows(&case), f, TIME);
+    let f = points.iter().map(|p| exact(p, 0.0)).collect();
+    let f = evolved(case, &rows(case), f, time);
     let mut sums = [0.0; 2];
     for (i, (p, f)) in points.iter().zip(&f).enumerate() {
-        let (exact, volume) = (tracer.value(p, TIME), space.relative_volume(&space.cell(i)));
+        let (exact, volume) = (exact(p, time), space.relative_volume(&space.cell(i)));
         sums[0] += volume * (f - exact).powi(2);
         sums[1] += volume * exact.powi(2);
     }
     (sums[0] / sums[1]).sqrt()
+}
+
+/// A beam in two dimensions, which turns in a harmonic force along x and streams along y: order
+/// `k + 1`.
+#[test]
+fn a_beam_in_two_dimensions_converges_with_order_k_plus_1() {
+    const TIME: f64 = 0.6;
+    let mut orders = Vec::new();
+    for (degree, coarse) in [(1, [24, 12]), (2, [10, 4]), (3, [6, 4])] {
+        let errors = [2, 3].map(|finer| {
+            let [turning, streaming] = coarse.map(|elements| elements * finer / 2);
+            let box_of = |half: f64, cells: usize| {
+                format!("lower = -{half}, upper = {half}, cells = {cells}")
+            };
+            let text = format!(
+                "[scheme]\ndegree = {degree}\nflux = 1.0\n\
+                 [[axis]]\nx = {{ {turning} }}\nv = {{ {turning} }}\n\
+                 [[axis]]\nx = {{ {}, boundary = 'periodic' }}\n\
+                 v = {{ lower = 0.2, upper = 1.2, cells = 1 }}\n\
+                 [[potential]]\nvalue = 'x^2/2'\n[initial]\nf = '1'\n[time]\nend = {TIME}\n",
+                box_of(1.0, streaming),
+                turning = box_of(1.8, turning),
+            );
+            error_of(&Case::parse("beam", &text, &[]).expect("a good case"), TIME, beam)
+        });
+        let order = (errors[0] / errors[1]).ln() / 1.5f64.ln();
+        println!("degree {degree}: order {order:.2}, errors {errors:?}");
+        orders.push((order - (degree + 1) as f64).abs());
+    }
+    assert!(orders.iter().all(|off| *off < 0.3), "off by {orders:?}");
+}
+
+/// The beam at `time`, from where its particles were.
+fn beam(point: &[f64; 6], time: f64) -> f64 {
+    let [x, y, _, vx, vy, _] = *point;
+    let (sin, cos) = time.sin_cos();
+    let [x, vx, y] = [x * cos - vx * sin, vx * cos + x * sin, y - vy * time];
+    (-4.0 * ((x - 0.2).powi(2) + (vx + 0.1).powi(2))).exp()
+        * (1.0 + 0.5 * (std::f64::consts::PI * y + x).sin())
 }
 
 /// Of degree 2 and more the energy `v²/2 + V` that is lost anywhere is gained elsewhere, at a step

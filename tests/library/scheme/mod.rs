@@ -4,6 +4,7 @@ mod convergence;
 mod elements;
 mod identities;
 mod paper;
+mod sharpness;
 
 use crate::dense::case;
 use phasewarp::problem::case::{Case, Interface};

@@ -1,0 +1,270 @@
+//! How far bounds of the spectra of `S` and `H` are above what Lanczos finds.
+
+use crate::dense::{case, noise};
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use phasewarp::matrix::bounds::{Bounds, Interval};
+use phasewarp::problem::case::Case;
+use phasewarp::scheme::rows::{Row, Scheme};
+use std::path::Path;
+
+/// Steps of Lanczos.
+const STEPS: usize = 90;
+
+/// `μS + i skew K`.
+#[derive(Clone, Copy)]
+struct Form {
+    mu: f64,
+    skew: f64,
+}
+
+/// `D A D⁻¹` and its transpose, by rows.
+struct Sparse {
+    rows: [Vec<Vec<(usize, f64)>>; 2],
+}
+
+impl Sparse {
+    fn new(case: &Case) -> Self {
+        let space = &case.space;
+        let scheme = Scheme::whole(case).expect("V is finite");
+        let root: Vec<f64> =
+            (0..space.cells()).map(|i| space.relative_volume(&space.cell(i)).sqrt()).collect();
+        let mut rows = [vec![Vec::new(); root.len()], vec![Vec::new(); root.len()]];
+        let mut row = Row::default();
+        for i in 0..root.len() {
+            scheme.row(&mut row, i);
+            for &(j, a) in &row.entries {
+                let weighted = a * root[i] / root[j];
+                rows[0][i].push((j, weighted));
+                rows[1][j].push((i, weighted));
+            }
+        }
+        Self { rows }
+    }
+
+    /// The form times `x`.
+    fn apply(&self, form: Form, x: &[Complex64]) -> Vec<Complex64> {
+        let sum =
+            |row: &Vec<(usize, f64)>| -> Complex64 { row.iter().map(|&(j, a)| x[j] * a).sum() };
+        let [to, from] = [form.skew, -form.skew].map(|k| 0.5 * Complex64::new(form.mu, k));
+        let [a, t] = &self.rows;
+        a.iter().zip(t).map(|(a, t)| to * sum(a) + from * sum(t)).collect()
+    }
+
+    /// Those of `μS + iK`.
+    fn ends(&self, mu: f64, steps: usize) -> [f64; 2] {
+        self.ends_of(Form { mu, skew: 1.0 }, steps)
+    }
+
+    /// Least and largest eigenvalue of the form on a Krylov space: between those of all.
+    fn ends_of(&self, form: Form, steps: usize) -> [f64; 2] {
+        let size = self.rows[0].len();
+        let norm = |x: &[Complex64]| x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt();
+        let mut x: Vec<Complex64> =
+            (0..size).map(|i| Complex64::new(noise(i, 1), noise(i, 2))).collect();
+        let length = norm(&x);
+        x.iter_mut().for_each(|x| *x /= length);
+        let mut before = vec![Complex64::default(); size];
+        let (mut diagonal, mut beside) = (Vec::new(), vec![0.0]);
+        for _ in 0..steps.min(size) {
+            let mut y = self.apply(form, &x);
+            let last = *beside.last().expect("begun with one");
+            y.iter_mut().zip(&before).for_each(|(y, b)| *y -= b * last);
+            let a: f64 = y.iter().zip(&x).map(|(y, x)| (x.conj() * y).re).sum();
+            y.iter_mut().zip(&x).for_each(|(y, x)| *y -= x * a);
+            diagonal.push(a);
+            let b = norm(&y);
+            if b < 1e-12 {
+                break;
+            }
+            beside.push(b);
+            before = x;
+            x = y.iter().map(|y| y / b).collect();
+        }
+        let m = diagonal.len();
+        let t = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
+            0 => diagonal[i],
+            1 => beside[i.max(j)],
+            _ => 0.0,
+        });
+        let values = t.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+        [values[0], values[m - 1]]
+    }
+}
+
+/// What is wrong with the bounds of a case, and how long the intervals and how large the bound of
+/// `S` are beside what Lanczos finds: the largest ratio.
+fn widest(name: &str, case: &Case) -> f64 {
+    let bounds = Bounds::new(case).expect("V is finite");
+    let generator = Sparse::new(case);
+    let mut widest = 1.0f64;
+    for mu in [0.0, 0.5, -2.0, 9.0] {
+        let [low, high] = generator.ends(mu, STEPS);
+        let Interval { centre, half_width } = bounds.interval(mu);
+        let slack = 1e-12 * half_width;
+        let holds = centre - half_width - slack <= low && high <= centre + half_width + slack;
+        assert!(holds, "{name}, mu = {mu}: [{low}, {high}] in {centre} +- {half_width}");
+        widest = widest.max(2.0 * half_width / (high - low));
+    }
+    let low = -generator.ends_of(Form { mu: 1.0, skew: 0.0 }, STEPS)[0];
+    let allowed = bounds.dissipation;
+    assert!(low <= allowed * (1.0 + 1e-12) + 1e-12, "{name}: {low} {allowed}");
+    match allowed == 0.0 {
+        true => widest,
+        false => widest.max(allowed / low),
+    }
+}
+
+/// `V` along x, and what it is called.
+const POTENTIALS: [(&str, &str); 8] = [
+    ("constant", "[{value='0'}]"),
+    ("step", "[{where='x<0',value='0.2'},{value='0'}]"),
+    ("well", "[{where='abs(x)<0.5',value='0'},{value='0.3'}]"),
+    ("reflecting step", "[{where='x<0',value='0.2',reflection='0.3'},{value='0'}]"),
+    ("slope", "[{value='0.4*x'}]"),
+    ("harmonic", "[{value='x^2/2'}]"),
+    ("harmonic step", "[{where='x<0.25',value='x^2/2'},{value='x^2/2+0.1'}]"),
+    ("wave", "[{value='0.3*cos(pi*x)'}]"),
+];
+
+/// A case in one dimension, of about so many unknowns an axis.
+fn scene(potential: &str, degrees: [usize; 2], flux: f64, ends: &str, nodes: usize) -> Case {
+    let elements = degrees.map(|k| nodes / (k + 1) / 4 * 4);
+    let (ends, boundary) = match ends {
+        "periodic" => ("open", "periodic"),
+        _ => (ends, "inflow"),
+    };
+    let text = format!(
+        "potential = {potential}\n[scheme]\nflux = {flux}\nends = '{ends}'\n[[axis]]\n\
+         x = {{ lower = -1.0, upper = 1.0, cells = {}, degree = {}, boundary = '{boundary}' }}\n\
+         v = {{ lower = -1.2, upper = 1.2, cells = {}, degree = {} }}\n\
+         [initial]\nf = '1'\n[time]\nend = 1.0\n",
+        elements[0], degrees[0], elements[1], degrees[1]
+    );
+    Case::parse("scene", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+/// One half of all `V`, pairs of degrees and fluxes, with open ends, closed ones, and periodic.
+#[test]
+fn bounds_are_sharp_in_one_dimension() {
+    let mut found = Vec::new();
+    for (p, (name, potential)) in POTENTIALS.iter().enumerate() {
+        for (d, degrees) in
+            [[0, 0], [1, 1], [2, 2], [3, 3], [4, 4], [0, 3], [3, 0], [1, 4]].iter().enumerate()
+        {
+            for (f, flux) in [0.0, 0.3, 0.5, 1.0].into_iter().enumerate() {
+                let number = p + d + f;
+                let ends = ["open", "closed", "open", "periodic"][number / 2 % 4];
+                // The waves of a periodic scene must not jump.
+                let periodic_slope = ends == "periodic" && name.contains("slope");
+                let case = scene(potential, *degrees, flux, ends, 72);
+                if number % 2 == 1 || !case.is_galerkin() || periodic_slope {
+                    continue;
+                }
+                let name = format!("{name}, degrees {degrees:?}, flux {flux}, {ends}");
+                found.push((widest(&name, &case), name));
+            }
+        }
+    }
+    report(found, 1.15);
+}
+
+/// The wave is flat at the open ends and steep elsewhere in their elements: with the central flux
+/// nothing else dissipates, and the bound knows the steepest force of an element only.
+#[test]
+fn bounds_hold_where_the_ends_alone_dissipate() {
+    let case = scene(POTENTIALS[7].1, [3, 3], 0.0, "open", 72);
+    report(vec![(widest("wave", &case), "wave".to_owned())], 1.35);
+}
+
+/// The cases of the program on small grids, with nothing that enters.
+#[test]
+fn bounds_are_sharp_on_the_cases() {
+    let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/cases"));
+    let names = files.expect("the cases").map(|file| file.expect("a file").file_name());
+    let mut names: Vec<String> = names.filter_map(|name| name.into_string().ok()).collect();
+    names.retain(|name| name.ends_with(".toml"));
+    names.sort();
+    assert!(names.len() > 15, "{names:?}");
+    let mut found = Vec::new();
+    for (number, name) in names.iter().enumerate() {
+        let given = case(name, &[]);
+        let (n, rotated) = (given.space.dimension(), number % 3);
+        let trials: &[(usize, f64)] = match n {
+            1 => &[(0, 0.0), (1, 0.25), (2, 0.5), (3, 1.0), (4, 0.5)],
+            2 => &[(0, 0.0), (0, 0.5), (1, 0.25)],
+            _ => &[(0, 0.5)],
+        };
+        for (k, &(degree, flux)) in trials.iter().enumerate() {
+            // Measure-valued data and inflow say which settings they refuse.
+            let ends = if given.enters() || (k + rotated) % 2 == 0 { "open" } else { "closed" };
+            let nodes = [72, 12, 5][n - 1] / (degree + 1);
+            let mut settings = vec![
+                format!("scheme.degree={degree}"),
+                format!("scheme.flux={flux}"),
+                format!("scheme.ends='{ends}'"),
+            ];
+            for a in 0..n {
+                for axis in ["x", "v"] {
+                    settings.push(format!("axis.{a}.{axis}.cells={}", nodes / 2 * 2));
+                }
+            }
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
+            let Ok(case) = Case::load(&path, &settings) else {
+                assert!(degree == 0, "{name}: {settings:?}");
+                continue;
+            };
+            let name = format!("{name}, degree {degree}, flux {flux}, {ends}");
+            found.push((widest(&name, &case.without_inflow()), name));
+        }
+    }
+    report(found, 1.15);
+}
+
+/// Two dimensions: jumps at a corner and at a square, slopes along both axes. With four elements an
+/// axis, waves are not as short as the bounds of cut lines allow.
+#[test]
+fn bounds_are_sharp_in_two_dimensions() {
+    let potentials = [
+        "[{where='max(x,y)<0',value='0.2'},{value='0'}]",
+        "[{where='max(abs(x),abs(y))<0.5',value='0'},{value='0.3'}]",
+        "[{value='0.4*x^2+0.3*x*y+0.5*y^2'}]",
+    ];
+    let mut found = Vec::new();
+    for (p, potential) in potentials.iter().enumerate() {
+        for (k, degrees) in [[0, 0], [1, 1], [2, 0], [1, 3]].into_iter().enumerate() {
+            let (flux, ends) =
+                ([0.0, 0.3, 0.5, 1.0][(p + k) % 4], ["open", "closed"][(p + k / 2) % 2]);
+            let axis = |kx: usize, kv: usize| {
+                format!(
+                    "[[axis]]\n\
+                     x = {{ lower = -1.0, upper = 1.0, cells = {}, degree = {kx} }}\n\
+                     v = {{ lower = -1.2, upper = 1.2, cells = {}, degree = {kv} }}\n",
+                    (12 / (kx + 1) / 4 * 4).max(4),
+                    12 / (kv + 1) / 2 * 2
+                )
+            };
+            let text = format!(
+                "potential = {potential}\n[scheme]\nflux = {flux}\nends = '{ends}'\n{}{}\
+                 [initial]\nf = '1'\n[time]\nend = 1.0\n",
+                axis(degrees[0], degrees[1]),
+                axis(degrees[1], degrees[0])
+            );
+            let case = Case::parse("scene", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+            if case.is_galerkin() {
+                let name = format!("{potential}, degrees {degrees:?}, flux {flux}, {ends}");
+                found.push((widest(&name, &case), name));
+            }
+        }
+    }
+    report(found, 1.25);
+}
+
+/// Fails where a ratio is above `most`.
+fn report(mut found: Vec<(f64, String)>, most: f64) {
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let line = |(ratio, name): &(f64, String)| format!("{ratio:.3} {name}\n");
+    let worst: String = found.iter().take(30).map(line).collect();
+    println!("of {} scenes the bounds are most above in\n{worst}", found.len());
+    assert!(found[0].0 < most, "{worst}");
+}
