@@ -226,6 +226,8 @@ fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
 const MOST_TRACED_CELLS: usize = 1 << 21;
 /// Parts of an element along each axis: at most, ...
 const MOST_PARTS: usize = 64;
+/// ... more in one dimension, where edges are on faces then, up to so many cells, ...
+const MOST_CELLS_IN_LINE: usize = 8192;
 /// ... and, of degree 0, no more than give so many along the axis, in up to two dimensions.
 const ENOUGH_CELLS: usize = 512;
 
@@ -239,7 +241,7 @@ fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
         let parts = libm::pow(most as f64 / space.space_cells() as f64, 1.0 / n as f64);
         (parts as usize).clamp(1, MOST_PARTS)
     };
-    let (enough, cuts) = (room(most), room(MOST_TRACED_CELLS));
+    let enough = room(most);
     let is_curved = is_curved(case)?;
     for (axis, edges) in space.x.iter_mut().zip(region_edges(case)) {
         let least = match (is_curved, case.space.degree()) {
@@ -248,7 +250,11 @@ fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
             (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
             (true, _) => enough,
         };
-        let parts = with_edges(axis, &edges.unwrap_or_default(), least, cuts);
+        let most = match n {
+            1 => MOST_CELLS_IN_LINE / axis.cells,
+            _ => room(MOST_TRACED_CELLS),
+        };
+        let parts = with_edges(axis, &edges.unwrap_or_default(), least, most);
         *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
     }
     Ok(space)
@@ -267,8 +273,8 @@ fn is_curved(case: &Case) -> Result<bool> {
     Ok(Potential::whole(&case)?.is_curved(&case.space))
 }
 
-/// The number of parts of an element, from `least` to `most` or `least`, with which all `edges` lie
-/// on faces; where there is none, with which they are nearest to faces.
+/// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on
+/// faces; where there is none, that up to [`MOST_PARTS`] with which they are nearest to faces.
 fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
     let furthest = |parts: usize| {
         let width = axis.width() / parts as f64;
@@ -279,17 +285,11 @@ fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
         edges.iter().map(miss).fold(0.0, f64::max)
     };
     let near = EDGE_ON_FACE * axis.width();
-    let mut best = (least, furthest(least));
-    for parts in least + 1..=most {
-        if best.1 <= near {
-            break;
-        }
-        let miss = furthest(parts);
-        if miss < best.1 {
-            best = (parts, miss);
-        }
-    }
-    best.0
+    let nearest = || {
+        let parts = least..=MOST_PARTS.min(most).max(least);
+        parts.min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)))
+    };
+    (least..=most).find(|&parts| furthest(parts) <= near).or_else(nearest).unwrap_or(least)
 }
 
 impl<'a> Tracer<'a> {

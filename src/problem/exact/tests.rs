@@ -264,8 +264,8 @@ fn harmonic_potential_converges_to_the_rotation() {
     assert!(turning.iter().all(|o| (o - 1.5).abs() < 0.1), "{turning:?}");
 }
 
-/// Edges inside of cells stay where they are: a barrier that is narrower than a cell, a well, in two
-/// dimensions too; as on a grid that has faces there.
+/// Edges inside of cells stay where they are: of a barrier that is narrower than a cell, of a well,
+/// in two dimensions too; as on a grid that has faces there.
 #[test]
 fn edges_inside_of_cells_are_not_moved() {
     let barrier = [("x > 0 && x < 0.3", "0.35"), ("x > 1.1 && x < 1.27", "-0.2"), ("", "0")];
@@ -274,7 +274,7 @@ fn edges_inside_of_cells_are_not_moved() {
     for (n, potential, cells, finer) in [
         (1, &barrier[..], [7, 50], 1000),
         (1, &barrier[..], [10, 1], 1000),
-        (2, &square, [6, 9], 80),
+        (2, &square, [5, 10], 100),
     ] {
         let on = |cells| case(n, (-4.0, 6.0, cells), (-2.5, 2.5, 8), potential, f, "0");
         let exact = on(finer);
@@ -305,7 +305,7 @@ fn a_curved_potential_is_traced_in_parts_of_cells() {
         spread(&case, 300, 0.6).iter().map(off).fold(0.0, f64::max)
     };
     let [as_it_is, cut] = [tracer(&case), Tracer::new(&case).unwrap()].map(|t| worst(&t));
-    assert!(as_it_is > 3e-2 && cut < 1e-3, "{as_it_is} {cut}");
+    assert!(as_it_is > 0.1 && cut < 3e-3, "{as_it_is} {cut}");
 }
 
 #[test]
