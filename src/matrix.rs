@@ -12,6 +12,7 @@ pub mod assembly;
 pub mod block_matrix;
 pub mod blocking;
 pub mod bounds;
+mod bundles;
 pub mod elements;
 pub mod embedding;
 pub mod inflow;

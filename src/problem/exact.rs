@@ -276,15 +276,21 @@ impl<'a> Tracer<'a> {
     /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes
     /// from is undefined.
     pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
-        let foot = self.foot(point, time);
+        self.values(std::slice::from_ref(point), time)[0]
+    }
+
+    /// The same at many points.
+    pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];
-        match &field.inflow {
-            Inflow::Formula(inflow) if foot.entry > 0.0 => {
-                let [x, y, z, vx, vy, vz] = foot.point;
-                inflow.eval(&[x, y, z, vx, vy, vz, foot.entry])
+        let feet: Vec<Foot> = points.iter().map(|point| self.foot(point, time)).collect();
+        let at: Vec<[f64; 6]> = feet.iter().map(|foot| foot.point).collect();
+        let mut values = field.initial.at_points(&at, 0.0);
+        if let Inflow::Formula(inflow) = &field.inflow {
+            for (foot, value) in feet.iter().zip(&mut values).filter(|(foot, _)| foot.entry > 0.0) {
+                *value = inflow.at_point(&foot.point, foot.entry);
             }
-            _ => field.initial.eval(&foot.point),
         }
+        values
     }
 
     /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.

@@ -16,6 +16,9 @@ use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use std::collections::{BTreeSet, HashMap};
 use std::ops::Range;
 
+/// Points that are looked at together.
+const BATCH: usize = 48;
+
 /// The points of an element at which its projection looks at a formula first. Where that is zero at
 /// all of them, so is the projection.
 pub(super) struct Points {
@@ -44,26 +47,26 @@ impl Points {
     /// `element[..]` of each axis.
     pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
         let n = space.dimension();
-        let mut found = false;
-        let mut visit = vec![0; self.along.len()];
-        'points: loop {
-            let mut point = [0.0; 6];
-            for (a, axis) in space.axes().enumerate() {
-                let slot = if a < n { a } else { 3 + a - n };
-                let xi = self.along[a][visit[a]];
-                point[slot] = axis.at(element[a] as i64, xi);
+        let coordinates: Vec<Vec<f64>> = (space.axes().zip(&self.along).zip(element))
+            .map(|((axis, xi), j)| xi.iter().map(|xi| axis.at(*j as i64, *xi)).collect())
+            .collect();
+        let mut points = Vec::with_capacity(BATCH);
+        for number in 0..self.count() {
+            let (mut point, mut rest) = ([0.0; 6], number);
+            for (a, along) in coordinates.iter().enumerate().rev() {
+                point[if a < n { a } else { 3 + a - n }] = along[rest % along.len()];
+                rest /= along.len();
             }
-            // What is no number is found, and refused, later.
-            found |= formula.eval(&point) != 0.0;
-            for a in (0..visit.len()).rev() {
-                visit[a] += 1;
-                if visit[a] < self.along[a].len() && !found {
-                    continue 'points;
+            points.push(point);
+            if points.len() == BATCH || number + 1 == self.count() {
+                // What is no number is found, and refused, later.
+                if formula.at_points(&points, 0.0).iter().any(|f| *f != 0.0) {
+                    return true;
                 }
-                visit[a] = 0;
+                points.clear();
             }
-            return found;
         }
+        false
     }
 }
 
