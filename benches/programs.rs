@@ -289,8 +289,8 @@ const REACHED: [Reached; 5] = [
     },
     Reached { case: "smooth-beams", error: 1e-3, limited: None, elements: [6, 30], flux: "0.5" },
     // The upwind flux, for velocities that nothing reaches are left out only then.
-    Reached { case: "example1", error: 1e-1, limited: Some(106), elements: [3, 28], flux: "1" },
-    Reached { case: "example1", error: 5e-2, limited: Some(264), elements: [3, 60], flux: "1" },
+    Reached { case: "example1", error: 1e-1, limited: Some(106), elements: [3, 26], flux: "1" },
+    Reached { case: "example1", error: 5e-2, limited: Some(264), elements: [3, 58], flux: "1" },
 ];
 
 /// Seconds to an error of the exact solution, modes beside the classical methods.

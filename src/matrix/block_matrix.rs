@@ -10,7 +10,7 @@
 
 use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::kernel;
+use crate::matrix::kernel::{self, InstructionSet};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::matrix::rows::{Lines, MOST_NODES, Rows};
 use crate::parallel::communicator::{GhostExchange, Group};
@@ -201,7 +201,33 @@ impl BlockMatrix {
         });
     }
 
-    fn apply_rows(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+    /// The products of lines with a real vector. Nothing is fused, so that the bits are the same
+    /// for every instruction set.
+    fn apply_rows(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        match InstructionSet::here() {
+            // SAFETY: the processor was asked.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => unsafe { self.sum_avx512(lines, operator, y, x) },
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => unsafe { self.sum_avx2(lines, operator, y, x) },
+            _ => self.sum_lines(lines, operator, y, x),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f")]
+    fn sum_avx512(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        self.sum_lines(lines, operator, y, x);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn sum_avx2(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        self.sum_lines(lines, operator, y, x);
+    }
+
+    #[inline(always)]
+    fn sum_lines(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
         // A loop each, so that the choice is made once.
         match operator {
             Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),

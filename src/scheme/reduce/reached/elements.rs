@@ -51,13 +51,20 @@ impl Points {
             .map(|((axis, xi), j)| xi.iter().map(|xi| axis.at(*j as i64, *xi)).collect())
             .collect();
         let mut points = Vec::with_capacity(BATCH);
+        let mut place = vec![0; coordinates.len()];
         for number in 0..self.count() {
-            let (mut point, mut rest) = ([0.0; 6], number);
-            for (a, along) in coordinates.iter().enumerate().rev() {
-                point[if a < n { a } else { 3 + a - n }] = along[rest % along.len()];
-                rest /= along.len();
+            let mut point = [0.0; 6];
+            for (a, (along, at)) in coordinates.iter().zip(&place).enumerate() {
+                point[if a < n { a } else { 3 + a - n }] = along[*at];
             }
             points.push(point);
+            for (at, along) in place.iter_mut().zip(&coordinates).rev() {
+                *at += 1;
+                if *at < along.len() {
+                    break;
+                }
+                *at = 0;
+            }
             if points.len() == BATCH || number + 1 == self.count() {
                 // What is no number is found, and refused, later.
                 if formula.at_points(&points, 0.0).iter().any(|f| *f != 0.0) {
