@@ -520,12 +520,12 @@ mod tests {
                 (0..lines).filter(|l| matrix.bundles.at(matrix.rows.lines(), *l).is_some());
             assert!(WIDTH * bundled.count() > lines / 3, "degree {degree}: few lines in bundles");
             let x: Vec<f64> = (0..matrix.length()).map(|i| (0.7 * i as f64).sin()).collect();
-            let entries: [(Operator, fn(f64, f64) -> f64); 3] = [
-                (Operator::Generator, |s, k| s + k),
-                (Operator::Transpose, |s, k| s - k),
-                (Operator::Symmetric, |s, _| s),
-            ];
-            for (operator, entry) in entries {
+            for operator in [Operator::Generator, Operator::Transpose, Operator::Symmetric] {
+                let entry = |s: f64, k: f64| match operator {
+                    Operator::Generator => s + k,
+                    Operator::Transpose => s - k,
+                    Operator::Symmetric => s,
+                };
                 let mut y = vec![0.0; rows];
                 // Not from the beginning of a bundle.
                 matrix.apply_rows(&[0..3, 3..lines], operator, &mut y, &x);
