@@ -321,7 +321,7 @@ def by_error(runs, origin):
     )
     if not all(run.timed for run in found):
         return text
-    about = (f"Commit {origin.text('commit')}; load of the origin when the runs began: "
+    about = (f"Commit {origin.text('commit')}; load of the machine when the runs began: "
              f"{origin.number('load'):.1f}.")
     return f"{prose(about)}\n\n{text}"
 

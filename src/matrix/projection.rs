@@ -142,9 +142,9 @@ impl Projection {
         false
     }
 
-    /// Whether the polynomial through `values` misses the function at an end of the parts of `rules`,
-    /// where a jump beyond the outermost points is not seen otherwise. Looked at in one space
-    /// dimension only: in more the ends are too many.
+    /// Whether the polynomial through `values` misses the function at an end of the parts of
+    /// `rules`, where a jump beyond the outermost points is not seen otherwise. Looked at in one
+    /// space dimension only: in more the ends are too many.
     fn jumps_at_an_end(
         &self,
         element: &Element<'_>,
