@@ -14,6 +14,7 @@ use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::kernel::InstructionSet;
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
 use phasewarp::parallel::partition::{Block, Mesh};
 use std::hint::black_box;
@@ -80,7 +81,12 @@ impl Steps {
         let mesh = Mesh { space: vec![1; case.space.dimension()], groups: 1 };
         let communicator = Communicator::new(world, &mesh);
         let block = Block::new(&case.space, &mesh, 0);
-        let matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
+        let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
+        if case.space.degree() > 0 {
+            let weights = Weights::volumes(&matrix, &case.space);
+            matrix.scale(&weights.pi);
+            matrix.gather_elements();
+        }
         let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
         let vector = || vec![Lanes([0.5; 2 * LANES]); matrix.length()];
         Self {
@@ -119,6 +125,14 @@ fn main() {
             .flat_map(|d| ["x", "v"].map(|a| format!("axis.{d}.{a}.cells={n}")))
             .collect::<Vec<_>>()
     };
+    // About as many rows as 128x128.
+    let elements = |degree: usize, n: usize| {
+        let mut set = square(n);
+        set.push(format!("scheme.degree={degree}"));
+        set
+    };
+    // A word on the command line leaves out grids that it is not part of.
+    let wanted = std::env::args().skip(1).find(|word| !word.starts_with('-')).unwrap_or_default();
     let mut criterion = Criterion::default()
         .sample_size(10)
         .warm_up_time(Duration::from_millis(200))
@@ -130,12 +144,20 @@ fn main() {
         ("128x128", "example1.toml", square(128)),
         ("256x256", "example1.toml", square(256)),
         ("512x512", "example1.toml", square(512)),
+        ("degree 1, 64x64 elements", "example1.toml", elements(1, 64)),
+        ("degree 2, 42x42 elements", "example1.toml", elements(2, 42)),
+        ("degree 3, 32x32 elements", "example1.toml", elements(3, 32)),
+        ("degree 4, 26x26 elements", "example1.toml", elements(4, 26)),
+        ("degree 8, 14x14 elements", "example1.toml", elements(8, 14)),
         ("16^4", "barrier2d.toml", four(16)),
         ("24^4", "barrier2d.toml", four(24)),
         ("example 3, 16^4", "example3.toml", four(16)),
         ("example 3, 24^4", "example3.toml", four(24)),
         ("example 3, 32^4", "example3.toml", four(32)),
     ] {
+        if !name.contains(&wanted) {
+            continue;
+        }
         let mut steps = Steps::new(&world, case, &set);
         let rows = steps.matrix.rows();
         let planned = Blocking::planned(&steps.matrix);

@@ -12,6 +12,7 @@ pub mod assembly;
 pub mod block_matrix;
 pub mod blocking;
 pub mod bounds;
+mod bundles;
 pub mod element_faces;
 pub mod elements;
 pub mod embedding;

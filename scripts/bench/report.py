@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Writes the tables of docs/performance.md from what `make bench` and `make example3` measured.
 
-Usage: report.py [--results DIR] [--document FILE] [--example3 DIR] [--only NAME]
+Usage: report.py [--results DIR] [--document FILE] [--example3 DIR]
+       [--only example3|error]
 
 Needs the standard library only. A table stands between `<!-- begin NAME -->` and
 `<!-- end NAME -->` and is replaced; a table that was not measured is kept, and its name printed.
@@ -283,7 +284,7 @@ def by_tolerance(runs):
     )
 
 
-def by_error(runs):
+def by_error(runs, origin):
     """Seconds to an error of the exact solution; the error of the smooth case is L2."""
     def reached(run):
         norm = "error_l2_relative" if run.case == "smooth-beams" else "error_l1_relative"
@@ -296,12 +297,15 @@ def by_error(runs):
 
     found = of(runs, "error")
 
-    def beside_modes(run):
-        modes = next(r for r in found if r.case == run.case and r.label("error") ==
-                     run.label("error") and r.labels.text("method") == "modes")
-        return f"{run.seconds / modes.seconds:.1f}"
+    def beside_modes(seconds):
+        def ratio(run):
+            modes = next(r for r in found if r.case == run.case and r.label("error") ==
+                         run.label("error") and r.labels.text("method") == "modes")
+            return f"{seconds(run) / seconds(modes):.2f}"
 
-    return columns(
+        return ratio
+
+    text = columns(
         found,
         ("case", lambda r: r.case),
         ("wanted", lambda r: f"{r.label('error'):.0e}"),
@@ -312,8 +316,14 @@ def by_error(runs):
         ("applications, steps", lambda r: r.summary.number("matvecs")),
         ("solve, s" + TIMED, lambda r: spread(r.solve)),
         ("whole job, s" + TIMED, lambda r: spread(r.wall)),
-        ("over the modes" + TIMED, beside_modes),
+        ("solve over the modes'" + TIMED, beside_modes(lambda r: r.seconds)),
+        ("job over the modes'" + TIMED, beside_modes(lambda r: median(r.wall))),
     )
+    if not all(run.timed for run in found):
+        return text
+    about = (f"Commit {origin.text('commit')}; load of the machine when the runs began: "
+             f"{origin.number('load'):.1f}.")
+    return f"{prose(about)}\n\n{text}"
 
 
 def parts(runs):
@@ -599,17 +609,22 @@ def main():
     parser.add_argument("--results", default=os.path.join(ROOT, "results/bench"))
     parser.add_argument("--example3", default=os.path.join(ROOT, "results"))
     parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
-    parser.add_argument("--only", choices=["example3"], help="leave out what make bench measured")
+    parser.add_argument("--only", choices=["example3", "error"], help="this table alone")
     options = parser.parse_args()
     content = {}
-    programs = None if options.only else load(os.path.join(options.results, "programs.json"))
-    if programs is not None:
+    programs = None
+    if options.only != "example3":
+        programs = load(os.path.join(options.results, "programs.json"))
+    if programs is not None and options.only == "error":
+        runs = [Run(node) for node in programs["rows"]]
+        content["error"] = by_error(runs, programs["machine"])
+    elif programs is not None:
         runs = [Run(node) for node in programs["rows"]]
         number = lambda name: lambda run: run.label(name)
         content |= {
             "machine": machine(programs),
             "tolerance": by_tolerance(runs),
-            "error": by_error(runs),
+            "error": by_error(runs, programs["machine"]),
             "cells": growth(runs, "cells",
                             lambda r: f"{r.label('cells'):.0f}², {r.cells:.0f} computed",
                             lambda r: r.cells, "cells"),
@@ -629,7 +644,7 @@ def main():
     peers = None if options.only else load(os.path.join(options.results, "peers.json"))
     if peers is not None:
         content["peers"] = by_peer(peers)
-    if any(
+    if options.only != "error" and any(
             os.path.exists(os.path.join(options.example3, f"example3-{n}", "summary.json"))
             for n in (8, 16, 32, 64)):
         content["example3"] = by_example3(options.example3)

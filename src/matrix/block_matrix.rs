@@ -8,8 +8,9 @@
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
 //! then its ghosts.
 
+use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::kernel;
+use crate::matrix::kernel::{self, InstructionSet};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::matrix::rows::{Lines, MOST_NODES, Rows};
 use crate::parallel::communicator::{GhostExchange, Group};
@@ -53,6 +54,8 @@ pub struct BlockMatrix {
     /// Value of an auxiliary unknown that is coupled to nothing.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
+    /// Lines that are applied to real vectors together.
+    bundles: Bundles,
     /// Runs of lines of `rows` without ghost columns, and the others.
     pub(crate) interior: Vec<Range<usize>>,
     pub(crate) border: Vec<Range<usize>>,
@@ -75,6 +78,7 @@ impl BlockMatrix {
             inflow_rows: 0,
             uncoupled: 0.0,
             rows,
+            bundles: Bundles::default(),
             interior: Vec::new(),
             border: Vec::new(),
         };
@@ -106,6 +110,7 @@ impl BlockMatrix {
             let cells = self.block.cells();
             let stride = cells / self.block.ranges[0].len();
             self.rows = self.rows.gathered(Lines { nodes, stride, cells });
+            self.bundles = Bundles::of(&self.rows);
             self.find_border();
         }
     }
@@ -167,7 +172,7 @@ impl BlockMatrix {
 
     /// Bytes that the rows take.
     pub fn bytes(&self) -> usize {
-        self.rows.bytes()
+        self.rows.bytes() + self.bundles.bytes()
     }
 
     /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns, those
@@ -196,7 +201,33 @@ impl BlockMatrix {
         });
     }
 
-    fn apply_rows(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+    /// The products of lines with a real vector. Nothing is fused, so that the bits are the same
+    /// for every instruction set.
+    fn apply_rows(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        match InstructionSet::here() {
+            // SAFETY: the processor was asked.
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => unsafe { self.sum_avx512(lines, operator, y, x) },
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx2 => unsafe { self.sum_avx2(lines, operator, y, x) },
+            _ => self.sum_lines(lines, operator, y, x),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f")]
+    fn sum_avx512(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        self.sum_lines(lines, operator, y, x);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn sum_avx2(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+        self.sum_lines(lines, operator, y, x);
+    }
+
+    #[inline(always)]
+    fn sum_lines(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
         // A loop each, so that the choice is made once.
         match operator {
             Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
@@ -271,8 +302,18 @@ impl BlockMatrix {
     ) {
         let of_cells = self.rows.lines().of_cells();
         let stride = self.rows.lines().stride;
-        for line in lines.start..lines.end.min(of_cells) {
-            let (first, template) = (self.rows.lines().first(line), self.rows.template(line));
+        let (mut next, end) = (lines.start, lines.end.min(of_cells));
+        while next < end {
+            let (line, first) = (next, self.rows.lines().first(next));
+            if line + WIDTH <= end
+                && let Some(like) = self.bundles.at(self.rows.lines(), line)
+            {
+                self.bundles.apply::<NODES>(like, [first, stride], entry, y, x);
+                next += WIDTH;
+                continue;
+            }
+            next += 1;
+            let template = self.rows.template(line);
             let nodes: [f64; NODES] = std::array::from_fn(|n| x[first + n * stride]);
             for m in 0..NODES {
                 let dense = self.rows.dense_row(template + m);
@@ -449,5 +490,50 @@ fn add_coupled(
         let (re, im) = (x[l], x[LANES + l]);
         y[l] += a * (mu * im + sign * re);
         y[LANES + l] += a * (sign * im - mu * re);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parallel::partition::Mesh;
+    use crate::problem::case::Case;
+
+    const CASE: &str = "[[axis]]\nx = { lower = -1, upper = 1, cells = 40 }\n\
+                        v = { lower = -1.5, upper = 1.5, cells = 14 }\n\
+                        [[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n\
+                        [[potential]]\nvalue = \"0\"\n\
+                        [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n";
+
+    /// Lines in bundles give the bits of the sums of each row in its order.
+    #[test]
+    fn bundles_keep_the_bits_of_rows() {
+        for (degree, flux) in [("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
+            let settings = [format!("scheme.degree={degree}"), format!("scheme.flux={flux}")];
+            let case = Case::parse("case", CASE, &settings).expect("a case");
+            let mesh = Mesh { space: vec![1], groups: 1 };
+            let block = Block::new(&case.space, &mesh, 0);
+            let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
+            matrix.gather_elements();
+            let (rows, lines) = (matrix.rows(), matrix.rows.line_count());
+            let bundled =
+                (0..lines).filter(|l| matrix.bundles.at(matrix.rows.lines(), *l).is_some());
+            assert!(WIDTH * bundled.count() > lines / 3, "degree {degree}: few lines in bundles");
+            let x: Vec<f64> = (0..matrix.length()).map(|i| (0.7 * i as f64).sin()).collect();
+            for operator in [Operator::Generator, Operator::Transpose, Operator::Symmetric] {
+                let entry = |s: f64, k: f64| match operator {
+                    Operator::Generator => s + k,
+                    Operator::Transpose => s - k,
+                    Operator::Symmetric => s,
+                };
+                let mut y = vec![0.0; rows];
+                // Not from the beginning of a bundle.
+                matrix.apply_rows(&[0..3, 3..lines], operator, &mut y, &x);
+                for (i, y) in y.iter().enumerate() {
+                    let terms = matrix.row(i).map(|(j, s, k)| entry(s, k) * x[j]);
+                    assert_eq!(*y, terms.fold(0.0, |sum, term| sum + term), "{operator:?} {i}");
+                }
+            }
+        }
     }
 }

@@ -86,14 +86,10 @@ impl Element<'_> {
         }
     }
 
-    /// `value` on the product of `points` along the axes, the last running fastest.
-    pub fn values_at(
-        &self,
-        points: &[impl AsRef<[f64]>],
-        value: &mut impl FnMut(&[f64; 6]) -> f64,
-    ) -> Vec<f64> {
+    /// The product of points `along` the axes, the last running fastest.
+    pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
         let n = self.space.dimension();
-        let coordinates: Vec<Vec<f64>> = (self.space.axes().zip(points).zip(&self.place))
+        let coordinates: Vec<Vec<f64>> = (self.space.axes().zip(along).zip(&self.place))
             .map(|((axis, xi), j)| xi.as_ref().iter().map(|xi| axis.at(*j as i64, *xi)).collect())
             .collect();
         let shape: Vec<usize> = coordinates.iter().map(Vec::len).collect();
@@ -105,7 +101,7 @@ impl Element<'_> {
                     point[if a < n { a } else { 3 + a - n }] = along[m[a]];
                 }
                 advance(&mut m, &shape);
-                value(&point)
+                point
             })
             .collect()
     }

@@ -82,11 +82,11 @@ impl Projection {
         self.any_rough(nodal, |axis| &axis.highest_of_nodes)
     }
 
-    /// The projection of `value` on `element`: values at the nodes.
+    /// The projection of the function of many points `values_at` on `element`: values at the nodes.
     pub fn onto(
         &self,
         element: &Element<'_>,
-        value: &mut impl FnMut(&[f64; 6]) -> f64,
+        values_at: &mut impl FnMut(&[[f64; 6]]) -> Vec<f64>,
     ) -> Vec<f64> {
         let axes = self.axes.len();
         let mut sum = vec![0.0; element.shape().iter().product()];
@@ -94,10 +94,10 @@ impl Projection {
         while let Some(parts) = open.pop() {
             let rules: Vec<&PartRule> = self.rules(&parts).collect();
             let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
-            let values = element.values_at(&points, value);
+            let values = values_at(&element.points(&points));
             let is_cut = parts[0].level < self.cuts
                 && (self.any_rough(&values, |axis| &axis.highest)
-                    || self.jumps_at_an_end(element, &rules, &values, value));
+                    || self.jumps_at_an_end(element, &rules, &values, values_at));
             if is_cut {
                 for child in 0..1usize << axes {
                     let mut halves = parts;
@@ -142,21 +142,21 @@ impl Projection {
         false
     }
 
-    /// Whether the polynomial through `values` misses `value` at an end of the parts of `rules`,
-    /// where a jump beyond the outermost points is not seen otherwise. Looked at in one space
-    /// dimension only: in more the ends are too many.
+    /// Whether the polynomial through `values` misses the function at an end of the parts of
+    /// `rules`, where a jump beyond the outermost points is not seen otherwise. Looked at in one
+    /// space dimension only: in more the ends are too many.
     fn jumps_at_an_end(
         &self,
         element: &Element<'_>,
         rules: &[&PartRule],
         values: &[f64],
-        value: &mut impl FnMut(&[f64; 6]) -> f64,
+        values_at: &mut impl FnMut(&[[f64; 6]]) -> Vec<f64>,
     ) -> bool {
         let [x, v] = &self.axes[..] else { return false };
         let along_v = rules[1].points.len();
         let tolerance = MISSED * self.largest;
         let mut misses = |points: [&[f64]; 2], extrapolated: &dyn Fn(usize) -> f64| {
-            let found = element.values_at(&points, value);
+            let found = values_at(&element.points(&points));
             found.iter().enumerate().any(|(i, f)| (f - extrapolated(i)).abs() > tolerance)
         };
         let sum = |row: &[f64], at: usize, stride: usize| -> f64 {
@@ -291,7 +291,9 @@ mod tests {
         let mut values = vec![0.0; space.cells()];
         let projection = Projection::new(space, 6, 1.0);
         for_each_element(space, &ranges, |element| {
-            let found = projection.onto(element, &mut |p: &[f64; 6]| f(p[0], p[3]));
+            let found = projection.onto(element, &mut |points: &[[f64; 6]]| {
+                points.iter().map(|p| f(p[0], p[3])).collect()
+            });
             element.for_each_cell(&ranges, |cell, node| values[cell] = found[node]);
         });
         values

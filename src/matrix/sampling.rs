@@ -1,4 +1,4 @@
-//! Formulas and exact solutions on a rank's cells.
+//! Formulas and exact solutions on a rank's cells, evaluated at many points at a time.
 //!
 //! Of degree 0, the value at the centre of each cell. Of a higher degree, the `L2` projection onto
 //! the polynomials of each element, by Gauss's rule; an element in which a formula jumps is cut
@@ -12,7 +12,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::Block;
 use crate::problem::element::MORE_POINTS;
 use crate::problem::formula::Expression;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point};
+use crate::problem::grid::{Cell, MAX_DIMENSION, PhaseSpace, describe_point};
 use std::ops::Range;
 
 /// Points of a rule for a whole grid at most; beyond, elements that look smooth have nodal values.
@@ -21,54 +21,83 @@ const MOST_POINTS: f64 = 4e7;
 const MOST_CUT_POINTS: f64 = 1e8;
 /// How often an element is cut where a formula jumps, by space dimension.
 const MOST_CUTS: [usize; MAX_DIMENSION] = [6, 2, 1];
-/// `value` at the centres of the block's cells `cells`, of those on a face just inside.
-pub fn sample_with(
-    space: &PhaseSpace,
-    block: &Block,
-    cells: &Range<usize>,
-    mut value: impl FnMut(&[f64; 6]) -> f64,
-) -> Vec<f64> {
-    let mut values = Vec::with_capacity(cells.len());
-    block.for_each_own(|global, local| {
-        for v in 0..block.velocity_cells {
-            if cells.contains(&(local + v)) {
-                values.push(value(&space.inner_point(&space.cell(global + v))));
-            }
-        }
-    });
-    values
+/// Points that are evaluated together.
+const BATCH: usize = 1024;
+
+/// The cells of a block that a rank samples: whole elements.
+#[derive(Clone)]
+pub struct Part<'a> {
+    /// The block.
+    pub block: &'a Block,
+    /// Its numbers of the cells.
+    pub cells: Range<usize>,
+    /// Their space cells, one range an x-axis.
+    pub ranges: &'a [Range<usize>],
 }
 
-/// A formula on this rank's cells. Collective over `world` (the largest value).
+impl<'a> Part<'a> {
+    /// All of `block`.
+    pub fn whole(block: &'a Block) -> Self {
+        Self { block, cells: 0..block.cells(), ranges: &block.ranges }
+    }
+
+    /// A function of many points at `point` of each cell.
+    fn at_cells(
+        &self,
+        space: &PhaseSpace,
+        point: impl Fn(&Cell) -> [f64; 6],
+        mut values_at: impl FnMut(&[[f64; 6]]) -> Vec<f64>,
+    ) -> Vec<f64> {
+        let mut values = Vec::with_capacity(self.cells.len());
+        let mut points = Vec::with_capacity(BATCH);
+        self.block.for_each_own(|global, local| {
+            for v in 0..self.block.velocity_cells {
+                if self.cells.contains(&(local + v)) {
+                    points.push(point(&space.cell(global + v)));
+                }
+                if points.len() == BATCH {
+                    values.extend(values_at(&points));
+                    points.clear();
+                }
+            }
+        });
+        values.extend(values_at(&points));
+        values
+    }
+}
+
+/// A function of many points at the centres of the cells of `part`, of those on a face just inside.
+pub fn sample_with(
+    space: &PhaseSpace,
+    part: &Part<'_>,
+    values_at: impl FnMut(&[[f64; 6]]) -> Vec<f64>,
+) -> Vec<f64> {
+    part.at_cells(space, |cell| space.inner_point(cell), values_at)
+}
+
+/// A formula on the cells of `part`. Collective over `world` (the largest value).
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where it is not finite, on the rank that finds it.
 pub fn sample(
     world: &Group,
     space: &PhaseSpace,
-    block: &Block,
+    part: &Part<'_>,
     formula: &Expression,
     time: f64,
 ) -> Result<Vec<f64>> {
     let mut failure = None;
-    let mut checked = |point: &[f64; 6]| {
-        let value = formula.at_point(point, time);
-        if !value.is_finite() && failure.is_none() {
-            failure = Some(formula.undefined(value, describe_point(space.dimension(), point)));
+    let mut checked = |points: &[[f64; 6]]| {
+        let values = formula.at_points(points, time);
+        let undefined = values.iter().zip(points).find(|(value, _)| !value.is_finite());
+        if let (Some((value, point)), None) = (undefined, &failure) {
+            failure = Some(formula.undefined(*value, describe_point(space.dimension(), point)));
         }
-        value
+        values
     };
     let values = match space.degree() {
-        0 => {
-            let mut values = Vec::with_capacity(block.cells());
-            block.for_each_own(|global, _| {
-                for v in 0..block.velocity_cells {
-                    values.push(checked(&space.point(&space.cell(global + v))));
-                }
-            });
-            values
-        }
-        _ => projected(world, space, block, &mut checked),
+        0 => part.at_cells(space, |cell| space.point(cell), &mut checked),
+        _ => projected(world, space, part, &mut checked),
     };
     match failure {
         Some(error) => Err(error),
@@ -76,29 +105,30 @@ pub fn sample(
     }
 }
 
-/// The `L2` projection of `value` on this rank's cells. Collective over `world`.
+/// The `L2` projection of a function of many points on the cells of `part`. Collective over
+/// `world`.
 fn projected(
     world: &Group,
     space: &PhaseSpace,
-    block: &Block,
-    value: &mut impl FnMut(&[f64; 6]) -> f64,
+    part: &Part<'_>,
+    values_at: &mut impl FnMut(&[[f64; 6]]) -> Vec<f64>,
 ) -> Vec<f64> {
-    let nodal = sample_with(space, block, &(0..block.cells()), |point| value(point));
+    let nodal = sample_with(space, part, |points| values_at(points));
     let finite = nodal.iter().filter(|f| f.is_finite());
     let largest = world.max(finite.fold(0.0, |most, f| most.max(f.abs())));
-    let mut values = vec![0.0; block.cells()];
+    let mut values = vec![0.0; nodal.len()];
     let points: f64 =
         space.axes().map(|a| (a.elements() * (a.nodes.count() + MORE_POINTS)) as f64).product();
     let always = points <= MOST_POINTS;
     let cuts = most_cuts(space.dimension(), points);
     let projection = Projection::new(space, cuts, largest);
-    for_each_element(space, &block.ranges, |element| {
+    for_each_element(space, part.ranges, |element| {
         let mut at_nodes = vec![0.0; element.shape().iter().product()];
-        element.for_each_cell(&block.ranges, |cell, node| at_nodes[node] = nodal[cell]);
+        element.for_each_cell(part.ranges, |cell, node| at_nodes[node] = nodal[cell]);
         if always || projection.is_rough(&at_nodes) {
-            at_nodes = projection.onto(element, value);
+            at_nodes = projection.onto(element, values_at);
         }
-        element.for_each_cell(&block.ranges, |cell, node| values[cell] = at_nodes[node]);
+        element.for_each_cell(part.ranges, |cell, node| values[cell] = at_nodes[node]);
     });
     values
 }

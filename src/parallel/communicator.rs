@@ -184,6 +184,19 @@ impl Group {
         }
     }
 
+    /// Values that are zero on all ranks but one, on all ranks, bit by bit.
+    pub fn gathered(&self, mine: &[f64]) -> Vec<f64> {
+        // As integers: a sum over the ranks keeps every bit.
+        let mut bits: Vec<i64> = mine.iter().map(|value| value.to_bits() as i64).collect();
+        let mut sums = vec![0; bits.len().min(MOST_AT_ONCE)];
+        for piece in bits.chunks_mut(MOST_AT_ONCE) {
+            let sums = &mut sums[..piece.len()];
+            self.communicator.all_reduce_into(&*piece, sums, SystemOperation::sum());
+            piece.copy_from_slice(sums);
+        }
+        bits.into_iter().map(|bits| f64::from_bits(bits as u64)).collect()
+    }
+
     /// Sum over the ranks, modulo 2^64.
     pub fn sum_modulo(&self, value: u64) -> u64 {
         self.reduced(value as i64, SystemOperation::sum()) as u64

@@ -236,9 +236,9 @@ const ENOUGH_CELLS: usize = 512;
 /// allow, and where an edge of a region lies inside of one, so that the edge is on a face.
 fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     let mut space = case.space.by_elements();
-    let n = space.dimension();
+    let (n, cells) = (space.dimension(), space.space_cells());
     let room = |most: usize| {
-        let parts = libm::pow(most as f64 / space.space_cells() as f64, 1.0 / n as f64);
+        let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
         (parts as usize).clamp(1, MOST_PARTS)
     };
     let enough = room(most);
@@ -333,15 +333,21 @@ impl<'a> Tracer<'a> {
     /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes
     /// from is undefined.
     pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
-        let foot = self.foot(point, time);
+        self.values(std::slice::from_ref(point), time)[0]
+    }
+
+    /// The same at many points.
+    pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];
-        match &field.inflow {
-            Inflow::Formula(inflow) if foot.entry > 0.0 => {
-                let [x, y, z, vx, vy, vz] = foot.point;
-                inflow.eval(&[x, y, z, vx, vy, vz, foot.entry])
+        let feet: Vec<Foot> = points.iter().map(|point| self.foot(point, time)).collect();
+        let at: Vec<[f64; 6]> = feet.iter().map(|foot| foot.point).collect();
+        let mut values = field.initial.at_points(&at, 0.0);
+        if let Inflow::Formula(inflow) = &field.inflow {
+            for (foot, value) in feet.iter().zip(&mut values).filter(|(foot, _)| foot.entry > 0.0) {
+                *value = inflow.at_point(&foot.point, foot.entry);
             }
-            _ => field.initial.eval(&foot.point),
         }
+        values
     }
 
     /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.

@@ -192,7 +192,7 @@ impl Chebyshev {
         let mut left = degree;
         while left > 0 {
             self.levels.clear();
-            let levels = left.min(most);
+            let levels = system.interruption.before_look(left.min(most));
             self.levels.extend((left - levels..left).rev().map(constants));
             let steps = Steps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
@@ -238,7 +238,7 @@ impl Chebyshev {
         let most = blocking.map_or(1, Blocking::depth);
         let mut done = 0;
         while done < degree {
-            let to = degree.min(done + most);
+            let to = done + system.interruption.before_look(most.min(degree - done));
             self.levels.clear();
             self.levels.extend((done..to).map(constants));
             terms.expect(done + 1..to + 1);

@@ -1,10 +1,11 @@
 //! Leaving a batch before its end: the ranks that split space agree on it between two applications.
 //!
 //! Each rank looks at a flag that a signal raises. Where space is split, all look after the same
-//! applications, and leave together: at each look they take the outcome of the vote that was posted
-//! at the one before, and post the next. Nobody waits for a vote that others still compute for, and
-//! there is one every tenth of a second or so.
+//! applications, whatever the blocks in which each takes them, and leave together: at each look
+//! they take the outcome of the vote that was posted at the one before, and post the next. Nobody
+//! waits for a vote that others still compute for, and there is one every tenth of a second or so.
 
+use crate::matrix::blocking::MOST_LEVELS;
 use crate::parallel::communicator::Group;
 use crate::parallel::communicator::vote::Vote;
 use std::sync::Arc;
@@ -12,6 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Rows of a rank that are applied between two votes, about: some 0.1 s of work.
 const ROWS_BETWEEN: usize = 1 << 20;
+/// Fewest applications between two votes: those of a block of steps.
+const FEWEST_BETWEEN: usize = MOST_LEVELS;
 /// Most applications between two votes.
 const MOST_BETWEEN: usize = 64;
 
@@ -38,9 +41,18 @@ impl Interruption {
         Self {
             stop,
             votes: (space.size() > 1).then(|| Vote::new(space)),
-            every: (ROWS_BETWEEN / most).clamp(1, MOST_BETWEEN),
+            every: (ROWS_BETWEEN / most).clamp(FEWEST_BETWEEN, MOST_BETWEEN),
             since: 0,
             allowed: false,
+        }
+    }
+
+    /// How many of `most` applications this rank may take before it calls [`after`](Self::after):
+    /// not beyond those after which all ranks look, for each may block its steps in its own way.
+    pub fn before_look(&self, most: usize) -> usize {
+        match self.stop.is_some() && self.allowed && self.votes.is_some() {
+            true => most.min(self.every - self.since),
+            false => most,
         }
     }
 

@@ -10,9 +10,9 @@ use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::{CellVolumes, Moments, moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
-use crate::problem::exact::Tracer;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::summary::{ErrorNorms, GridErrors};
+use crate::run::exact::Exactly;
 use std::ops::Range;
 
 /// Points beyond the nodes of an element, along each axis, where that is no more than so many.
@@ -66,21 +66,12 @@ pub fn by_elements(
     share: &[Range<usize>],
     f: &[f64],
 ) -> Result<GridErrors> {
-    let tracer = match exact {
-        Exact::Characteristics => Some(Tracer::new(case)),
-        Exact::Formula(_) => None,
-    };
-    let tracer = world.agree(tracer.transpose())?;
-    let value = |point: &[f64; 6]| match (&tracer, exact) {
-        (Some(tracer), _) => tracer.value(point, case.end),
-        (None, Exact::Formula(formula)) => formula.at_point(point, case.end),
-        (None, Exact::Characteristics) => f64::NAN,
-    };
+    let exactly = Exactly::new(world, case, exact)?;
     let mut sums = ElementSums::new(case);
     for_each_element(&case.space, share, |element| {
         let mut nodal = vec![0.0; element.shape().iter().product()];
         element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
-        sums.add(element, &nodal, &value);
+        sums.add(element, &nodal, &exactly);
     });
     Ok(sums.finish(world))
 }
@@ -149,7 +140,7 @@ impl<'a> ElementSums<'a> {
     }
 
     /// Adds an element with the values `nodal` at its nodes.
-    fn add(&mut self, element: &Element<'_>, nodal: &[f64], value: &impl Fn(&[f64; 6]) -> f64) {
+    fn add(&mut self, element: &Element<'_>, nodal: &[f64], exactly: &Exactly<'_>) {
         let n = self.case.space.dimension();
         let place = element.place[..n].to_vec();
         if self.place.as_ref() != Some(&place) {
@@ -157,7 +148,7 @@ impl<'a> ElementSums<'a> {
             self.place = Some(place);
         }
         let found = apply_along_all(nodal, &self.matrices);
-        let exact = element.values_at(&self.points, &mut |point| value(point));
+        let exact = exactly.values(&element.points(&self.points));
         let space_weights = products(&self.weights[..n]);
         let velocity_weights = products(&self.weights[n..]);
         let velocities = self.velocities(element);
@@ -183,12 +174,7 @@ impl<'a> ElementSums<'a> {
         let n = self.case.space.dimension();
         let mut points = self.points.clone();
         points[..n].iter_mut().for_each(|axis| axis.truncate(1));
-        let mut found = Vec::with_capacity(self.counts[1]);
-        element.values_at(&points, &mut |point| {
-            found.push([point[3], point[4], point[5]]);
-            0.0
-        });
-        found
+        element.points(&points).into_iter().map(|[.., u, v, w]| [u, v, w]).collect()
     }
 
     /// Ends the element of space whose velocities were summed.

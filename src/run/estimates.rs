@@ -71,16 +71,9 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let (space, world, matrix) = (&case.space, &communicator.world, &system.matrix);
     let (block, rows, exchange) = (&matrix.block, matrix.rows(), &mut system.exchange);
     let scheme = world.agree(Scheme::new(case, &block.wide_ranges()))?;
-    // The block's field, of which the mode groups have a share each: as integers, zero elsewhere.
-    let mut bits = vec![0i64; block.cells()];
-    for (bits, f) in bits[place.mine.clone()].iter_mut().zip(f) {
-        *bits = f.to_bits() as i64;
-    }
-    communicator.modes.sum_integers(&mut bits);
-    let mut state = vec![0.0; matrix.length()];
-    for (x, bits) in state.iter_mut().zip(bits) {
-        *x = f64::from_bits(bits as u64);
-    }
+    // The block's field, of which the mode groups have a share each.
+    let mut state = place.gathered(&communicator.modes, f);
+    state.resize(matrix.length(), 0.0);
     fill_ghosts(exchange, &mut state, rows);
     let volumes = CellVolumes::new(space, &place.share);
     let factors = VelocityFactors::new(space);

@@ -9,6 +9,7 @@ use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
+use crate::problem::formula::Expression;
 use crate::problem::grid::{PhaseSpace, averaged, describe_point};
 use crate::results::dataset::ExactSolution;
 use crate::solve::place::Place;
@@ -60,12 +61,11 @@ fn exact_at<'a>(
     time: f64,
     tracer: &mut Option<Tracer<'a>>,
 ) -> Result<Option<ExactSolution>> {
-    let (space, block) = (&case.space, &place.block);
+    let space = &case.space;
     Ok(match &case.exact {
         None => None,
         Some(Exact::Formula(f)) => {
-            let all = sample(world, space, block, f, time)?;
-            Some(ExactSolution::Field(all[place.mine.clone()].to_vec()))
+            Some(ExactSolution::Field(sample(world, space, &place.part(), f, time)?))
         }
         Some(Exact::Characteristics) => {
             let ends_then = Case { end: time, ..case.clone() };
@@ -76,8 +76,7 @@ fn exact_at<'a>(
                 Some(tracer) => &*tracer,
                 None => tracer.insert(Tracer::new(case)?),
             };
-            let value = |point: &[f64; 6]| tracer.value(point, time);
-            let exact = sample_with(space, block, &place.mine, value);
+            let exact = sample_with(space, &place.part(), |points| tracer.values(points, time));
             if exact.iter().any(|f| !f.is_finite()) {
                 let place = "where a characteristic of exact.kind = \"characteristics\" begins";
                 return Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()));
@@ -105,6 +104,34 @@ fn moments_of(world: &Group, case: &Case, exact: &ExactSolution) -> Moments {
     }
 }
 
+/// The exact solution at the end of a case, at any points.
+pub struct Exactly<'a> {
+    formula: Option<&'a Expression>,
+    tracer: Option<Tracer<'a>>,
+    end: f64,
+}
+
+impl<'a> Exactly<'a> {
+    /// That of `case`, which `exact` says. Collective.
+    ///
+    /// # Errors
+    /// Where `V` is not finite.
+    pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
+        let (formula, tracer) = match exact {
+            Exact::Characteristics => (None, Some(Tracer::new(case))),
+            Exact::Formula(formula) => (Some(formula), None),
+        };
+        Ok(Self { formula, tracer: world.agree(tracer.transpose())?, end: case.end })
+    }
+
+    /// Its values.
+    pub fn values(&self, points: &[[f64; 6]]) -> Vec<f64> {
+        let traced = self.tracer.as_ref().map(|tracer| tracer.values(points, self.end));
+        let given = || self.formula.map(|formula| formula.at_points(points, self.end));
+        traced.or_else(given).unwrap_or_default()
+    }
+}
+
 /// Averages of the exact density at the end over the space cells of `case`, on all ranks. `f` is
 /// taken at the centres of parts of each cell: the error of `f(0)` at the centres of cells is the
 /// discretisation's. Collective.
@@ -120,27 +147,15 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let parts = (1..=MOST_PARTS).rev().find(fits).unwrap_or(1);
     let shape: Vec<usize> = case.space.elements().iter().map(|n| n * parts).collect();
     let fine = Case { space: case.space.with_elements(&shape), ..case.clone() };
-    let tracer = match exact {
-        Exact::Characteristics => Some(Tracer::new(&fine)),
-        Exact::Formula(_) => None,
-    };
-    let tracer = group.agree(tracer.transpose())?;
-    let value = |point: &[f64; 6]| match (&tracer, exact) {
-        (Some(tracer), _) => tracer.value(point, case.end),
-        (None, Exact::Formula(f)) => {
-            let [x, y, z, vx, vy, vz] = *point;
-            f.eval(&[x, y, z, vx, vy, vz, case.end])
-        }
-        (None, Exact::Characteristics) => f64::NAN,
-    };
+    let exactly = Exactly::new(group, &fine, exact)?;
     let space = &fine.space;
     let velocities = space.velocity_cells();
     let mut failure = None;
     let mut density = vec![0.0; space.space_cells()];
     for point in split(&(0..density.len()), group.size(), group.rank()) {
-        for cell in point * velocities..(point + 1) * velocities {
-            let at = space.point(&space.cell(cell));
-            let f = value(&at);
+        let cells = point * velocities..(point + 1) * velocities;
+        let points: Vec<[f64; 6]> = cells.map(|cell| space.point(&space.cell(cell))).collect();
+        for (f, at) in exactly.values(&points).into_iter().zip(points) {
             if !f.is_finite() && failure.is_none() {
                 let formula = match exact {
                     Exact::Formula(formula) => formula,
@@ -153,13 +168,5 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     }
     group.agree(failure.map_or(Ok(()), Err))?;
     let cells = |space: &PhaseSpace| space.x.iter().map(|a| a.cells).collect::<Vec<_>>();
-    Ok(averaged(&gathered(group, &density), &cells(space), &cells(&case.space)))
-}
-
-/// Values that are zero on all ranks but one, on all ranks. Collective.
-pub(crate) fn gathered(group: &Group, mine: &[f64]) -> Vec<f64> {
-    // As integers: a sum over the ranks keeps every bit.
-    let mut bits: Vec<i64> = mine.iter().map(|value| value.to_bits() as i64).collect();
-    group.sum_integers(&mut bits);
-    bits.into_iter().map(|b| f64::from_bits(b as u64)).collect()
+    Ok(averaged(&group.gathered(&density), &cells(space), &cells(&case.space)))
 }

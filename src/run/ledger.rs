@@ -38,6 +38,8 @@ const MOST_POINTS: usize = 1 << 17;
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Most nodes at which the initial data are looked for.
 const MOST_NODES: usize = 1 << 19;
+/// Nodes that are looked at together.
+const NODES_AT_ONCE: usize = 1 << 10;
 /// Data below this part of the largest are not there.
 const NOTHING: f64 = 1e-9;
 /// How far beyond the velocity box data are looked for, in its widths.
@@ -244,7 +246,7 @@ fn replicated(
     let tallies: Vec<[f64; NUMBERS]> = mine
         .map(|replicate| {
             let sequence = Sequence::new(drawer.dimensions(), replicate);
-            let drawn = (0..many).filter_map(|k| drawer.draw(source, &sequence, k));
+            let drawn = drawer.draw(source, &sequence, 0..many);
             let mut tally = Tally::default();
             let mut inside: Vec<Particle> = Vec::new();
             for particle in drawn {
@@ -286,32 +288,26 @@ impl Support {
     fn find(world: &Group, case: &Case, points: usize) -> Self {
         let space = &case.space;
         let n = space.dimension();
-        let value = |point: &[f64; 6]| {
-            let value = case.fields[0].initial.at_point(point, 0.0).abs();
-            if value.is_finite() { value } else { 0.0 }
+        let mut found: Vec<([f64; 6], f64)> = Vec::new();
+        let mut look_at = |points: Vec<[f64; 6]>| {
+            let values = case.fields[0].initial.at_points(&points, 0.0).into_iter();
+            let sizes = values.map(|f| if f.is_finite() { f.abs() } else { 0.0 });
+            found.extend(points.into_iter().zip(sizes).filter(|(_, size)| *size > 0.0));
         };
         let slot = |a: usize| if a < n { a } else { 3 + a - n };
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = Sequence::new(2 * n, 0);
         let drawer = Drawer { case, within: wide.clone(), force: &|_, _| 0.0 };
-        let mut found: Vec<([f64; 6], f64)> = Vec::new();
-        let mut beyond = Vec::new();
-        for k in (world.rank()..points).step_by(world.size()) {
-            let Some(particle) = drawer.draw(Source::Initial, &sequence, k) else {
-                continue;
-            };
-            match particle.inside {
-                true => found.push((particle.point, value(&particle.point))),
-                false => beyond.push(particle.mass.abs()),
-            }
-        }
+        let numbers = (world.rank()..points).step_by(world.size());
+        let drawn = drawer.draw(Source::Initial, &sequence, numbers).into_iter();
+        let (inside, beyond): (Vec<_>, Vec<_>) = drawn.partition(|particle| particle.inside);
+        let beyond: Vec<f64> = beyond.iter().map(|particle| particle.mass.abs()).collect();
+        look_at(inside.iter().map(|particle| particle.point).collect());
         let stride = space.cells().div_ceil(MOST_NODES);
-        for k in (world.rank()..space.cells().div_ceil(stride)).step_by(world.size()) {
-            let point = space.point(&space.cell(k * stride));
-            let value = value(&point);
-            if value > 0.0 {
-                found.push((point, value));
-            }
+        let nodes = (world.rank()..space.cells().div_ceil(stride)).step_by(world.size());
+        let mut nodes = nodes.map(|k| space.point(&space.cell(k * stride))).peekable();
+        while nodes.peek().is_some() {
+            look_at(nodes.by_ref().take(NODES_AT_ONCE).collect());
         }
         let largest = world.max(found.iter().fold(0.0, |most: f64, (_, value)| most.max(*value)));
         // Lower ends as their negatives, so that both are largest.

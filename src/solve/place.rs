@@ -1,6 +1,7 @@
 //! This rank's part of the grid.
 
-use crate::parallel::communicator::Communicator;
+use crate::matrix::sampling::Part;
+use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::partition::Block;
 use crate::plan::Plan;
 use crate::problem::case::Case;
@@ -38,5 +39,18 @@ impl Place {
             ranges,
             block,
         }
+    }
+
+    /// The values of all cells of the block; `mine` are those of this rank's. Collective over the
+    /// mode groups.
+    pub fn gathered(&self, modes: &Group, mine: &[f64]) -> Vec<f64> {
+        let mut all = vec![0.0; self.block.cells()];
+        all[self.mine.clone()].copy_from_slice(mine);
+        modes.gathered(&all)
+    }
+
+    /// The rank's cells, to be sampled.
+    pub fn part(&self) -> Part<'_> {
+        Part { block: &self.block, cells: self.mine.clone(), ranges: &self.share }
     }
 }

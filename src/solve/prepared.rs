@@ -67,8 +67,7 @@ impl Prepared {
         // Modes exchange ghosts a batch at a time, the classical method real vectors.
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
-        let block = place.block.clone();
-        let system = DiscreteSystem::new(case, bounds, &communicator, block, limits)?;
+        let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
         Ok(Self {
             bounds: system.bounds(case, bounds),
             case: case.clone(),

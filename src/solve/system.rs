@@ -3,15 +3,15 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
-use crate::matrix::sampling;
+use crate::matrix::sampling::{Part, sample};
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
-use crate::parallel::partition::Block;
 use crate::problem::case::{Case, Field, Integrator, Method};
 use crate::problem::formula::Expression;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
+use crate::solve::place::Place;
 use crate::solve::start_field;
 use serde::Serialize;
 use std::ops::Range;
@@ -97,21 +97,27 @@ fn weighted(
     Ok(weights)
 }
 
-/// The values of each field at the start at the block's cells: of its formula, or of a file.
-/// Collective.
+/// The values of each field at the start at the block's cells: of its formula, or of a file. The
+/// mode groups share the projection onto elements. Collective.
 fn initial_values(
     case: &Case,
     matrix: &BlockMatrix,
     communicator: &Communicator,
+    place: &Place,
 ) -> Result<Vec<Vec<f64>>> {
     let world = &communicator.world;
+    let is_shared = case.space.degree() > 0 && communicator.modes.size() > 1;
+    let part = if is_shared { place.part() } else { Part::whole(&matrix.block) };
     let values = |(k, field): (usize, &Field)| {
         let values = match &case.start_field {
             Some(start) => start_field::read(communicator, &case.space, &matrix.block, start)?,
             None => {
-                let (space, block) = (&case.space, &matrix.block);
-                let sampled = sampling::sample(world, space, block, &field.initial, 0.0);
-                let values = world.agree(sampled)?;
+                let sampled = sample(world, &case.space, &part, &field.initial, 0.0);
+                let mine = world.agree(sampled)?;
+                let values = match is_shared {
+                    true => place.gathered(&communicator.modes, &mine),
+                    false => mine,
+                };
                 magnitude(world, &field.initial, values.iter().copied())?;
                 values
             }
@@ -150,11 +156,11 @@ impl DiscreteSystem {
         case: &Case,
         bounds: &Bounds,
         communicator: &Communicator,
-        block: Block,
+        place: &Place,
         limits: SystemLimits,
     ) -> Result<Self> {
         let space = &communicator.space;
-        let assembled = BlockMatrix::assemble(case, block);
+        let assembled = BlockMatrix::assemble(case, place.block.clone());
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, limits.ghost_width);
         let started = Instant::now();
@@ -164,7 +170,7 @@ impl DiscreteSystem {
         matrix.couple(space, case, &mut weights.pi);
         matrix.gather_elements();
         let cells = matrix.block.cells();
-        let initial = initial_values(case, &matrix, communicator)?;
+        let initial = initial_values(case, &matrix, communicator, place)?;
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
             .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
             .collect();

@@ -59,6 +59,7 @@ checks! {
     reductions::reductions on EVERY;
     reductions::agreement_on_errors on EVERY;
     reductions::votes on EVERY;
+    reductions::looks_of_unequal_blocks on EVERY;
     reductions::verdicts on EVERY;
     exchange::ghost_exchange on EVERY;
     exchange::long_messages on EVERY;

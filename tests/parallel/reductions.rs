@@ -7,9 +7,11 @@ use phasewarp::base::error::Error;
 use phasewarp::parallel::communicator::vote::Vote;
 use phasewarp::parallel::communicator::{Communicator, World};
 use phasewarp::parallel::partition::Mesh;
+use phasewarp::propagate::interruption::Interruption;
 use phasewarp::solve::checkpoint::watch::{Standing, Times};
 use phasewarp::solve::checkpoint::watch::{Verdict, Watch};
-use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// As many ranks as the harness asked for, each once.
@@ -134,6 +136,28 @@ pub fn votes(world: &World) {
             }
         }
         assert_eq!(vote.take(), ((1 << size) - 1) << round);
+    }
+}
+
+/// Ranks that take their applications in blocks of different lengths look after the same ones, and
+/// leave together.
+pub fn looks_of_unequal_blocks(world: &World) {
+    const ALL: usize = 1000;
+    let group = world.group();
+    let (rank, last) = (group.rank(), group.size() - 1);
+    for told_after in [ALL + 1, 300] {
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut interruption = Interruption::new(&group, 10 + rank, Some(stop.clone()));
+        interruption.allowed = true;
+        let (mut done, mut is_left) = (0, false);
+        while done < ALL && !is_left {
+            let some = interruption.before_look((3 + 4 * rank).min(ALL - done));
+            done += some;
+            stop.store(rank == last && done >= told_after, Ordering::Relaxed);
+            is_left = interruption.after(some);
+        }
+        assert_eq!(is_left, told_after < ALL);
+        assert_eq!(group.max_count(done), group.min_count(done));
     }
 }
 

@@ -127,12 +127,17 @@ impl Drawer<'_> {
         if self.is_measure() { n } else { 2 * n }
     }
 
-    /// Particle `k` of the sequence; none where nothing is.
-    pub fn draw(&self, source: Source, sequence: &Sequence, k: usize) -> Option<Particle> {
-        let unit = sequence.point(k);
+    /// The particles of these `numbers` of the sequence, but for those where nothing is.
+    pub fn draw(
+        &self,
+        source: Source,
+        sequence: &Sequence,
+        numbers: impl Iterator<Item = usize>,
+    ) -> Vec<Particle> {
+        let units = numbers.map(|k| sequence.point(k));
         match source {
-            Source::Initial => self.initial(&unit),
-            Source::Entering(end) => self.entering(end, &unit),
+            Source::Initial => self.initial(units),
+            Source::Entering(end) => units.filter_map(|unit| self.entering(end, &unit)).collect(),
         }
     }
 
@@ -160,14 +165,21 @@ impl Drawer<'_> {
         axes.all(|(a, v)| (v.lower..=v.upper).contains(&point[3 + a]))
     }
 
-    fn initial(&self, unit: &[f64; MOST]) -> Option<Particle> {
-        let mut point = self.place(&self.within, unit);
-        let inside = self.settle(&mut point);
+    fn initial(&self, units: impl Iterator<Item = [f64; MOST]>) -> Vec<Particle> {
+        let settled = |unit| {
+            let mut point = self.place(&self.within, &unit);
+            let inside = self.settle(&mut point);
+            (point, inside)
+        };
+        let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = units.map(settled).unzip();
         let n = self.case.space.dimension();
         let volume = self.within.volume(|a| a < n || !self.is_measure());
-        let mass = volume * self.case.fields[0].initial.at_point(&point, 0.0);
         let time = self.case.end;
-        keep(Particle { point, time, mass, inside })
+        let values = self.case.fields[0].initial.at_points(&points, 0.0);
+        let particle = |((value, point), inside): ((f64, _), _)| {
+            keep(Particle { point, time, mass: volume * value, inside })
+        };
+        values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
 
     /// A particle that enters through an end: its coordinate along the axis is the time.

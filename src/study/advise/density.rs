@@ -7,7 +7,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::element::Nodes;
 use crate::problem::grid::{PhaseSpace, for_each_cell};
-use crate::run::exact::{averaged_density, gathered};
+use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
@@ -25,7 +25,7 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
             density[index] = *value;
         }
     });
-    let density = gathered(group, &density);
+    let density = group.gathered(&density);
     refuse_zero(&density, space)?;
     if space.x.iter().all(|axis| axis.nodes.degree == 0) {
         return Ok(density);

@@ -16,6 +16,9 @@ use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use std::collections::{BTreeSet, HashMap};
 use std::ops::Range;
 
+/// Points that are looked at together.
+const BATCH: usize = 48;
+
 /// The points of an element at which its projection looks at a formula first. Where that is zero at
 /// all of them, so is the projection.
 pub(super) struct Points {
@@ -44,26 +47,33 @@ impl Points {
     /// `element[..]` of each axis.
     pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
         let n = space.dimension();
-        let mut found = false;
-        let mut visit = vec![0; self.along.len()];
-        'points: loop {
+        let coordinates: Vec<Vec<f64>> = (space.axes().zip(&self.along).zip(element))
+            .map(|((axis, xi), j)| xi.iter().map(|xi| axis.at(*j as i64, *xi)).collect())
+            .collect();
+        let mut points = Vec::with_capacity(BATCH);
+        let mut place = vec![0; coordinates.len()];
+        for number in 0..self.count() {
             let mut point = [0.0; 6];
-            for (a, axis) in space.axes().enumerate() {
-                let slot = if a < n { a } else { 3 + a - n };
-                let xi = self.along[a][visit[a]];
-                point[slot] = axis.at(element[a] as i64, xi);
+            for (a, (along, at)) in coordinates.iter().zip(&place).enumerate() {
+                point[if a < n { a } else { 3 + a - n }] = along[*at];
             }
-            // What is no number is found, and refused, later.
-            found |= formula.eval(&point) != 0.0;
-            for a in (0..visit.len()).rev() {
-                visit[a] += 1;
-                if visit[a] < self.along[a].len() && !found {
-                    continue 'points;
+            points.push(point);
+            for (at, along) in place.iter_mut().zip(&coordinates).rev() {
+                *at += 1;
+                if *at < along.len() {
+                    break;
                 }
-                visit[a] = 0;
+                *at = 0;
             }
-            return found;
+            if points.len() == BATCH || number + 1 == self.count() {
+                // What is no number is found, and refused, later.
+                if formula.at_points(&points, 0.0).iter().any(|f| *f != 0.0) {
+                    return true;
+                }
+                points.clear();
+            }
         }
+        false
     }
 }
 

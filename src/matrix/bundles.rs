@@ -1,0 +1,142 @@
+//! Bundles of lines, by which real vectors are multiplied.
+//!
+//! Lines that follow each other are those of one element along the first space axis and of
+//! velocities, or other nodes, next to each other. Where their rows have entries at the same
+//! distances, the values of all lines of a bundle stand side by side: a bundle takes one pass of
+//! vertical operations, with the sums of each row in the order of its own entries.
+
+use crate::matrix::rows::{Lines, Rows};
+use std::collections::HashMap;
+
+/// Lines of a bundle.
+pub(crate) const WIDTH: usize = 8;
+/// Where lines are in no bundle.
+const NONE: u32 = u32::MAX;
+/// Rows that do not repeat at least so often on average are left in lines: bundles would take as
+/// much memory again, whose bandwidth is the limit then.
+const LEAST_REPEATS: usize = 2;
+
+/// A number for each line of a bundle.
+type Lanes = [f64; WIDTH];
+
+/// The bundles of gathered rows.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bundles {
+    /// Bundles of a layer of elements.
+    in_layer: usize,
+    /// Which one each is like, layer by layer; or [`NONE`].
+    like: Vec<u32>,
+    /// `k` to the nodes of a line: row by row of a bundle, node by node.
+    dense: Vec<Lanes>,
+    /// Entries `offsets[r]..offsets[r + 1]` are the others of row `r` of all bundles.
+    offsets: Vec<usize>,
+    /// Column minus row, modulo 2³².
+    distances: Vec<u32>,
+    /// `[s, k]`.
+    values: Vec<[Lanes; 2]>,
+}
+
+impl Bundles {
+    /// Those of `rows`; none where lines are single rows, or rows hardly repeat.
+    pub fn of(rows: &Rows) -> Self {
+        let Lines { nodes, stride, cells } = *rows.lines();
+        let mut this = Self { offsets: vec![0], ..Self::default() };
+        if nodes == 1 || rows.templates() * LEAST_REPEATS > cells {
+            return this;
+        }
+        this.in_layer = stride / WIDTH;
+        let mut seen: HashMap<[u32; WIDTH], u32> = HashMap::new();
+        for layer in 0..cells / (nodes * stride) {
+            for bundle in 0..this.in_layer {
+                let first = layer * stride + bundle * WIDTH;
+                let templates: [u32; WIDTH] =
+                    std::array::from_fn(|lane| rows.template(first + lane) as u32);
+                let like = *seen.entry(templates).or_insert_with(|| this.add(rows, first));
+                this.like.push(like);
+            }
+        }
+        this
+    }
+
+    /// Adds the bundle that begins with line `first`, if its lines are alike; gives its number.
+    fn add(&mut self, rows: &Rows, first: usize) -> u32 {
+        let nodes = rows.lines().nodes;
+        let entries = |lane: usize, m: usize| rows.others(rows.template(first + lane) + m, 0);
+        let distances = |lane: usize, m: usize| entries(lane, m).map(|(distance, ..)| distance);
+        let is_alike = |m: usize| (1..WIDTH).all(|lane| distances(lane, m).eq(distances(0, m)));
+        if !(0..nodes).all(is_alike) {
+            return NONE;
+        }
+        let number = (self.dense.len() / (nodes * nodes)) as u32;
+        for m in 0..nodes {
+            let dense = |lane: usize| rows.dense_row(rows.template(first + lane) + m);
+            self.dense.extend(
+                (0..nodes).map(|n| -> Lanes { std::array::from_fn(|lane| dense(lane)[n]) }),
+            );
+            for (e, distance) in distances(0, m).enumerate() {
+                let mut values = [[0.0; WIDTH]; 2];
+                for lane in 0..WIDTH {
+                    if let Some((_, s, k)) = entries(lane, m).nth(e) {
+                        (values[0][lane], values[1][lane]) = (s, k);
+                    }
+                }
+                self.distances.push(distance as u32);
+                self.values.push(values);
+            }
+            self.offsets.push(self.distances.len());
+        }
+        number
+    }
+
+    /// The bundle that begins with line `line` of `lines`, if one does.
+    #[inline(always)]
+    pub fn at(&self, lines: &Lines, line: usize) -> Option<usize> {
+        if self.in_layer == 0 {
+            return None;
+        }
+        let (layer, within) = (line / lines.stride, line % lines.stride);
+        let begins = within.is_multiple_of(WIDTH) && within / WIDTH < self.in_layer;
+        let like = || self.like[layer * self.in_layer + within / WIDTH];
+        begins.then(like).filter(|like| *like != NONE).map(|like| like as usize)
+    }
+
+    /// `y ← Σ entry(s, k) x` in the rows of a bundle that is like number `like`, whose first row is
+    /// `first`.
+    #[inline(always)]
+    pub fn apply<const NODES: usize>(
+        &self,
+        like: usize,
+        [first, stride]: [usize; 2],
+        entry: &impl Fn(f64, f64) -> f64,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
+        let add = |sum: &mut Lanes, s: &Lanes, k: &Lanes, from: usize| {
+            let x = &x[from..from + WIDTH];
+            for lane in 0..WIDTH {
+                sum[lane] += entry(s[lane], k[lane]) * x[lane];
+            }
+        };
+        for m in 0..NODES {
+            let (row, i) = (like * NODES + m, first + m * stride);
+            let mut sum = [0.0; WIDTH];
+            for (n, k) in self.dense[row * NODES..(row + 1) * NODES].iter().enumerate() {
+                add(&mut sum, &[0.0; WIDTH], k, first + n * stride);
+            }
+            let others = self.offsets[row]..self.offsets[row + 1];
+            for (distance, [s, k]) in
+                self.distances[others.clone()].iter().zip(&self.values[others])
+            {
+                add(&mut sum, s, k, (i as u32).wrapping_add(*distance) as usize);
+            }
+            y[i..i + WIDTH].copy_from_slice(&sum);
+        }
+    }
+
+    /// Bytes that they take.
+    pub fn bytes(&self) -> usize {
+        4 * (self.like.len() + self.distances.len())
+            + 8 * self.offsets.len()
+            + size_of::<Lanes>() * (self.dense.len() + 2 * self.values.len())
+    }
+}
