@@ -255,7 +255,9 @@ fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
             _ => room(MOST_TRACED_CELLS),
         };
         let parts = with_edges(axis, &edges.unwrap_or_default(), least, most);
-        *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
+        if parts > 1 {
+            *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
+        }
     }
     Ok(space)
 }
