@@ -276,7 +276,7 @@ impl LargestEntries {
 
     /// Those of a grid whose entries are `factor` times as large, with so many nonzeros; `how` says
     /// what that rests on.
-    pub fn extrapolated(&self, factor: f64, nonzeros: usize, how: &'static str) -> Self {
+    pub fn scaled(&self, factor: f64, nonzeros: usize, how: &'static str) -> Self {
         let pairs = self.pairs.iter().map(|pair| pair.map(|x| factor * x)).collect();
         Self { pairs, nonzeros, extrapolated: Some(how) }
     }

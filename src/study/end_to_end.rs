@@ -409,7 +409,7 @@ impl Task<'_> {
         let accesses = &Accesses::new(
             &target,
             &bounds,
-            entries.extrapolated(factor, fuller, FINER),
+            entries.scaled(factor, fuller, FINER),
             qubits_of(&target),
             OF_ROUNDING * tolerance / ratio,
         );
