@@ -15,6 +15,7 @@
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
@@ -234,14 +235,67 @@ impl<'a> SparseAccess<'a> {
     }
 }
 
-/// `max |S_ij|`, `max |K_ij|` and the entries of the fullest row; of this rank's rows.
-pub fn largest_parts(matrix: &BlockMatrix) -> (f64, f64, usize) {
-    let symmetric = extremes(matrix, 0.0);
-    let mut largest = 0.0f64;
-    for i in 0..matrix.counted_rows() {
-        largest = matrix.row(i).fold(largest, |m, (_, s, _)| m.max(s.abs()));
+/// What `d` and `‖H‖_max` follow from, for any wavenumbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LargestEntries {
+    /// The `(|S_ij|, |K_ij|)` that no other exceeds in both, `|S|` descending.
+    pairs: Vec<[f64; 2]>,
+    /// Nonzeros of the fullest row.
+    pub nonzeros: usize,
+    /// Where they are of another grid: how that was extrapolated.
+    pub extrapolated: Option<&'static str>,
+}
+
+impl LargestEntries {
+    /// Of these `(|S_ij|, |K_ij|)` and so many nonzeros of the fullest row.
+    pub fn new(mut pairs: Vec<[f64; 2]>, nonzeros: usize) -> Self {
+        keep_outermost(&mut pairs);
+        Self { pairs, nonzeros, extrapolated: None }
     }
-    (largest, symmetric.0, symmetric.1)
+
+    /// Of `matrix`, over the ranks of `space`. Collective.
+    pub fn of(matrix: &BlockMatrix, space: &Group) -> Self {
+        /// So many more are looked at before those that others exceed are left out.
+        const AT_ONCE: usize = 4096;
+        let (mut own, mut most) = (Vec::new(), AT_ONCE);
+        for i in 0..matrix.counted_rows() {
+            own.extend(matrix.row(i).map(|(_, s, k)| [s.abs(), k.abs()]));
+            if own.len() > most {
+                keep_outermost(&mut own);
+                most = own.len() + AT_ONCE;
+            }
+        }
+        keep_outermost(&mut own);
+        // Each rank's in their own place; zeros exceed nothing.
+        let room = space.max_count(own.len());
+        let mut all = vec![[0.0; 2]; room * space.size()];
+        all[room * space.rank()..][..own.len()].copy_from_slice(&own);
+        space.max_into(all.as_flattened_mut());
+        Self::new(all, space.max_count(extremes(matrix, 0.0).1))
+    }
+
+    /// Those of a grid whose entries are `factor` times as large, with so many nonzeros; `how` says
+    /// what that rests on.
+    pub fn scaled(&self, factor: f64, nonzeros: usize, how: &'static str) -> Self {
+        let pairs = self.pairs.iter().map(|pair| pair.map(|x| factor * x)).collect();
+        Self { pairs, nonzeros, extrapolated: Some(how) }
+    }
+
+    /// `‖H‖_max` for wavenumbers up to `highest`.
+    pub fn largest(&self, highest: f64) -> f64 {
+        self.pairs.iter().fold(0.0, |m: f64, [s, k]| m.max((highest * s).hypot(*k)))
+    }
+}
+
+/// Leaves out pairs that another exceeds in both.
+fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
+    pairs.sort_by(|a, b| b[0].total_cmp(&a[0]).then(b[1].total_cmp(&a[1])));
+    let mut most = f64::NEG_INFINITY;
+    pairs.retain(|&[_, k]| {
+        let further = k > most;
+        most = most.max(k);
+        further
+    });
 }
 
 /// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's

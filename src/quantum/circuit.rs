@@ -101,8 +101,16 @@ impl Compiled {
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
         let controlled = transport.encode(modes, levels, true).counts();
-        let tolerance = record.walk_tolerance.value().unwrap_or(case.tolerance);
-        let highest = choice.wavenumber.unwrap_or(record.setup.highest_wavenumber);
+        // The unitary scheme's one mode is the field, whatever the profile.
+        let fine = record.walk_tolerance.value().filter(|_| case.flux != 0.0);
+        let tolerance = fine.unwrap_or(case.tolerance);
+        let (highest, alpha_of_highest) = match modes {
+            Modes::One(mu) => (mu, None),
+            Modes::Register { .. } => {
+                let highest = record.setup.highest_wavenumber;
+                (highest, Some(transport.alpha(Modes::One(highest), levels)))
+            }
+        };
         let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
         let sparse_alpha = nonzeros as f64 * largest_entry;
         let mut compiled = Self {
@@ -113,7 +121,7 @@ impl Compiled {
                 modes,
                 levels,
                 alpha,
-                alpha_of_highest: transport.alpha(Modes::One(highest), levels),
+                alpha_of_highest,
                 rounded,
                 change,
                 sparse: Sparse {

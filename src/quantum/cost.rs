@@ -16,6 +16,7 @@
 use crate::base::table::Values;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
+use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::Counts;
 use crate::quantum::circuit::scene::{self, Bins, Scene};
 use crate::quantum::circuit::transport::{Levels, Modes, Transport};
@@ -104,8 +105,8 @@ impl Demand {
 /// What the accesses to a case's `H` depend on.
 pub struct Accesses {
     time: f64,
-    /// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row.
-    matrix: (f64, f64, usize),
+    /// Of `(S, K)`.
+    entries: LargestEntries,
     /// Qubits that number the unknowns.
     qubits: usize,
     /// Whether `S = 0`.
@@ -117,12 +118,12 @@ pub struct Accesses {
 }
 
 impl Accesses {
-    /// For `case` with these bounds and the `matrix` of its `(S, K)`. Of the relative error of the
+    /// For `case` with these bounds and the `entries` of its `(S, K)`. Of the relative error of the
     /// field the rounding of jumps to levels may take `rounding`.
     pub fn new(
         case: &Case,
         bounds: &Bounds,
-        matrix: (f64, f64, usize),
+        entries: LargestEntries,
         qubits: usize,
         rounding: f64,
     ) -> Self {
@@ -132,7 +133,12 @@ impl Accesses {
             .map(|scene| scene.transport)
             .map_err(|error| error.to_string());
         let counts = RefCell::default();
-        Self { time, matrix, qubits, skew: bounds.is_skew(), transport: scene, counts }
+        Self { time, entries, qubits, skew: bounds.is_skew(), transport: scene, counts }
+    }
+
+    /// `‖H‖_max` for wavenumbers up to `highest`.
+    pub fn largest_entry(&self, highest: f64) -> f64 {
+        self.entries.largest(highest)
     }
 
     /// Why there is no circuit; none where there is one.
@@ -162,30 +168,34 @@ impl Accesses {
         circuits.fold(sparse, |best, next| if next.least() < best.least() { next } else { best })
     }
 
-    /// Sparse access, an entry's `S` and `K` being at most the largest of each.
+    /// Sparse access.
     fn by_oracles(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Cost {
         const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
-        let (s, k, nonzeros) = self.matrix;
-        let alpha = nonzeros as f64 * (demand.highest * s).hypot(k);
+        let alpha = self.entries.nonzeros as f64 * self.entries.largest(demand.highest);
+        let label = |x: f64| match self.entries.extrapolated {
+            None => Figure::exact(x),
+            Some(how) => Figure::estimate(x, how),
+        };
         let evolution = Evolution::new(alpha * self.time, demand.tolerance);
         let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
         let system = self.qubits + of_p;
         let gates = gates_factor(system as f64, f64::from(evolution.bits));
         let a_step = Figure::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
         let walk = WalkRegisters::new(system, evolution.bits);
-        let toffoli = evolution.steps.times(&a_step);
+        let steps = label(1.0).times(&evolution.steps);
+        let toffoli = steps.times(&a_step);
         Cost {
             access: Access::Sparse,
-            alpha: Figure::bound(alpha),
-            tau: Figure::bound(alpha * self.time),
+            alpha: label(alpha),
+            tau: label(alpha * self.time),
             until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
             toffoli,
             toffoli_a_step: a_step,
             t: Figure::unavailable("no circuit of the oracles is compiled"),
-            rotations: evolution.steps.with(evolution.steps.value().unwrap_or_default() + 1.0),
+            rotations: steps.with(steps.value().unwrap_or_default() + 1.0),
             qubits: walk.total,
             ancillas: walk.arithmetic,
-            steps: evolution.steps,
+            steps,
         }
     }
 

@@ -255,7 +255,7 @@ impl PointGrid {
     /// [`Error::Input`] for a given number of points that is no power of two.
     fn new(case: &Case, warp: &WarpPlan) -> Result<Self> {
         let series = &warp.series;
-        let given = if series.alone { points(series) } else { 2 * series.modes() };
+        let given = points(series);
         let points = given.next_power_of_two();
         if series.alone && given != points {
             return Err(Error::Input(format!(
@@ -264,15 +264,18 @@ impl PointGrid {
                 case.name
             )));
         }
-        let (point, width) = (warp.readings[0].point, series.period / points as f64);
+        let (point, period) = (warp.readings[0].point, series.period);
+        let width = period / points as f64;
         let steps = (point - warp.interval[0]) / width;
         let (lower, index) = match series.alone {
             true => (warp.interval[0], (steps - 1e-9).ceil()),
             false => (point - steps.floor() * width, steps.floor()),
         };
+        // Whole periods are free, and e^{p◇} is that of p◇ itself, not of an image.
+        let lower = lower + (index / points as f64).floor() * period;
         let recovery_index = index.rem_euclid(points as f64) as usize;
         let recovery = lower + recovery_index as f64 * width;
-        Ok(Self { points, lower, period: series.period, recovery_index, recovery })
+        Ok(Self { points, lower, period, recovery_index, recovery })
     }
 }
 
@@ -535,7 +538,8 @@ impl ModeEvolution<'_> {
                 for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
                     let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
                     let line = &mut evolved[i * points..(i + 1) * points];
-                    if l < points / 2 {
+                    // Not the mode −N_p/2, which has no partner.
+                    if points / 2 + l < points {
                         line[points / 2 + l] = start[points / 2 + l] * w;
                     }
                     if l > 0 {

@@ -15,18 +15,19 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::table::Values;
+use crate::base::text::shortened;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{
     Alpha, Case, Coefficients, Delta, Ends, Interface, Limiter, Method, ProfileChoice,
-    RecoveryMethod,
+    RecoveryMethod, Shift,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::cost::{Access, Accesses, Demand};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
-use crate::schrodingerization::placement::{forecast_modes, place};
+use crate::schrodingerization::placement::{forecast_modes, place, takes_one_mode};
 use crate::schrodingerization::profile::Form;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::solve::system::StateNorms;
@@ -207,6 +208,10 @@ fn candidate_case(case: &Case, bounds: &Bounds, candidate: &Candidate) -> Case {
     (warp.interval, warp.points) = (None, None);
     warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
     (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
+    if candidate.profile == ProfileChoice::Planned {
+        // One mode has no p to be read elsewhere.
+        warp.shift = Shift::Given(0.0);
+    }
     (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
     case
 }
@@ -350,7 +355,9 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     };
     let mut found: Vec<Choice> = coarse.into_iter().filter_map(of_family).collect();
     // Where S = 0 one mode does, whatever the profile.
-    let planned = system.bounds.is_skew().then_some(ProfileChoice::Planned);
+    let one = Candidate::planned(ProfileChoice::Planned);
+    let one_case = candidate_case(system.case, system.bounds, &one);
+    let planned = takes_one_mode(&one_case, system.bounds).then_some(one.profile);
     let own = &system.case.warp.profile;
     let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
     let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
@@ -419,6 +426,9 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
     let bounds = system.bounds;
     let planned = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
     let found = Probabilities::new(&planned, system.norms, &label);
+    if let Figure::Unavailable { because } = &found.nearest().all {
+        return Choice::unavailable(candidate, delta, because);
+    }
     let demand = Demand {
         highest: series.wavenumber(modes - 1),
         points,
@@ -498,23 +508,28 @@ fn delta_text(delta: Delta) -> String {
 
 impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        /// Width of a profile: rows have 100 columns.
+        const PROFILE: usize = 25;
         writeln!(
             f,
-            "{:<25}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
+            "{:<PROFILE$}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
             "profile", "delta", "p", "N_p", "access", "steps", "P", "repeated", "amplified"
         )?;
         let number =
             |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
             let delta = choice.delta.map_or("-".to_owned(), delta_text);
-            let profile = parameters(&choice.profile);
+            let mut profile = parameters(&choice.profile);
+            if profile.chars().count() > PROFILE {
+                profile = shortened(&profile, PROFILE - 1);
+            }
             if let Figure::Unavailable { because } = &choice.recovery {
-                writeln!(f, "{profile:<25}{delta:>8}   unavailable: {because}")?;
+                writeln!(f, "{profile:<PROFILE$}{delta:>8}   unavailable: {because}")?;
                 continue;
             }
             writeln!(
                 f,
-                "{profile:<25}{delta:>8}{:>6.2}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
+                "{profile:<PROFILE$}{delta:>8}{:>6.2}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
                 choice.recovery.value().unwrap_or(f64::NAN),
                 choice.points.value().unwrap_or(f64::NAN),
                 choice.access.map_or(String::new(), |access| access.to_string()),
@@ -541,6 +556,9 @@ fn parameters(profile: &ProfileChoice) -> String {
         ProfileChoice::Designed => "designed".to_owned(),
         ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),
         ProfileChoice::Gaussian { sigma: Some(sigma) } => format!("gaussian, sigma {sigma:.4}"),
+        ProfileChoice::Exponential { alpha: Alpha::Constant(alpha) } if *alpha >= 10.0 => {
+            format!("exponential, alpha {alpha:.2}")
+        }
         ProfileChoice::Exponential { alpha } => format!("exponential, alpha {alpha:.4}"),
         ProfileChoice::Smooth { order } => format!("smooth, order {order}"),
         ProfileChoice::LowSomma { c: None } => "low-somma, planned c".to_owned(),
@@ -552,6 +570,7 @@ fn parameters(profile: &ProfileChoice) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantum::access::LargestEntries;
 
     /// Example 1 on 8² cells, with norms as of a run.
     fn case() -> Case {
@@ -580,8 +599,9 @@ mod tests {
         assert_eq!(case.interface, Interface::Conservative);
         assert!(!case.warp.weights);
         let bounds = Bounds::new(&case).expect("bounds");
+        let entries = LargestEntries::new(vec![[4.0, 2.0]], 5);
         let norms = StateNorms { start: 1.3, weighted: 1.0, field: 1.0, auxiliary: 0.0 };
-        let accesses = &Accesses::new(&case, &bounds, (4.0, 2.0, 5), 6, 5e-4);
+        let accesses = &Accesses::new(&case, &bounds, entries, 6, 5e-4);
         test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, accesses });
     }
 

@@ -236,6 +236,23 @@ impl Probabilities {
         known.map_or(1.0, f64::sqrt)
     }
 
+    /// Of the one mode of a unitary flow, which is the field: nothing of `p` is postselected.
+    fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> Figure) -> Self {
+        let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
+        let at_slice = Chain::new(1.0, &norms, if whole { &Figure::exact } else { label });
+        Self {
+            points: 1,
+            recovery: 0.0,
+            norm_of_state: label(norm),
+            norms,
+            window: None,
+            window_error: None,
+            norm_of_field: label(norm * at_slice.all.value().map_or(f64::NAN, f64::sqrt)),
+            at_slice,
+            in_window: Chain::unavailable("one mode has no register of p"),
+        }
+    }
+
     /// Probabilities of a planned state with these norms. `label` makes figures of what follows
     /// from the norms, which is as accurate as they are.
     pub fn new(
@@ -261,6 +278,9 @@ impl Probabilities {
                 in_window: none,
                 norm_of_field: Figure::unavailable("nothing is left of the field"),
             };
+        }
+        if points == 1 {
+            return Self::of_one_mode(norm, norms, label);
         }
         // The grid of points is taken to have one at p◇: its origin is free.
         let lambda = [bounds.growth * time, bounds.decay * time];

@@ -20,7 +20,7 @@ mod text;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
-use crate::quantum::access::{extremes, largest_parts};
+use crate::quantum::access::LargestEntries;
 use crate::quantum::cost::{Accesses, Cost, Demand};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
@@ -235,15 +235,15 @@ pub const OF_ROUNDING: f64 = 0.5;
 /// What the accesses to the `H` of `prepared` depend on. Collective.
 pub fn accesses(prepared: &Prepared, ratio: f64) -> Accesses {
     let Prepared { case, bounds, .. } = prepared;
+    // A unitary flow keeps the norm; a rough solution does so to some digits.
+    let ratio = if bounds.is_skew() { 1.0 } else { ratio };
     let rounding = OF_ROUNDING * case.tolerance / ratio;
-    Accesses::new(case, bounds, parts_of(prepared), qubits_of(case), rounding)
+    Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding)
 }
 
-/// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row. Collective.
-pub fn parts_of(prepared: &Prepared) -> (f64, f64, usize) {
-    let space = &prepared.communicator.space;
-    let (s, k, nonzeros) = largest_parts(&prepared.system.matrix);
-    (space.max(s), space.max(k), space.max_count(nonzeros))
+/// The largest entries of `(S, K)`. Collective.
+pub fn entries_of(prepared: &Prepared) -> LargestEntries {
+    LargestEntries::of(&prepared.system.matrix, &prepared.communicator.space)
 }
 
 /// Qubits that number the unknowns of `case`.
@@ -276,7 +276,7 @@ impl Record {
         let points = points(&series).next_power_of_two();
         let modes = series.modes();
         let highest = series.wavenumber(modes - 1);
-        let largest = space.max(extremes(&system.matrix, highest).0);
+        let largest = accesses.largest_entry(highest);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.duration(), case.tolerance);
         let estimate = |x: f64| Figure::estimate(x, NORMS);

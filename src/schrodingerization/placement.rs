@@ -10,6 +10,7 @@ use crate::propagate;
 use crate::scheme::interface::law_of;
 use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::window::PLATEAU;
 use crate::schrodingerization::profile::{Demand, Form, Profile, Shape, Window};
 use crate::schrodingerization::recovery::{Reading, shown};
 use std::f64::consts::PI;
@@ -18,8 +19,6 @@ use std::f64::consts::PI;
 const SECOND_POINT: f64 = 1.0;
 /// Width in `p` of what an integral or least squares are taken over.
 const WINDOW: f64 = 1.0;
-/// Default width of the plateau on each side of `p◇`.
-const PLATEAU: f64 = 2.0;
 /// Growth over the run beyond which a warning names its remedy: an amplification by e.
 const MUCH_GROWTH: f64 = 1.0;
 /// Series with more modes than this are not summed up to see what their readings tell.
@@ -51,7 +50,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
         return from_file(case, bounds, interval, points);
     }
-    if is_skew(case, bounds) {
+    if takes_one_mode(case, bounds) {
         return Ok(one_mode());
     }
     let demand = demand(case, bounds, ratio);
@@ -78,8 +77,9 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         ));
     }
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
-    // p◇ + σT.
+    // p◇ + σT. An interval whose length alone matters goes there, too.
     let shift = shift(case, bounds);
+    let fixed = warp.interval.is_some() || demand.sampled;
     let at = |apart| readings(case, &window, interval, apart);
     let Estimator { readings, efficiency, doubt } = match case.recovery_points {
         0..2 => Estimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
@@ -98,7 +98,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile: Some(profile),
         series,
-        interval,
+        interval: if fixed { interval } else { interval.map(|p| p + shift) },
         readings: moved(readings, shift),
         warnings,
     })
@@ -112,7 +112,7 @@ pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option
 }
 
 /// Whether `A` is skew, `S = 0`, and nothing asks for the warped field as it is elsewhere.
-fn is_skew(case: &Case, bounds: &Bounds) -> bool {
+pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
     let warp = &case.warp;
     let by_hand = warp.choice() != ProfileChoice::Planned || warp.recovery.is_some();
     let is_shown = case.warped_field || case.plateau.is_some();

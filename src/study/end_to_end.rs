@@ -32,7 +32,7 @@ use crate::quantum::figure::Figure;
 use crate::quantum::optimise::{Ranking, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
-use crate::quantum::resources::{OF_ROUNDING, parts_of, qubits_of};
+use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
@@ -402,13 +402,14 @@ impl Task<'_> {
         }
         let target = on_grid(&scheme, &shape);
         let bounds = Bounds::new(&target)?;
-        let (s, k, nonzeros) = parts_of(&prepared);
+        let entries = entries_of(&prepared);
         // Interfaces fill rows like the root of the number of velocities.
-        let fuller = (nonzeros as f64 * factor.sqrt().max(1.0)).ceil() as usize;
+        let fuller = (entries.nonzeros as f64 * factor.sqrt().max(1.0)).ceil() as usize;
+        const FINER: &str = "entries of the case's grid, and the refinement";
         let accesses = &Accesses::new(
             &target,
             &bounds,
-            (s * factor, k * factor, fuller),
+            entries.scaled(factor, fuller, FINER),
             qubits_of(&target),
             OF_ROUNDING * tolerance / ratio,
         );

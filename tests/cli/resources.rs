@@ -180,6 +180,59 @@ fn counts_are_those_of_the_emitted_circuit() {
     }
 }
 
+/// A unitary flow is one mode, whatever the scheme was chosen for: no p, nothing postselected, in a
+/// run, in its own set-up, in the cheapest, and in the list of choices. Every choice of the list
+/// has its numbers, in rows of 100 columns.
+#[test]
+fn one_mode_has_no_p() {
+    const CLOSED: &[&str] =
+        &["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.flux=0", "scheme.ends=closed"];
+    let rows: [(&str, &[&str], &[&str]); 3] = [
+        ("unitary_advection.toml", &["scheme.degree=2", "solver.tolerance=1e-3"], &[]),
+        ("example1.toml", CLOSED, &["solver.tolerance=1e-3"]),
+        ("example1.toml", CLOSED, &["solver.warp.shift=2", "output.recovery_points=1"]),
+    ];
+    check_all(&rows, |(name, settings, more)| {
+        let job = |words: &[&str]| {
+            let job = Job::new(["resources", &case(name)]).set(settings).set(more);
+            job.with(words.iter().copied())
+        };
+        let found = job(&["--format", "json"]).succeed()?;
+        let record = found.json()?;
+        let costs_of_unitary = record["unitary"]["costs"].clone();
+        let free = |record: &Value| {
+            let chain = &record["probabilities"]["at_slice"];
+            record["points"] == 1
+                && record["qubits"]["p"] == 0
+                && chain["all"]["value"] == 1.0
+                && chain["repetitions"]["value"] == 1.0
+                && record["costs"] == costs_of_unitary
+        };
+        require(free(&record), &found, || format!("{record}"))?;
+        let by_hand = more.iter().any(|key| key.contains("shift"));
+        require(by_hand || free(&record["own"]), &found, || format!("{}", record["own"]))?;
+        let list = job(&["--optimise"]).succeed()?;
+        let lines: Vec<&str> = list.printed.lines().collect();
+        require(lines[1].starts_with("one mode, S = 0"), &list, || lines[1].to_owned())?;
+        let end = lines.iter().position(|line| line.starts_with("steps:")).unwrap_or(0);
+        let bare = lines[1..end].iter().any(|line| {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            // Its last columns are empty, or were broken onto a line of their own.
+            words.len() > 3 && words[words.len() - 3..] == ["-"; 3] || words.len() < 3
+        });
+        require(!bare, &list, || "a choice without numbers, or a broken row".to_owned())?;
+        if !by_hand {
+            let place = directory();
+            let summary = run(name).set(settings).set(more).solve(place.path())?;
+            let found = &summary.value["probabilities"];
+            let all = &found["at_slice"]["all"];
+            let one = found["points"] == 1 && all["value"] == 1.0 && all["label"] == "exact";
+            summary.require(one, || format!("{found}"))?;
+        }
+        Ok(())
+    });
+}
+
 /// The table of costs as CSV has the numbers of the JSON with all digits and their labels; in LaTeX
 /// it has as many rows.
 #[test]
@@ -286,6 +339,14 @@ fn consistent(record: &Value) -> Result<(), String> {
         let chain = if found["window"].is_null() { "at_slice" } else { "in_window" };
         found[chain][key]["value"].as_f64().unwrap_or(f64::NAN)
     };
+    // Sparse access is counted once: its row of the table has the numbers of the section.
+    let rows = record["costs"].as_array().into_iter().flatten();
+    let sparse = rows
+        .filter(|cost| cost["access"] == "sparse")
+        .map(|cost| cost["tau"] == record["tau"] && cost["steps"] == record["walk_steps"]);
+    if !sparse.eq([true]) {
+        return Err("sparse access by two numbers".to_owned());
+    }
     for cost in record["costs"].as_array().into_iter().flatten() {
         let of = |key: &str| cost[key]["value"].as_f64().unwrap_or(f64::NAN);
         let all = of("steps") * of("toffoli_a_step");

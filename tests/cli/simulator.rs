@@ -24,6 +24,17 @@ const PAPER: &[&str] = &[
 const SMOOTH: &[&str] =
     &["solver.warp.profile=smooth", "solver.warp.order=2", "solver.tolerance=0.05"];
 const CONSERVATIVE: &[&str] = &["scheme.interface=conservative", "solver.warp.profile=gaussian"];
+const UNITARY: &[&str] = &["scheme.flux=0", "scheme.ends=closed"];
+const SMALL: &[&str] = &[
+    "axis.0.x.cells=8",
+    "axis.0.v.cells=8",
+    "time.end=0.5",
+    "solver.tolerance=1e-2",
+    "solver.warp.profile=gaussian",
+];
+/// f is read at p = 3.
+const BEYOND: &[&str] =
+    &["solver.warp.shift=6", "solver.warp.sigma=0.5", "solver.warp.interval=[-13,2.5]"];
 const ELEMENTS: &[&str] = &["time.end=0.1", "solver.tolerance=1e-3"];
 const PLANE: &[&str] = &[
     "axis.0.x.cells=4",
@@ -52,8 +63,24 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
         &[&["axis.0.x.cells=2", "axis.0.v.cells=2", "scheme.degree=1"], ELEMENTS],
     ),
     ("partial_reflection.toml", &[TINY, &["scheme.degree=0"]]),
-    // One cell, whose velocity is 0.
-    ("example1.toml", &[TINY, &["axis.0.x.cells=1", "axis.0.v.cells=1", "initial.f=1"]]),
+    // Cells whose velocity is 0: nothing moves.
+    ("example1.toml", &[TINY, &["axis.0.x.cells=2", "axis.0.v.cells=1", "initial.f=1"]]),
+    // One mode: no register of p.
+    ("example1.toml", &[TINY, UNITARY]),
+];
+
+/// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.
+const READ: &[(&str, &[&[&str]])] = &[
+    ("example1.toml", &[SMALL, &["solver.warp.sigma=0.25"]]),
+    ("example1.toml", &[SMALL, &["solver.warp.sigma=0.3"]]),
+    ("example1.toml", &[SMALL, &["solver.warp.sigma=0.5"]]),
+    ("example1.toml", &[SMALL, &["solver.warp.sigma=1"]]),
+    ("example1.toml", &[SMALL, CONSERVATIVE]),
+    ("example1.toml", &[SMALL, UNITARY, &["solver.warp.sigma=0.25"]]),
+    ("example1.toml", &[SMALL, UNITARY, &["solver.warp.sigma=0.5"]]),
+    ("example1.toml", &[SMALL, UNITARY, &["solver.warp.profile=planned"]]),
+    // Beyond the end of an interval by hand.
+    ("example1.toml", &[SMALL, BEYOND]),
 ];
 
 fn export(name: &str, settings: &[&str], place: &Path) -> Job {
@@ -116,7 +143,7 @@ pub fn vector(path: &Path) -> Result<Vec<f64>, String> {
 
 #[test]
 fn what_is_read_from_the_exported_state_is_the_field() {
-    check_all(EXPORTS, |(name, settings)| {
+    check_all(&[EXPORTS, READ].concat(), |(name, settings)| {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
         export(name, &settings, exported.path()).succeed()?;

@@ -64,8 +64,9 @@ pub struct Description {
     pub levels: Levels,
     /// The block is `H/α`.
     pub alpha: f64,
-    /// `α` of the circuit of one mode, that of the highest wavenumber that carries something.
-    pub alpha_of_highest: f64,
+    /// Of all modes: `α` of the circuit of one, that of the highest wavenumber that carries
+    /// something.
+    pub alpha_of_highest: Option<f64>,
     /// How far a jump was rounded at most, in levels.
     pub rounded: f64,
     /// Bound of the norm of what that changes of `A`.
@@ -124,7 +125,9 @@ impl fmt::Display for Description {
         }
         writeln!(f, "\n{:<22}{:>14}{:>16}", "", "circuit", "sparse access")?;
         writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "alpha", self.alpha, sparse.alpha)?;
-        writeln!(f, "{:<22}{:>14.4e}", "alpha, highest mode", self.alpha_of_highest)?;
+        if let Some(alpha) = self.alpha_of_highest {
+            writeln!(f, "{:<22}{alpha:>14.4e}", "alpha, highest mode")?;
+        }
         writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "tau = alpha T", evolution.tau, sparse.tau)?;
         writeln!(f, "{:<22}{:>14}{:>16}", "walk steps 2K", evolution.steps, sparse.steps)?;
         writeln!(f, "\n{:<22}{:>14}{:>16}{:>16}", "", "one call", "controlled", "evolution")?;

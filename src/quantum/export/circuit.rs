@@ -9,7 +9,11 @@ const HEAD: &str = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n";
 /// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with
 /// the positive sign, then `(−1)^k`.
 pub fn transform(qubits: usize) -> String {
-    let mut text = format!("{HEAD}qubit[{qubits}] warped;\n");
+    let mut text = HEAD.to_owned();
+    if qubits == 0 {
+        return text;
+    }
+    let _ = writeln!(text, "qubit[{qubits}] warped;");
     for target in (0..qubits).rev() {
         let _ = writeln!(text, "h warped[{target}];");
         for control in (0..target).rev() {
@@ -20,10 +24,7 @@ pub fn transform(qubits: usize) -> String {
     for low in 0..qubits / 2 {
         let _ = writeln!(text, "swap warped[{low}], warped[{}];", qubits - 1 - low);
     }
-    if qubits > 0 {
-        text += "z warped[0];\n";
-    }
-    text
+    text + "z warped[0];\n"
 }
 
 /// Prepares the product of two normalised real vectors from zeros: `profile` on a register

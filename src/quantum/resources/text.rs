@@ -66,15 +66,12 @@ impl fmt::Display for Record {
 impl Record {
     /// The grid and the matrix.
     fn heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{}: {} = {} unknowns, N_p = {} on a length of {}",
-            self.title,
-            list(&self.shape, " x "),
-            self.unknowns,
-            self.points,
-            short(self.period)
-        )?;
+        let p = match self.points {
+            1 => "no register of p".to_owned(),
+            points => format!("N_p = {points} on a length of {}", short(self.period)),
+        };
+        let shape = list(&self.shape, " x ");
+        writeln!(f, "{}: {shape} = {} unknowns, {p}", self.title, self.unknowns)?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = list(&self.sparsity.q, ", ");
         writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)?;

@@ -47,6 +47,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 const ROOM: f64 = 33.05;
 /// Least `ε e^{−Λ⁺}` that is designed for. A tenth of it takes twice the modes.
 const SMALLEST: f64 = 1e-13;
+/// The gap of a shorter domain, which may be a point, is that of this length.
+const SHORTEST: f64 = 1e-3;
 /// Longest domain that is designed for: units of a millionth of the period resolve `e^{−p}`, and a
 /// design takes seconds.
 const LONGEST: f64 = 2e4;
@@ -83,7 +85,7 @@ impl Designed {
         }
         let circle = Circle::new();
         // Longer gaps for long domains and for few digits.
-        let length = demand.growth + demand.reach + demand.decay;
+        let length = (demand.growth + demand.reach + demand.decay).max(SHORTEST);
         let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
         let mut best = with_gap(&circle, demand, planned)?;

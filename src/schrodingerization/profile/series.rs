@@ -85,12 +85,16 @@ impl Series {
     }
 }
 
-/// The number of points `N_p` that shows every mode of a series: twice the last mode where that
-/// stands for itself only, as it does where `N_p` is given; else the least even number without
-/// prime factors beyond 5 that is at least twice the number of modes.
+/// The number of points `N_p` that shows every mode of a series: 1 of the mode 0 alone, which is
+/// the same everywhere; twice the last mode where that stands for itself only, as it does where
+/// `N_p` is given; else the least even number without prime factors beyond 5 that is at least twice
+/// the number of modes.
 pub fn points(series: &Series) -> usize {
     let modes = series.modes();
-    if series.alone && modes > 1 {
+    if modes == 1 {
+        return 1;
+    }
+    if series.alone && modes > 0 {
         return 2 * (modes - 1);
     }
     // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the

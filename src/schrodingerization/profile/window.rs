@@ -6,6 +6,9 @@ use crate::schrodingerization::profile::shape::Shape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
+/// Default width of the plateau on each side of `p◇`; a planned interval holds it.
+pub const PLATEAU: f64 = 2.0;
+
 /// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demand {
@@ -90,14 +93,16 @@ impl Demand {
     }
 
     /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at
-    /// `L`: both within what an image may add.
+    /// `L`: both within what an image may add. Of analytic coefficients any whole period would do:
+    /// it is one that begins [`PLATEAU`] below `p◇` or lower, so that it holds what is read.
     pub fn ends(&self, shape: &dyn Shape, window: &Window) -> [f64; 2] {
         let upper = window.point + self.reach - (self.images * self.tolerance).ln();
-        let mut lower = upper - window.period;
         if self.sampled {
-            lower = lower.min(shape.left(self.image(window.point)));
+            let left = shape.left(self.image(window.point));
+            return [left.min(upper - window.period), upper];
         }
-        [lower, upper]
+        let upper = upper.min(window.point - PLATEAU + window.period);
+        [upper - window.period, upper]
     }
 
     /// Whether the interval given by hand has room for `window`.

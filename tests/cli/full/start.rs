@@ -50,6 +50,48 @@ fn runs_go_on_from_a_warped_field() {
     });
 }
 
+/// The interval of a file holds where f is read, the plateau about it, and hence where a run from
+/// it reads: of narrow Gaussians, whose period is short, too; and where f is read further up.
+#[test]
+fn a_run_goes_on_from_the_field_of_any_planned_period() {
+    let rows: [&[&str]; 5] = [
+        &["solver.warp.sigma=0.25"],
+        &["solver.warp.sigma=0.5"],
+        &["solver.warp.sigma=0.7"],
+        &["scheme.flux=0", "scheme.ends=closed", "solver.warp.sigma=0.5"],
+        &["solver.warp.sigma=0.5", "solver.warp.shift=20"],
+    ];
+    // Coarse, so that what the whole of the time takes is within a period of half of it.
+    let grid = ["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.interface=conservative"];
+    check_all(&rows, |settings| {
+        let [first, second, whole] = [directory(), directory(), directory()];
+        let run = |end: f64| {
+            let end = format!("time.end={end}");
+            small(&grid).set(settings).set(&[&end, "solver.tolerance=1e-3"])
+        };
+        let gaussian = ["solver.warp.profile=gaussian"];
+        let begun = run(0.35).set(&gaussian).with(["--mode", "full"]).on(2).solve(first.path())?;
+        let (_, p) = warped(first.path(), "f")?;
+        let read = begun.value["probabilities"]["recovery"].as_f64().ok_or("no reading")?;
+        let holds = p[0] <= read - 2.0 && read + 2.0 <= p[p.len() - 1];
+        begun.require(holds, || format!("{read} of {} to {}", p[0], p[p.len() - 1]))?;
+        if read > 5.0 {
+            // The next run's error would be e^7 times as large.
+            return Ok(());
+        }
+        let file = first.path().join("warped_f.h5");
+        let from = format!("initial={{warped='{}'}}", file.display());
+        // The file has what it was planned with.
+        let kept = settings.iter().filter(|s| !s.starts_with("solver.warp"));
+        let kept: Vec<&str> = kept.copied().chain(["solver.tolerance=1e-3"]).collect();
+        let on = small(&grid).set(&kept).set(&[&from, "time.end=0.35"]);
+        on.on(3).solve(second.path())?;
+        run(0.7).set(&gaussian).solve(whole.path())?;
+        let off = distance(&field(second.path())?, &field(whole.path())?);
+        begun.require(off < 3e-3, || format!("f is off by {off:e}"))
+    });
+}
+
 /// The plan of a run that starts from a file has the file's points, whether it is measured or not.
 #[test]
 fn plans_of_runs_from_a_file_have_its_points() {
