@@ -34,9 +34,9 @@ impl Bits {
         }
     }
 
-    /// Counts a quantity as passed that had one fingerprint every time, and one that no other
-    /// quantity has: equal fingerprints everywhere would mean that the comparison sees nothing. Each
-    /// must have been seen at `least` so many times.
+    /// Counts a quantity as passed that had one fingerprint every time, `least` times or more, and
+    /// one that no other quantity has: equal fingerprints everywhere would mean that the comparison
+    /// sees nothing.
     pub fn compare(&self, least: usize, all: bool, tally: &mut Tally) {
         let mut others: BTreeSet<&String> = BTreeSet::new();
         for (name, (hashes, times)) in &self.0 {
