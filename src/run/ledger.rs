@@ -154,6 +154,12 @@ impl Sources {
         found.map_or(0.0, |(_, found)| found.mean.mass)
     }
 
+    /// Standard error of what enters.
+    fn error_of_entering(&self) -> f64 {
+        let squares = self.entering.iter().map(|(_, found)| found.error.mass * found.error.mass);
+        squares.sum::<f64>().sqrt()
+    }
+
     /// Standard error of all that leaves.
     fn error_of_outflow(&self) -> f64 {
         let squares = |found: &Estimates| {
@@ -193,6 +199,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     // A sum of nothing is -0.
     let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
     mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
+    mass.entered_error = Some(sources.error_of_entering() + 0.0);
     let absolute = sources.sum(|tally| tally.absolute);
     mass.absolute = Some(absolute);
     let names = axis_names(case.space.dimension());
