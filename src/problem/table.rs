@@ -331,5 +331,8 @@ mod tests {
         assert_eq!(table.beyond(0, [-99.0, 99.0]), None);
         assert!(table.beyond(3, [-0.6, 3.0]).unwrap().contains("axis v goes from 0 to 3"));
         assert!(table.beyond(3, [0.0, 5.1]).is_some());
+        assert_eq!((table.ends(3), table.ends(0)), (Some([0.0, 3.0]), None));
+        let table = table.with_interpolation(Interpolation::Constant);
+        assert_eq!(table.ends(3), Some([-0.25, 4.0]));
     }
 }

@@ -415,6 +415,7 @@ mod tests {
                 initial: Some(2.001),
                 lost: Some(1.5),
                 left_estimate: Some(1.511),
+                entered_estimate: Some(0.0),
                 beyond: Some(0.001),
                 interface_estimate: Some(-0.01),
                 ..Mass::default()
@@ -435,7 +436,7 @@ mod tests {
     fn warnings_begin_at_one_percent() {
         assert_eq!(sound().warnings(), Vec::<String>::new());
         type Change = (fn(&mut Ledger), &'static str);
-        let changes: [Change; 7] = [
+        let changes: [Change; 11] = [
             (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
             (|l| l.mass.beyond = Some(0.1), "5.00 % of what is in it"),
             (|l| l.mass.outside = Some(1.0), "50.00 % of the data"),
@@ -446,6 +447,13 @@ mod tests {
             ),
             (|l| l.jumps[0].mean_energy = Some(5e11), "4e-11 % of the mean"),
             (|l| l.mass.left_estimate = None, "75.00 % of it is gone"),
+            (|l| l.mass.lost = Some(1.9), "18.95 % of it is gone that should still be"),
+            (|l| l.mass.lost = Some(1.0), "26.05 % of it is in the box that should have left"),
+            (|l| l.mass.entered = Some(0.2), "mass: 0.2 enters the grid, the formula gives an"),
+            (
+                |l| l.mass = Mass { absolute: Some(0.0), initial: Some(0.0), ..Mass::default() },
+                "the initial data are zero on the grid",
+            ),
         ];
         for (change, words) in changes {
             let mut ledger = sound();
@@ -455,6 +463,9 @@ mod tests {
         }
         let mut uncertain = sound();
         (uncertain.mass.initial, uncertain.mass.formula_error) = (Some(1.9), Some(0.1));
+        assert!(uncertain.warnings().is_empty());
+        let mut uncertain = sound();
+        (uncertain.mass.lost, uncertain.mass.left_error) = (Some(1.7), Some(0.05));
         assert!(uncertain.warnings().is_empty());
     }
 

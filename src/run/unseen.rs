@@ -1,6 +1,6 @@
 //! What of the problem as it is written the scheme does not see, and settings that it passes over.
 
-use crate::base::text::{percent, place, short};
+use crate::base::text::{counted, percent, place, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -36,16 +36,18 @@ fn potential_key(case: &Case, region: usize) -> String {
 
 fn between_points(case: &Case, found: &Unresolved) -> String {
     let Unresolved { region, axis, point, written, taken, elements } = found;
-    let cells = match elements {
-        1 => "1 cell".to_owned(),
-        many => format!("{many} cells"),
+    let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
+    let element = along.position(point[*axis]).floor() as i64;
+    let [lower, upper] = [element, element + 1].map(|face| place(along.face(face), along.width()));
+    let more = match elements {
+        1 => String::new(),
+        many => format!(" (and in {} more)", counted(many - 1, "cell", "cells")),
     };
     format!(
-        "{}: the grid does not resolve V along {}: at {} it is {} as written, and {} as the scheme \
-         takes it between its points (off by much in {cells}); jumps need a region of their own \
-         with where, narrow features more cells",
+        "{}: the grid does not resolve V between {name} = {lower} and {upper}{more}: at {} it is \
+         {} as written, and {} as the scheme takes it between its points; jumps need a region of \
+         their own with where, narrow features more cells",
         potential_key(case, *region),
-        ["x", "y", "z"][*axis],
         at_point(case, point),
         short(*written),
         short(*taken),

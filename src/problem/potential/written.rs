@@ -170,3 +170,27 @@ fn worst_on_line(
     }
     worst
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of degree `k` the slopes of polynomials of degree `k + 1` are met, so these are taken as
+    /// they are; those of the next degree are not.
+    #[test]
+    fn polynomials_are_taken_as_they_are_up_to_a_degree() {
+        for degree in 0..LARGEST_DEGREE {
+            let taken = Taken::new(Nodes::of_space(degree));
+            let worst = |power: usize| {
+                let value = |xi: f64| xi.powi(power as i32) - 0.5 * xi + 2.0;
+                let found = taken.rows.iter().map(|row| -> f64 {
+                    row.iter().zip(&taken.nodes).map(|(weight, xi)| weight * value(*xi)).sum()
+                });
+                let apart = found.zip(&taken.points).map(|(found, xi)| (found - value(*xi)).abs());
+                apart.fold(0.0, f64::max)
+            };
+            assert!((0..=degree + 1).all(|power| worst(power) < 1e-12), "degree {degree}");
+            assert!(worst(degree + 2) > 1e-3, "degree {degree}: {}", worst(degree + 2));
+        }
+    }
+}
