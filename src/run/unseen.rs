@@ -54,11 +54,11 @@ fn between_points(case: &Case, found: &Unresolved) -> String {
     )
 }
 
-/// A place in space, to some thousandths of a cell.
+/// A place in space, to a hundredth of a cell.
 fn at_point(case: &Case, point: &[f64; 6]) -> String {
     let axes = case.space.x.iter().zip(["x", "y", "z"]).zip(point);
     let text = |((axis, name), at): ((&Axis, &str), &f64)| {
-        format!("{name} = {}", place(*at, 1e-3 * axis.width()))
+        format!("{name} = {}", place(*at, axis.width()))
     };
     axes.map(text).collect::<Vec<_>>().join(", ")
 }
