@@ -237,11 +237,15 @@ impl Ledger {
         let share = self.unbalanced(unexplained, self.mass.left_error)?;
         Some(format!(
             "mass: {} of it {}, by the particles of the exact flow: the grid does not resolve V or \
-             f, or smears f over an end of the box; more cells or a higher scheme.degree",
+             f, or smears f over an end of the box{}; more cells or a higher scheme.degree",
             percent(share.abs()),
             match share > 0.0 {
                 true => "is gone that should still be in the box",
                 false => "is in the box that should have left or not have entered",
+            },
+            match self.mass.entered.is_some_and(|entered| entered != 0.0) {
+                true => ", or the run misses a pulse of the inflow",
+                false => "",
             }
         ))
     }

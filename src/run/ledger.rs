@@ -42,8 +42,11 @@ const MOST_NODES: usize = 1 << 19;
 const NOTHING: f64 = 1e-9;
 /// How far beyond the velocity box data are looked for, in its widths.
 const BEYOND: f64 = 0.5;
-/// Parts of the time over which a varying inflow is integrated, by Gauss's rule of two points.
-const TIME_PARTS: usize = 256;
+/// Least and most parts of the time over which a varying inflow is integrated, by Gauss's rule of
+/// two points, ...
+const TIME_PARTS: [usize; 2] = [1 << 8, 1 << 14];
+/// ... and about how many values of it are taken in all.
+const MOST_VALUES: usize = 1 << 21;
 
 /// What `case`, on the grid of its results, tells before anything is solved. Collective.
 ///
@@ -365,19 +368,23 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
     let integrals: Vec<f64> = match case.varies() {
         false => matrix.inflow.iter().map(|row| case.duration() * row.values[0]).collect(),
-        true => varying_integrals(case, matrix),
+        true => {
+            let rows = space.sum_count(matrix.inflow.len()).max(1);
+            let [least, most] = TIME_PARTS;
+            varying_integrals(case, matrix, (MOST_VALUES / (2 * rows)).clamp(least, most))
+        }
     };
     let rows = matrix.inflow.iter().zip(&integrals);
     let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
     Some(space.sum_terms(&terms) * volumes.mean())
 }
 
-/// `∫ b_i dt` to the end of an inflow that depends on time, row by row.
-fn varying_integrals(case: &Case, matrix: &BlockMatrix) -> Vec<f64> {
-    let part = case.duration() / TIME_PARTS as f64;
+/// `∫ b_i dt` to the end of an inflow that depends on time, row by row, over so many `parts`.
+fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64> {
+    let part = case.duration() / parts as f64;
     let rule = gauss_legendre(2);
     let mut integrals = vec![0.0; matrix.inflow.len()];
-    for k in 0..TIME_PARTS {
+    for k in 0..parts {
         let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
         for point in rule.iter().map(|point| point.moved_to(ends)) {
             let values = matrix.entering.values(&case.fields[0], point.node);

@@ -8,8 +8,8 @@ use crate::problem::potential::{ElementLines, energy_scale, piece, region};
 
 /// Points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;
-/// Most elements looked at, an axis; beyond, some that are spread over the grid.
-const MOST_ELEMENTS: usize = 1 << 16;
+/// Most lines looked at, over all axes; beyond, some that are spread over the grid.
+const MOST_LINES: usize = 1 << 16;
 /// Differences are noticed above this part of the range of `V` in the region ...
 const NOTICED: f64 = 0.01;
 /// ... and above this part of the largest `v²/2` of the box.
@@ -117,7 +117,7 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
     let mut found = vec![none; case.potential.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
     let lines = ElementLines::new(&case.space);
-    for element in lines.spread(MOST_ELEMENTS) {
+    for element in lines.spread(MOST_LINES / taken.len()) {
         let centre = lines.centre(&element);
         // Undefined conditions are an error elsewhere.
         let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.level.is_none()) else {
