@@ -208,8 +208,10 @@ fn mass_that_does_not_add_up_is_said() {
         let place = directory();
         let summary = run(name).set(settings).on(2).within(120).solve(place.path())?;
         summary.require(off(&summary)[0], || summary.warnings())?;
-        let page = place.path().join("page.html").display().to_string();
-        Job::new(["report", &place.path().display().to_string(), "-o", &page]).succeed()?;
+        let page = place.path().join("page");
+        let [from, to] = [place.path(), &page].map(|path| path.display().to_string());
+        Job::new(["report", &from, "-o", &to]).succeed()?;
+        let page = page.join("report.html");
         let page = std::fs::read_to_string(page).map_err(|e| e.to_string())?;
         let row = page.split("Mass and energy").nth(1).unwrap_or_default();
         let sign = row.find('✗').unwrap_or(usize::MAX) < row.find('✓').unwrap_or(usize::MAX);

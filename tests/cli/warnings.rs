@@ -68,7 +68,7 @@ fn unresolved_potentials_give_a_warning() {
     // Along the second axis, too.
     let job = check("barrier2d.toml").set(&["potential.1.value=0.1 if y > 0.53 else 0"]);
     let finished = job.succeed().unwrap();
-    finished.says(&finished.output, &["between y = 0.4 and 0.6 (and in 11 more"]).unwrap();
+    finished.says(&finished.output, &["between y = 0.4 and 0.6 (and in 11 cells more)"]).unwrap();
 }
 
 /// Edges that are not along the axes are named, wherever they are; those of boxes are not, on faces
