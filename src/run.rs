@@ -27,13 +27,14 @@ pub mod planning;
 mod positive;
 mod readout;
 mod summarise;
+mod unseen;
 pub mod warnings;
 
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::base::log::report;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::observables::Moments;
+use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
@@ -206,6 +207,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
+    summary.mass_exact = exact_moments.last().map(|moments| {
+        let volumes = CellVolumes::new(&shown.case.space, &place.share);
+        volumes.integral(&prepared.communicator.world, &moments.density)
+    });
     ledger.close(initial, results.totals, entered);
     ledger.warnings().into_iter().for_each(|warning| log.warn_later(warning));
     summary.ledger = Some(ledger);

@@ -86,7 +86,10 @@ fn formulas(case: &Case) -> String {
             Some(condition) => format!("where {}", on_one_line(condition.text())),
             None => "elsewhere".to_owned(),
         };
-        text += &format!("V = {}  {condition}\n", on_one_line(region.value.text()));
+        let reflection = region.reflection.as_ref().map_or(String::new(), |formula| {
+            format!("  reflection {}", on_one_line(formula.text()))
+        });
+        text += &format!("V = {}  {condition}{reflection}\n", on_one_line(region.value.text()));
     }
     if let Data::Measure { density, velocity } = &case.data {
         let list: Vec<String> = velocity.iter().map(|w| on_one_line(w.text())).collect();

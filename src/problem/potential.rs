@@ -8,6 +8,9 @@
 //! points of the element, whose derivative at a node is the slope there. A table that is constant
 //! around its points is constant in an element: it has the value at the element's centre there.
 
+pub mod oblique;
+pub mod written;
+
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Region};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
@@ -394,6 +397,46 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
         values.push(level.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
     });
     values
+}
+
+/// The largest `v²/2` of the box along an axis: what differences of `V` are small beside.
+fn energy_scale(space: &PhaseSpace) -> f64 {
+    let fastest = space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
+    fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
+}
+
+/// The elements of space, and lines through their centres.
+struct ElementLines {
+    /// The axes, by elements.
+    axes: Vec<Axis>,
+}
+
+impl ElementLines {
+    fn new(space: &PhaseSpace) -> Self {
+        Self { axes: space.x.iter().map(Axis::by_elements).collect() }
+    }
+
+    fn centre(&self, element: &[usize; MAX_DIMENSION]) -> [f64; 6] {
+        space_point(&self.axes, element)
+    }
+
+    /// All elements, or where there are more than `most` so many that are spread over the grid.
+    fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
+        /// The golden section, whose multiples fill `[0, 1)` evenly.
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        let all: usize = self.axes.iter().map(|axis| axis.cells).product();
+        let index = move |k: usize| match all <= most {
+            true => k,
+            false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
+        };
+        (0..all.min(most)).map(index).map(|mut index| {
+            let mut element = [0; MAX_DIMENSION];
+            for (at, axis) in element.iter_mut().zip(&self.axes).rev() {
+                (*at, index) = (index % axis.cells, index / axis.cells);
+            }
+            element
+        })
+    }
 }
 
 /// How many elements wide a region of `V` is where it lies between others.

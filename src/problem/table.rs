@@ -185,6 +185,16 @@ impl Table {
         found
     }
 
+    /// How far it goes along the axis of coordinate `position`: to its points, and where it is
+    /// constant around these half a step on.
+    pub fn ends(&self, position: usize) -> Option<[f64; 2]> {
+        let points = &self.axes.iter().find(|axis| axis.position == position)?.points;
+        let last = points.len() - 1;
+        let on = if self.is_stepped() { 0.5 } else { 0.0 };
+        let [below, above] = [points[1] - points[0], points[last] - points[last - 1]];
+        Some([points[0] - on * below, points[last] + on * above])
+    }
+
     /// Where `[lower, upper]` of coordinate `position` goes beyond the table by more than a step of
     /// it, if it does.
     pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<String> {
@@ -337,5 +347,8 @@ mod tests {
         assert_eq!(table.beyond(0, [-99.0, 99.0]), None);
         assert!(table.beyond(3, [-0.6, 3.0]).unwrap().contains("axis v goes from 0 to 3"));
         assert!(table.beyond(3, [0.0, 5.1]).is_some());
+        assert_eq!((table.ends(3), table.ends(0)), (Some([0.0, 3.0]), None));
+        let table = table.with_interpolation(Interpolation::Constant);
+        assert_eq!(table.ends(3), Some([-0.25, 4.0]));
     }
 }

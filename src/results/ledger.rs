@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 
 /// Parts above this are worth a warning.
 pub const NOTICEABLE: f64 = 0.01;
+/// Parts of the mass above this that are gone without leaving, or that enter otherwise than they
+/// should, are worth a warning; below it is the dissipation of a coarse grid near an end.
+const UNBALANCED: f64 = 0.05;
 /// Differences within so many standard errors are not seen.
 const STANDARD_ERRORS: f64 = 4.0;
 
@@ -44,10 +47,13 @@ pub struct Mass {
     pub outside: Option<f64>,
     /// On the grid, at time zero.
     pub initial: Option<f64>,
-    /// What entered the grid; not known of measure-valued data.
+    /// What entered the grid by the rows of the scheme; not known of measure-valued data.
     pub entered: Option<f64>,
     /// What enters, estimated; nothing of what enters at jumps of `V`.
     pub entered_estimate: Option<f64>,
+    /// Standard error of that.
+    #[serde(default)]
+    pub entered_error: Option<f64>,
     /// On the grid, at the end.
     pub end: Option<f64>,
     /// `initial + entered − end`.
@@ -147,6 +153,9 @@ impl Ledger {
             self.grid_warning(),
             self.start_warning(),
             self.interface_warning(),
+            self.nothing_warning(),
+            self.inflow_warning(),
+            self.unexplained_warning(),
             self.balance_warning(),
         ];
         let found = found.into_iter().flatten();
@@ -195,6 +204,56 @@ impl Ledger {
                 percent(share)
             )
         })
+    }
+
+    /// Nothing at all.
+    fn nothing_warning(&self) -> Option<String> {
+        let none = |mass: Option<f64>| mass.is_none_or(|mass| mass == 0.0);
+        let mass = &self.mass;
+        let nothing = mass.absolute == Some(0.0) && none(mass.initial) && none(mass.entered);
+        nothing.then(|| {
+            "mass: the initial data are zero on the grid, and nothing enters: the solution is zero \
+             everywhere; data outside of the box, or narrower than its cells?"
+                .to_owned()
+        })
+    }
+
+    /// What enters the grid beside what should.
+    fn inflow_warning(&self) -> Option<String> {
+        let (entered, expected) = (self.mass.entered?, self.mass.entered_estimate?);
+        self.unbalanced(entered - expected, self.mass.entered_error)?;
+        Some(format!(
+            "mass: {} enters the grid, the formula gives an estimated {}: a pulse shorter than the \
+             run sees, or narrower than its cells",
+            short(entered),
+            short(expected)
+        ))
+    }
+
+    /// Mass that is gone, and that no particle carries out of the box, or the other way round.
+    fn unexplained_warning(&self) -> Option<String> {
+        let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
+        let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
+        let share = self.unbalanced(unexplained, self.mass.left_error)?;
+        Some(format!(
+            "mass: {} of it {}, by the particles of the exact flow: the grid does not resolve V or \
+             f, or smears f over an end of the box{}; more cells or a higher scheme.degree",
+            percent(share.abs()),
+            match share > 0.0 {
+                true => "is gone that should still be in the box",
+                false => "is in the box that should have left or not have entered",
+            },
+            match self.mass.entered.is_some_and(|entered| entered != 0.0) {
+                true => ", or the run misses a pulse of the inflow",
+                false => "",
+            }
+        ))
+    }
+
+    /// A difference that is known to `error` as a part of all mass, where that is worth a warning.
+    fn unbalanced(&self, difference: f64, error: Option<f64>) -> Option<f64> {
+        let uncertain = STANDARD_ERRORS * self.share(error.unwrap_or(0.0))?;
+        self.share(difference).filter(|share| share.abs() > UNBALANCED + uncertain)
     }
 
     /// Mass that is gone, where nothing tells through which end.
@@ -360,6 +419,7 @@ mod tests {
                 initial: Some(2.001),
                 lost: Some(1.5),
                 left_estimate: Some(1.511),
+                entered_estimate: Some(0.0),
                 beyond: Some(0.001),
                 interface_estimate: Some(-0.01),
                 ..Mass::default()
@@ -380,7 +440,7 @@ mod tests {
     fn warnings_begin_at_one_percent() {
         assert_eq!(sound().warnings(), Vec::<String>::new());
         type Change = (fn(&mut Ledger), &'static str);
-        let changes: [Change; 7] = [
+        let changes: [Change; 11] = [
             (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
             (|l| l.mass.beyond = Some(0.1), "5.00 % of what is in it"),
             (|l| l.mass.outside = Some(1.0), "50.00 % of the data"),
@@ -391,6 +451,13 @@ mod tests {
             ),
             (|l| l.jumps[0].mean_energy = Some(5e11), "4e-11 % of the mean"),
             (|l| l.mass.left_estimate = None, "75.00 % of it is gone"),
+            (|l| l.mass.lost = Some(1.9), "18.95 % of it is gone that should still be"),
+            (|l| l.mass.lost = Some(1.0), "26.05 % of it is in the box that should have left"),
+            (|l| l.mass.entered = Some(0.2), "mass: 0.2 enters the grid, the formula gives an"),
+            (
+                |l| l.mass = Mass { absolute: Some(0.0), initial: Some(0.0), ..Mass::default() },
+                "the initial data are zero on the grid",
+            ),
         ];
         for (change, words) in changes {
             let mut ledger = sound();
@@ -400,6 +467,9 @@ mod tests {
         }
         let mut uncertain = sound();
         (uncertain.mass.initial, uncertain.mass.formula_error) = (Some(1.9), Some(0.1));
+        assert!(uncertain.warnings().is_empty());
+        let mut uncertain = sound();
+        (uncertain.mass.lost, uncertain.mass.left_error) = (Some(1.7), Some(0.05));
         assert!(uncertain.warnings().is_empty());
     }
 

@@ -88,7 +88,6 @@ pub(crate) fn expand(
         }
         Some(ExactSolution::Moments(exact)) => {
             let [density, velocity] = moment_errors(world, &volumes, &moments, exact);
-            summary.mass_exact = Some(volumes.integral(world, &exact.density));
             let pair = (&moments.density, &exact.density);
             let norms = errors::over_space(world, &volumes, &[pair]);
             let density = ErrorNorms { l1: density, ..norms };

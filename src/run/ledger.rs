@@ -44,8 +44,11 @@ const NODES_AT_ONCE: usize = 1 << 10;
 const NOTHING: f64 = 1e-9;
 /// How far beyond the velocity box data are looked for, in its widths.
 const BEYOND: f64 = 0.5;
-/// Parts of the time over which a varying inflow is integrated, by Gauss's rule of two points.
-const TIME_PARTS: usize = 256;
+/// Least and most parts of the time over which a varying inflow is integrated, by Gauss's rule of
+/// two points, ...
+const TIME_PARTS: [usize; 2] = [1 << 8, 1 << 14];
+/// ... and about how many values of it are taken in all.
+const MOST_VALUES: usize = 1 << 21;
 
 /// What `case`, on the grid of its results, tells before anything is solved. Collective.
 ///
@@ -156,6 +159,12 @@ impl Sources {
         found.map_or(0.0, |(_, found)| found.mean.mass)
     }
 
+    /// Standard error of what enters.
+    fn error_of_entering(&self) -> f64 {
+        let squares = self.entering.iter().map(|(_, found)| found.error.mass * found.error.mass);
+        squares.sum::<f64>().sqrt()
+    }
+
     /// Standard error of all that leaves.
     fn error_of_outflow(&self) -> f64 {
         let squares = |found: &Estimates| {
@@ -195,6 +204,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     // A sum of nothing is -0.
     let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
     mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
+    mass.entered_error = Some(sources.error_of_entering() + 0.0);
     let absolute = sources.sum(|tally| tally.absolute);
     mass.absolute = Some(absolute);
     let names = axis_names(case.space.dimension());
@@ -354,19 +364,23 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
     let integrals: Vec<f64> = match case.varies() {
         false => matrix.inflow.iter().map(|row| case.duration() * row.values[0]).collect(),
-        true => varying_integrals(case, matrix),
+        true => {
+            let rows = space.sum_count(matrix.inflow.len()).max(1);
+            let [least, most] = TIME_PARTS;
+            varying_integrals(case, matrix, (MOST_VALUES / (2 * rows)).clamp(least, most))
+        }
     };
     let rows = matrix.inflow.iter().zip(&integrals);
     let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
     Some(space.sum_terms(&terms) * volumes.mean())
 }
 
-/// `∫ b_i dt` to the end of an inflow that depends on time, row by row.
-fn varying_integrals(case: &Case, matrix: &BlockMatrix) -> Vec<f64> {
-    let part = case.duration() / TIME_PARTS as f64;
+/// `∫ b_i dt` to the end of an inflow that depends on time, row by row, over so many `parts`.
+fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64> {
+    let part = case.duration() / parts as f64;
     let rule = gauss_legendre(2);
     let mut integrals = vec![0.0; matrix.inflow.len()];
-    for k in 0..TIME_PARTS {
+    for k in 0..parts {
         let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
         for point in rule.iter().map(|point| point.moved_to(ends)) {
             let values = matrix.entering.values(&case.fields[0], point.node);

@@ -4,10 +4,11 @@ use crate::base::text::{counted, place};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, overlooked};
+use crate::run::unseen::unseen;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
-/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, keys
-/// without effect.
+/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, what
+/// the scheme does not see of `V`, keys without effect.
 pub fn warnings(case: &Case) -> Vec<String> {
     let found = overlooked(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
@@ -26,6 +27,7 @@ pub fn warnings(case: &Case) -> Vec<String> {
         .chain(more_stray_edges(found.edges.len()))
         .chain(found.empty.iter().map(empty_region))
         .chain(case.potential.iter().enumerate().filter_map(staircase))
+        .chain(unseen(case))
         .chain(idle)
         .chain(unread)
         .chain(limited)

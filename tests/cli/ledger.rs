@@ -1,7 +1,9 @@
 //! The ledger of a run: what is measured adds up, what is estimated agrees with it, and what is off
 //! is said.
 
-use crate::support::{Summary, at_most, check, check_all, directory, near, require, run};
+use crate::support::{
+    Job, Summary, at_most, cases, check, check_all, directory, near, require, run,
+};
 use serde_json::Value;
 
 /// A number of the ledger that must be there.
@@ -175,6 +177,46 @@ fn what_is_off_is_said_before_and_after() {
         let said = finished.output.contains("\n  energy: kinetic");
         require(said == says, &finished, || "the ledger".to_owned()).unwrap();
     }
+}
+
+/// In no case of `cases/` does mass vanish or enter without a reason; where `V` or a pulse is not
+/// resolved it does, and the report does not trust it.
+#[test]
+fn mass_that_does_not_add_up_is_said() {
+    let off = |summary: &Summary| {
+        let warnings = summary.warnings();
+        let words = ["by the particles of the exact flow", "enters the grid"];
+        words.map(|words| warnings.contains(words))
+    };
+    check_all(&cases(), |name| {
+        let place = directory();
+        let unitary = name.starts_with("unitary");
+        let method: &[&str] = if unitary { &[] } else { &[CLASSICAL] };
+        let summary = run(name).set(method).on(2).within(120).solve(place.path())?;
+        summary.require(off(&summary) == [false; 2], || summary.warnings())
+    });
+    let bump: &[&str] = &["potential.1.value=0.4*exp(-((x - 0.3)/0.02)^2)", "scheme.degree=3"];
+    let bump = [bump, &["axis.0.x.cells=12", "axis.0.v.cells=20", CLASSICAL]].concat();
+    let pulse: &[&str] = &["initial.f=0", "axis.0.x.cells=12", "axis.0.v.cells=10", "exact={}"];
+    let pulse = |value: &'static str| [pulse, &[value, "solver.tolerance=1e-3"]].concat();
+    let seen = "inflow.value=exp(-((t - 0.5)/0.0004)^2) if x < -1 && v > 0.5 else 0";
+    let missed = "inflow.value=1 if t > 0.7345 && t < 0.7357 && x < -1 && v > 0.5 else 0";
+    let seen = run("step_up.toml").set(&pulse(seen)).solve(directory().path()).unwrap();
+    assert_eq!(off(&seen), [false; 2], "{}", seen.warnings());
+    let rows = [("step_up.toml", bump), ("step_up.toml", pulse(missed))];
+    check_all(&rows, |(name, settings)| {
+        let place = directory();
+        let summary = run(name).set(settings).on(2).within(120).solve(place.path())?;
+        summary.require(off(&summary)[0], || summary.warnings())?;
+        let page = place.path().join("page");
+        let [from, to] = [place.path(), &page].map(|path| path.display().to_string());
+        Job::new(["report", &from, "-o", &to]).succeed()?;
+        let page = page.join("report.html");
+        let page = std::fs::read_to_string(page).map_err(|e| e.to_string())?;
+        let row = page.split("Mass and energy").nth(1).unwrap_or_default();
+        let sign = row.find('✗').unwrap_or(usize::MAX) < row.find('✓').unwrap_or(usize::MAX);
+        summary.require(sign, || row.chars().take(200).collect())
+    });
 }
 
 /// The energies are those of the data, and kept where V is smooth and the elements resolve it.

@@ -30,6 +30,10 @@ fn grids_beyond_the_memory_are_refused() {
         }
         job.on(2).within(20).capped().is_refused(&["memory", "cells"])
     });
+    // What --set makes too large is its mistake, not that of a line of the file.
+    let set = "axis.0.x.cells=100000000000";
+    let job = Job::new(["check", &case("example1.toml")]).set(&["axis.0.v.cells=20", set]);
+    job.is_refused(&[&format!("--set {set}"), "axis.0.x.cells", "memory"]).unwrap();
     let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
     plan.is_refused(&["memory", "needed", "976.6 KiB"]).unwrap();
 }

@@ -543,3 +543,30 @@ fn a_staircase_is_noticed() {
         assert_eq!(*value, 0.1 * x * x, "cell {k}");
     }
 }
+
+/// A table that is constant over much of the box beyond its end is noticed, one on cell centres is
+/// not.
+#[test]
+fn a_table_that_ends_early_is_noticed() {
+    let centres = |count: usize| -> Vec<f64> {
+        let at = |i: usize| -1.5 + 3.0 * (i as f64 + 0.5) / count as f64;
+        (0..count).map(at).collect()
+    };
+    let rows = [
+        (vec![-1.5, 0.0], "linear", true),
+        (vec![-1.0, 1.5], "constant", false),
+        (centres(4), "constant", false),
+        (centres(8), "linear", false),
+    ];
+    let place = directory();
+    let path = place.path().join("V.csv");
+    for (points, interpolation, said) in rows {
+        write_grid(&path, &[("x", &points)], "V", |x| 0.1 * x[0]);
+        let more = format!(", interpolation='{interpolation}'");
+        let potential = format!("potential=[{{{}}}]", given(&path, &more));
+        let finished = Job::new(["check", &case("example1.toml")]).set(&[&potential]).succeed();
+        let finished = finished.unwrap();
+        let found = finished.output.contains("it is constant over 50.00 % of the axis beyond");
+        assert_eq!(found, said, "{}", finished.report(interpolation));
+    }
+}

@@ -46,3 +46,91 @@ fn region_edges_off_the_faces_give_a_warning() {
         assert!(!finished.output.contains("warning"), "{}", finished.report("no warning expected"));
     }
 }
+
+const OVER: &[&str] = &["scheme.degree=3", "axis.0.x.cells=12", "axis.0.v.cells=12"];
+
+/// `V` that jumps or bends between the points of the scheme is noticed, with the place, before
+/// anything is solved; smooth `V` is not.
+#[test]
+fn unresolved_potentials_give_a_warning() {
+    let jump = "potential.1.value=0.4 if x > 0.06 else 0";
+    let narrow = "potential.1.value=0.4*exp(-((x - 0.7)/0.02)^2)";
+    let slab = "potential.0={where=\"x < 0.3\", value=\"0.4*step(x + 0.7)\"}";
+    let wave = "potential.1.value=0.2*sin(2*x)";
+    let coarse: &[&str] = &["axis.0.x.cells=24"];
+    let rows: &[(&str, &[&str], &[&str])] = &[
+        (jump, &[], &["potential.1.value", "between x = 0.04", "as written"]),
+        (jump, OVER, &["potential.1.value", "between x = 0 and 0.25:", "region of their own"]),
+        (narrow, coarse, &["potential.1.value", "x = 0.625 and 0.75", "features more cells"]),
+        (narrow, OVER, &["potential.1.value", "between x = 0.5 and 0.75"]),
+        (slab, &[], &["potential.0.value", "between x = -0.70"]),
+        (wave, &[], &[]),
+        (wave, OVER, &[]),
+        ("potential.0.value=0.2 + 0.1*x", coarse, &[]),
+        ("potential.0.value=x^2/2", OVER, &[]),
+    ];
+    check_all(rows, |(setting, grid, words)| {
+        let finished = check("example1.toml").set(grid).set(&[*setting]).succeed()?;
+        finished.says(&finished.output, words)?;
+        let said = finished.output.contains("does not resolve V");
+        require(said != words.is_empty(), &finished, || "V that is not resolved".to_owned())
+    });
+    // Along the second axis, too.
+    let job = check("barrier2d.toml").set(&["potential.1.value=0.1 if y > 0.53 else 0"]);
+    let finished = job.succeed().unwrap();
+    finished.says(&finished.output, &["between y = 0.4 and 0.6 (and in 11 cells more)"]).unwrap();
+}
+
+/// Edges that are not along the axes are named, wherever they are; those of boxes are not, on faces
+/// or beside them, nor where steps of the edge are smaller than a cell.
+#[test]
+fn oblique_edges_give_a_warning() {
+    let oblique = [
+        "x^2 + y^2 < 0.16",
+        "(x - 0.1)^2 + (y - 0.1)^2 < 0.0144",
+        "x > y",
+        "x > 0.3*y",
+        "(x/0.9)^2 + (y/0.35)^2 < 1",
+        "abs(x) + abs(y) < 0.6",
+    ];
+    let along = [
+        "abs(x) < 0.37 && abs(y) < 0.45",
+        "x > 0.13",
+        "x > 0 && y > 0",
+        "(x > 0 && x < 0.33 && y < 0.2) || (x > 0.05 && x < 0.4 && y >= 0.2)",
+        "x > (0.1 if y > 0.11 else 0.15)",
+        "max(abs(x - 0.1), abs(y)) < 0.3 || max(abs(x + 0.7), abs(y - 0.3)) < 0.25",
+    ];
+    let rows = oblique.map(|edge| (edge, true)).into_iter().chain(along.map(|edge| (edge, false)));
+    check_all(&rows.collect::<Vec<_>>(), |(edge, said)| {
+        let setting = format!("potential.0.where=\"{edge}\"");
+        let finished = check("barrier2d.toml").set(&[&setting]).succeed()?;
+        let found = finished.output.contains("potential.0: its edge at x = ");
+        require(found == *said, &finished, || format!("an oblique edge: {found}"))
+    });
+    // A step that is no step to the particles: nothing is reflected there.
+    let flat = ["potential.0.where=x > y", "potential.0.value=0.3*(x - y)"];
+    let finished = check("barrier2d.toml").set(&flat).succeed().unwrap();
+    assert!(!finished.output.contains("its edge at"), "{}", finished.report("a slope"));
+}
+
+/// Keys that settle nothing, data that are nowhere.
+#[test]
+fn what_has_no_effect_gives_a_warning() {
+    let own: &[&str] = &["scheme.degree=2", "axis.0.x.degree=1", "axis.0.v.degree=1"];
+    let rows: &[(&[&str], &str, bool)] = &[
+        (own, "scheme.degree has no effect", true),
+        (&own[..2], "scheme.degree has no effect", false),
+        (&["potential.1.reflection=0.5"], "potential.1.reflection has no effect", true),
+        (&["potential.0.reflection=0.5"], "reflection has no effect", false),
+        (&["potential.0.reflection=0.5"], "where x < 0  reflection 0.5", true),
+        (&["initial.f=exp(-(x - 90)^2/0.01)"], "initial data are zero on the grid", true),
+        (&["initial.f=0", "inflow.value=1 if v < 1 else 0"], "are zero on the grid", false),
+    ];
+    check_all(rows, |(settings, words, said)| {
+        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
+        let finished = check("example1.toml").set(&small).set(settings).succeed()?;
+        let found = finished.output.contains(words);
+        require(found == *said, &finished, || format!("\"{words}\": {found}"))
+    });
+}

@@ -280,6 +280,13 @@ impl<'t> CaseFile<'t> {
         }
     }
 
+    /// The number of the `--set` that gives `key`, if one does.
+    pub fn override_of(&self, key: &str) -> Option<usize> {
+        let found = self.find(key);
+        let start = found.value.and(found.span)?.start;
+        self.override_at(start).map(|_| start - self.text.len() - 1)
+    }
+
     /// The text of the `--set` that a span with this start stands for.
     fn override_at(&self, start: usize) -> Option<&'t String> {
         self.overrides.get(start.checked_sub(self.text.len() + 1)?)

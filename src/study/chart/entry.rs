@@ -181,7 +181,7 @@ impl Entry {
             seconds: Some(seconds.result),
             total_seconds: Some(seconds.total),
             memory_bytes_per_rank: Some(summary.memory_peak_bytes_per_rank).filter(|m| *m > 0),
-            error_exact: density.or(field).filter(|e| e.is_finite()),
+            error_exact: field.or(density).filter(|e| e.is_finite()),
             error_exact_l2: relative(summary.error_l2, summary.exact_l2).filter(|e| e.is_finite()),
             error_semidiscrete: summary.error_semidiscrete,
             error_estimate: (summary.error_estimate).filter(|_| summary.error_estimate_reliable),

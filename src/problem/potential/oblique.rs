@@ -1,0 +1,128 @@
+//! Edges of regions that are not along the axes: the scheme follows faces of cells there.
+
+use crate::problem::case::{Case, Region};
+use crate::problem::grid::Axis;
+use crate::problem::potential::{ElementLines, energy_scale, region};
+
+/// Most elements looked at; beyond, some that are spread over the grid.
+const MOST_ELEMENTS: usize = 1 << 18;
+/// Most edges of a region that are looked for.
+const MOST_EDGES: usize = 1 << 13;
+/// How far beside a line two more lines are, in elements. Edges of boxes are at no more than two
+/// places on the three.
+const BESIDE: [f64; 2] = [0.21, 0.43];
+/// Places nearer to each other than this, in elements, are one.
+const ONE_PLACE: f64 = 1e-2;
+/// Jumps above this part of the largest `v²/2` of the box are felt.
+const FELT: f64 = 1e-3;
+
+/// A place on an edge that is not along the axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObliqueEdge {
+    /// The region, of the two the one that comes first.
+    pub region: usize,
+    /// The place.
+    pub point: [f64; 6],
+}
+
+/// One place a region where `V` jumps at an edge of it that is not along the axes.
+pub fn oblique_edges(case: &Case) -> Vec<ObliqueEdge> {
+    let n = case.space.dimension();
+    let mut found: Vec<Option<[f64; 6]>> = vec![None; case.potential.len()];
+    if n == 1 || found.len() == 1 {
+        return Vec::new();
+    }
+    let mut edges = vec![0; found.len()];
+    let lines = ElementLines::new(&case.space);
+    let felt = FELT * energy_scale(&case.space);
+    let at = |point: &[f64; 6]| region(&case.potential, point).ok();
+    for element in lines.spread(MOST_ELEMENTS) {
+        let centre = lines.centre(&element);
+        for a in (0..n).filter(|&a| element[a] + 1 < lines.axes[a].cells) {
+            let mut next = centre;
+            next[a] = lines.axes[a].centre(element[a] as i64 + 1);
+            let (Some(own), Some(other)) = (at(&centre), at(&next)) else {
+                continue;
+            };
+            let key = own.min(other);
+            if own == other || found[key].is_some() || edges[key] >= MOST_EDGES {
+                continue;
+            }
+            edges[key] += 1;
+            let edge = Edge {
+                regions: &case.potential,
+                axes: &lines.axes,
+                axis: a,
+                sides: [own, other],
+                ends: [centre[a], next[a]],
+            };
+            found[key] = edge.oblique_near(&centre).filter(|point| edge.jump(point) > felt);
+        }
+    }
+    let places = found.into_iter().enumerate();
+    places.filter_map(|(region, point)| Some(ObliqueEdge { region, point: point? })).collect()
+}
+
+/// An edge between two neighbouring elements.
+struct Edge<'a> {
+    regions: &'a [Region],
+    axes: &'a [Axis],
+    /// The axis along which they are neighbours.
+    axis: usize,
+    /// Their regions.
+    sides: [usize; 2],
+    /// Their centres along the axis.
+    ends: [f64; 2],
+}
+
+impl Edge<'_> {
+    /// The edge on the line along the axis through `centre`, if it is at different places on lines
+    /// beside it.
+    fn oblique_near(&self, centre: &[f64; 6]) -> Option<[f64; 6]> {
+        let own = self.on_line(centre)?;
+        let apart = |a: f64, b: f64| (a - b).abs() > ONE_PLACE * self.axes[self.axis].width();
+        let is_oblique = |b: usize, side: f64| {
+            let place = |by: f64| {
+                let mut beside = *centre;
+                beside[b] += side * by * self.axes[b].width();
+                self.on_line(&beside)
+            };
+            let (Some(first), Some(second)) = (place(BESIDE[0]), place(BESIDE[1])) else {
+                return false;
+            };
+            apart(own, first) && apart(first, second) && apart(own, second)
+        };
+        let others = (0..self.axes.len()).filter(|&b| b != self.axis);
+        let mut sides = others.flat_map(|b| [(b, -1.0), (b, 1.0)]);
+        sides.any(|(b, side)| is_oblique(b, side)).then(|| self.point(centre, own))
+    }
+
+    fn point(&self, line: &[f64; 6], at: f64) -> [f64; 6] {
+        let mut point = *line;
+        point[self.axis] = at;
+        point
+    }
+
+    /// Where the edge is on a line, if the same regions are on its two sides there.
+    fn on_line(&self, line: &[f64; 6]) -> Option<f64> {
+        let at = |place: f64| region(self.regions, &self.point(line, place)).ok();
+        let [mut inside, mut outside] = self.ends;
+        if at(inside) != Some(self.sides[0]) || at(outside) != Some(self.sides[1]) {
+            return None;
+        }
+        for _ in 0..40 {
+            let middle = 0.5 * (inside + outside);
+            match at(middle) == Some(self.sides[0]) {
+                true => inside = middle,
+                false => outside = middle,
+            }
+        }
+        Some(inside)
+    }
+
+    /// How far `V` jumps there.
+    fn jump(&self, point: &[f64; 6]) -> f64 {
+        let [own, other] = self.sides.map(|side| self.regions[side].value.eval(point));
+        (own - other).abs()
+    }
+}

@@ -1,0 +1,196 @@
+//! `V` as it is written, beside `V` as the scheme takes it between the points at which it looks.
+
+use crate::base::quadrature::gauss_legendre;
+use crate::problem::case::Case;
+use crate::problem::element::{LARGEST_DEGREE, Nodes};
+use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::potential::{ElementLines, energy_scale, piece, region};
+
+/// Points of an element, along each axis, at which both are compared.
+const POINTS: usize = 12;
+/// Most lines looked at, over all axes; beyond, some that are spread over the grid.
+const MOST_LINES: usize = 1 << 16;
+/// Differences are noticed above this part of the range of `V` in the region ...
+const NOTICED: f64 = 0.01;
+/// ... and above this part of the largest `v²/2` of the box.
+const OF_ENERGY: f64 = 1e-3;
+
+/// Where `V` as the scheme takes it is farthest from `V` as it is written.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Unresolved {
+    /// The region.
+    pub region: usize,
+    /// The axis along which it was found.
+    pub axis: usize,
+    /// The place.
+    pub point: [f64; 6],
+    /// `V` there by the formula.
+    pub written: f64,
+    /// `V` there as the scheme takes it.
+    pub taken: f64,
+    /// Elements looked at that have such places, along this axis.
+    pub elements: usize,
+}
+
+impl Unresolved {
+    /// How far apart the two are.
+    pub fn difference(&self) -> f64 {
+        (self.written - self.taken).abs()
+    }
+}
+
+/// What the scheme takes for `V` on a line through an element.
+struct Taken {
+    /// Where it looks, in `[−1, 1]`.
+    nodes: Vec<f64>,
+    /// The points of the comparison.
+    points: Vec<f64>,
+    /// From values at `nodes` to what it takes at each of `points`.
+    rows: Vec<Vec<f64>>,
+}
+
+impl Taken {
+    /// Of degree 0 the line between the faces; of a higher degree `k` the integral, from the lower
+    /// face on, of the polynomial through the slopes at the `k + 1` nodes.
+    fn new(nodes: Nodes) -> Self {
+        let points: Vec<f64> =
+            (0..POINTS).map(|j| (2 * j + 1) as f64 / POINTS as f64 - 1.0).collect();
+        if nodes.degree == 0 {
+            let row = |xi: &f64| vec![0.5 * (1.0 - xi), 0.5 * (1.0 + xi)];
+            let rows = points.iter().map(row).collect();
+            return Self { nodes: vec![-1.0, 1.0], points, rows };
+        }
+        let (own, fine) = (nodes.reference(), Nodes::of_space(LARGEST_DEGREE).reference());
+        let rule = gauss_legendre(LARGEST_DEGREE);
+        let row = |&xi: &f64| {
+            let mut row = vec![0.0; fine.nodes.len()];
+            row[0] = 1.0;
+            for point in rule.iter().map(|point| point.moved_to([-1.0, xi])) {
+                let slopes = own.values_at(point.node).into_iter().zip(&own.nodes);
+                for (weight, node) in slopes {
+                    let at_node = fine.values_at(*node).into_iter().zip(&fine.derivative);
+                    for (share, derivative) in at_node {
+                        for (sum, d) in row.iter_mut().zip(derivative) {
+                            *sum += point.weight * weight * share * d;
+                        }
+                    }
+                }
+            }
+            row
+        };
+        let rows = points.iter().map(row).collect();
+        Self { nodes: fine.nodes.clone(), points, rows }
+    }
+}
+
+/// The comparison in a region along an axis.
+#[derive(Clone, Default)]
+struct Compared {
+    /// Largest difference of each element.
+    differences: Vec<f64>,
+    /// The worst place.
+    worst: Option<Unresolved>,
+}
+
+impl Compared {
+    fn add(&mut self, place: Unresolved) {
+        self.differences.push(place.difference());
+        if self.worst.as_ref().is_none_or(|worst| worst.difference() < place.difference()) {
+            self.worst = Some(place);
+        }
+    }
+
+    /// The worst place, if it is above `limit`.
+    fn beyond(self, limit: f64) -> Option<Unresolved> {
+        let elements = self.differences.iter().filter(|d| **d > limit).count();
+        let worst = self.worst.filter(|_| elements > 0)?;
+        Some(Unresolved { elements, ..worst })
+    }
+}
+
+/// Where `V` differs most from what the scheme takes for it, one place a region and axis; within a
+/// region only, as edges that miss the faces are known otherwise. Along each axis it is looked at
+/// on lines through the centres of elements.
+pub fn unresolved(case: &Case) -> Vec<Unresolved> {
+    let taken: Vec<Taken> = case.space.x.iter().map(|axis| Taken::new(axis.nodes)).collect();
+    let none: [Compared; MAX_DIMENSION] = Default::default();
+    let mut found = vec![none; case.potential.len()];
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
+    let lines = ElementLines::new(&case.space);
+    for element in lines.spread(MOST_LINES / taken.len()) {
+        let centre = lines.centre(&element);
+        // Undefined conditions are an error elsewhere.
+        let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.level.is_none()) else {
+            continue;
+        };
+        let formula = &case.potential[own.region].value;
+        for (a, taken) in taken.iter().enumerate().filter(|(a, _)| formula.depends_on(*a)) {
+            let at = |xi: &f64| {
+                let mut point = centre;
+                point[a] = case.space.x[a].at(element[a] as i64, *xi);
+                point
+            };
+            let place = worst_on_line(case, taken, own.region, at, &mut ranges[own.region]);
+            found[own.region][a].add(Unresolved { axis: a, ..place });
+        }
+    }
+    let limits = ranges
+        .into_iter()
+        .map(|[least, most]| (NOTICED * (most - least)).max(OF_ENERGY * energy_scale(&case.space)));
+    let regions = found.into_iter().zip(limits);
+    regions
+        .flat_map(|(axes, limit)| axes.into_iter().filter_map(move |found| found.beyond(limit)))
+        .collect()
+}
+
+/// The worst place on the line of an element whose points are `at`, in `region`; widens `range` by
+/// the values of `V` there.
+fn worst_on_line(
+    case: &Case,
+    taken: &Taken,
+    own: usize,
+    at: impl Fn(&f64) -> [f64; 6],
+    range: &mut [f64; 2],
+) -> Unresolved {
+    let formula = &case.potential[own].value;
+    let nodal: Vec<f64> = taken.nodes.iter().map(|xi| formula.eval(&at(xi))).collect();
+    let mut worst = Unresolved { region: own, ..Unresolved::default() };
+    for (point, row) in taken.points.iter().map(at).zip(&taken.rows) {
+        let written = formula.eval(&point);
+        let taken: f64 = row.iter().zip(&nodal).map(|(weight, value)| weight * value).sum();
+        // What is not finite where the scheme looks is an error elsewhere.
+        let finite = written.is_finite() && taken.is_finite();
+        if !finite || region(&case.potential, &point).ok() != Some(own) {
+            continue;
+        }
+        *range = [range[0].min(written), range[1].max(written)];
+        if (written - taken).abs() > worst.difference() {
+            worst = Unresolved { point, written, taken, ..worst };
+        }
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of degree `k` the slopes of polynomials of degree `k + 1` are met, so these are taken as
+    /// they are; those of the next degree are not.
+    #[test]
+    fn polynomials_are_taken_as_they_are_up_to_a_degree() {
+        for degree in 0..LARGEST_DEGREE {
+            let taken = Taken::new(Nodes::of_space(degree));
+            let worst = |power: usize| {
+                let value = |xi: f64| xi.powi(power as i32) - 0.5 * xi + 2.0;
+                let found = taken.rows.iter().map(|row| -> f64 {
+                    row.iter().zip(&taken.nodes).map(|(weight, xi)| weight * value(*xi)).sum()
+                });
+                let apart = found.zip(&taken.points).map(|(found, xi)| (found - value(*xi)).abs());
+                apart.fold(0.0, f64::max)
+            };
+            assert!((0..=degree + 1).all(|power| worst(power) < 1e-12), "degree {degree}");
+            assert!(worst(degree + 2) > 1e-3, "degree {degree}: {}", worst(degree + 2));
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! What of the problem as it is written the scheme does not see, and settings that it passes over.
+
+use crate::base::text::{counted, percent, place, short};
+use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
+use crate::problem::formula::Expression;
+use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::potential::Potential;
+use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
+use crate::problem::potential::written::{Unresolved, unresolved};
+
+/// Most space cells of a case whose jumps are looked at.
+const MOST_SPACE_CELLS: usize = 1 << 18;
+/// A table may be constant beyond an end of it over this part of an axis.
+const BEYOND: f64 = 0.1;
+
+/// Warnings of `V` between the points of the scheme, of edges that are not along the axes, of keys
+/// that settle nothing and of tables that end early.
+pub(super) fn unseen(case: &Case) -> Vec<String> {
+    let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
+    let of_edges = oblique_edges(case).into_iter().map(|found| staircase(case, &found));
+    of_formulas
+        .chain(of_edges)
+        .chain(idle_degree(case))
+        .chain(idle_reflections(case))
+        .chain(short_tables(case))
+        .collect()
+}
+
+/// The key of `V` of a region.
+fn potential_key(case: &Case, region: usize) -> String {
+    match case.potential[region].value.table() {
+        Some(_) => TableOf::Potential(region).key(),
+        None => format!("potential.{region}.value"),
+    }
+}
+
+fn between_points(case: &Case, found: &Unresolved) -> String {
+    let Unresolved { region, axis, point, written, taken, elements } = found;
+    let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
+    let element = along.position(point[*axis]).floor() as i64;
+    let [lower, upper] = [element, element + 1].map(|face| place(along.face(face), along.width()));
+    let more = match elements {
+        1 => String::new(),
+        many => format!(" (and in {} more)", counted(many - 1, "cell", "cells")),
+    };
+    format!(
+        "{}: the grid does not resolve V between {name} = {lower} and {upper}{more}: at {} it is \
+         {} as written, and {} as the scheme takes it between its points; jumps need a region of \
+         their own with where, narrow features more cells",
+        potential_key(case, *region),
+        at_point(case, point),
+        short(*written),
+        short(*taken),
+    )
+}
+
+/// A place in space, to a hundredth of a cell.
+fn at_point(case: &Case, point: &[f64; 6]) -> String {
+    let axes = case.space.x.iter().zip(["x", "y", "z"]).zip(point);
+    let text = |((axis, name), at): ((&Axis, &str), &f64)| {
+        format!("{name} = {}", place(*at, axis.width()))
+    };
+    axes.map(text).collect::<Vec<_>>().join(", ")
+}
+
+fn staircase(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
+    format!(
+        "potential.{region}: its edge at {} is not along the axes; faces of cells are, so that \
+         particles are reflected and refracted by a staircase, along the axes only. More cells do \
+         not help",
+        at_point(case, point)
+    )
+}
+
+/// `scheme.degree` where every axis has its own.
+fn idle_degree(case: &Case) -> Option<String> {
+    let has = |key: String| case.settings.contains_key(&key);
+    let own =
+        |axis: &str| (0..case.space.dimension()).all(|a| has(format!("axis.{a}.{axis}.degree")));
+    (has("scheme.degree".to_owned()) && own("x") && own("v")).then(|| {
+        "scheme.degree has no effect: every axis has a degree of its own (axis.N.x.degree, \
+         axis.N.v.degree)"
+            .to_owned()
+    })
+}
+
+/// Regions with `reflection` from which no jump goes down.
+fn idle_reflections(case: &Case) -> Vec<String> {
+    let reflects = |region: &Region| region.reflection.is_some();
+    if !case.potential.iter().any(reflects) || case.space.space_cells() > MOST_SPACE_CELLS {
+        return Vec::new();
+    }
+    // Values that are not finite are an error elsewhere.
+    let Ok(potential) = Potential::whole(case) else {
+        return Vec::new();
+    };
+    let axes = 0..case.space.dimension();
+    let higher: Vec<usize> =
+        axes.flat_map(|a| potential.jump_kinds(a).filter_map(|kind| kind.higher)).collect();
+    let idle = case.potential.iter().enumerate();
+    let idle = idle.filter(|(i, region)| reflects(region) && !higher.contains(i));
+    let said = |(i, _): (usize, &Region)| {
+        format!(
+            "potential.{i}.reflection has no effect: no jump of V goes down from this region; it \
+             is that of the higher side"
+        )
+    };
+    idle.map(said).collect()
+}
+
+/// Tables that are constant over much of an axis, as they end before it does.
+fn short_tables(case: &Case) -> Vec<String> {
+    let inflow = case.fields.iter().filter_map(|field| match &field.inflow {
+        Inflow::Formula(formula) => Some((TableOf::Inflow, formula)),
+        Inflow::Initial => None,
+    });
+    let regions = case.potential.iter().enumerate();
+    let regions = regions.map(|(i, region)| (TableOf::Potential(i), &region.value));
+    let initial = case.fields.first().map(|field| (TableOf::Initial, &field.initial));
+    let all = regions.chain(initial).chain(inflow);
+    all.filter_map(|(of, formula)| short_table(case, of, formula)).collect()
+}
+
+fn short_table(case: &Case, of: TableOf, formula: &Expression) -> Option<String> {
+    let table = formula.table()?;
+    let PhaseSpace { x, v, .. } = case.space.whole();
+    let axes = (x.iter().zip(0..)).chain(v.iter().zip(3..));
+    let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
+    ends.chain([(TIME, [case.begin, case.end])]).find_map(|(position, [lower, upper])| {
+        let axis = table.axes().iter().find(|axis| axis.position == position)?;
+        let [first, last] = table.ends(position)?;
+        let most = (first - lower).max(upper - last) / (upper - lower);
+        (most > BEYOND).then(|| {
+            format!(
+                "{}: it goes from {first} to {last} along {}, the case from {lower} to {upper}: \
+                 it is constant over {} of the axis beyond its end",
+                of.key(),
+                axis.name,
+                percent(most)
+            )
+        })
+    })
+}
