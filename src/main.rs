@@ -1,7 +1,7 @@
 //! Parses the command line, starts MPI, calls the library, turns an error into an exit code.
 
 use clap::Parser;
-use phasewarp::base::log::{report, say};
+use phasewarp::base::log::{report, say, unwritten};
 use phasewarp::base::machine;
 use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
@@ -49,6 +49,13 @@ fn main() {
             }
             error.exit_code()
         }
+    };
+    let code = match unwritten().filter(|_| code == 0) {
+        Some(why) => {
+            report(&format!("error: standard output could not be written: {why}"));
+            1
+        }
+        None => code,
     };
     world.group().barrier();
     // Finalises MPI, on every rank, before the exit code is given.

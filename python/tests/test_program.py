@@ -92,6 +92,12 @@ def test_any_other_failure(tmp_path: Path) -> None:
         pw.check(CASES / "example1.toml", program=program)
 
 
+def test_a_coarse_grid_is_a_warning(small: pw.Case, tmp_path: Path) -> None:
+    small["scheme.degree"] = 0
+    with pytest.warns(pw.PhasewarpWarning, match="^UNDER-RESOLVED: error of the grid"):
+        pw.run(small, tmp_path)
+
+
 def test_warnings(small: pw.Case) -> None:
     small["potential.0.where"] = "x < 0.05"
     with pytest.warns(pw.PhasewarpWarning, match="misses the faces of the grid"):

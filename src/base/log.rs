@@ -1,16 +1,32 @@
 //! Lines for the user, on rank 0. What a terminal would obey is shown instead.
 
 use crate::base::text::{visible, wrapped};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
+use std::sync::OnceLock;
 
-/// Prints lines for people, wrapped; a reader that went away (`| head`) is no error.
+/// Why something could not be printed.
+static UNWRITTEN: OnceLock<String> = OnceLock::new();
+
+/// Prints lines for people, wrapped.
 pub fn say(text: &str) {
     say_unwrapped(&wrapped(&visible(text)));
 }
 
-/// Prints lines for programs, as they are.
+/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; what else
+/// keeps them from being written is kept for [`unwritten`].
 pub(crate) fn say_unwrapped(text: &str) {
-    let _ = writeln!(std::io::stdout(), "{}", visible(text));
+    let mut output = std::io::stdout().lock();
+    let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());
+    if let Err(why) = written.map_err(|e| (e.kind() != ErrorKind::BrokenPipe).then_some(e))
+        && let Some(why) = why
+    {
+        let _ = UNWRITTEN.set(why.to_string());
+    }
+}
+
+/// Why something that was to be printed was not written, if so: a full disk.
+pub fn unwritten() -> Option<&'static str> {
+    UNWRITTEN.get().map(String::as_str)
 }
 
 /// Prints lines for people to standard error, wrapped; that they cannot be written is no reason to

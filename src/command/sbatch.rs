@@ -13,8 +13,10 @@ use crate::problem::case::Case;
 use std::fmt;
 use std::path::Path;
 
-/// Memory that is asked for, over what is planned: plans are right within a fifth.
+/// Memory that is asked for, over what is planned: plans are right within a fifth, ...
 const MEMORY_MARGIN: f64 = 1.25;
+/// ... and beside, in bytes: libraries and MPI differ from machine to machine.
+const MEMORY_BESIDE: f64 = (32 << 20) as f64;
 /// Time that is asked for, over what is expected, ...
 const TIME_MARGIN: f64 = 1.5;
 /// ... and beside: the start of MPI, and what Slurm's signal leaves to write a checkpoint.
@@ -121,7 +123,8 @@ impl fmt::Display for JobScript {
             writeln!(f, "#SBATCH --ntasks-per-node={}", each.min(ranks))?;
         }
         writeln!(f, "#SBATCH --cpus-per-task=1")?;
-        let mebibytes = (MEMORY_MARGIN * memory as f64 / f64::from(1 << 20)).ceil();
+        let bytes = (MEMORY_MARGIN * memory as f64).max(memory as f64 + MEMORY_BESIDE);
+        let mebibytes = (bytes / f64::from(1 << 20)).ceil();
         writeln!(f, "#SBATCH --mem-per-cpu={mebibytes}M")?;
         match seconds {
             Some(seconds) => {

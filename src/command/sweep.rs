@@ -72,7 +72,10 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     match stopped {
         None => conclude(world, &directory, &table),
         Some(stopped) => {
-            world.group().on_first_rank(|| table.write(&directory))?;
+            // No table of nothing, which would be taken for somebody else's.
+            if !table.rows.is_empty() {
+                world.group().on_first_rank(|| table.write(&directory))?;
+            }
             Err(stopped)
         }
     }

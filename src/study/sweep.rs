@@ -98,8 +98,8 @@ impl Sweep {
     /// All combinations, read but not run.
     ///
     /// # Errors
-    /// [`Error::Input`] where a key is varied twice, there are too many runs, or no combination is
-    /// a case: also where a key is unknown.
+    /// [`Error::Input`] where a key is varied twice, there are too many runs, two of them are the
+    /// same, or no combination is a case: also where a key is unknown.
     pub fn new(asked: Asked) -> Result<Self> {
         let keys: Vec<String> = asked.vary.iter().map(|vary| vary.key.clone()).collect();
         if let Some(i) = (1..keys.len()).find(|&i| keys[..i].contains(&keys[i])) {
@@ -115,6 +115,14 @@ impl Sweep {
         let mut refusals = Vec::new();
         for index in 0..count {
             let mut run = sweep.combination(index)?;
+            if let Some(same) = sweep.runs.iter().find(|same| same.directory == run.directory) {
+                return Err(Error::Input(format!(
+                    "--vary: runs {} and {} are the same, {}",
+                    same.number,
+                    run.number,
+                    sweep.label(&run)
+                )));
+            }
             if let Err(error) = sweep.case(&run) {
                 run.refused = Some(error.to_string());
                 refusals.push(error);

@@ -228,3 +228,27 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
     });
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
 }
+
+/// A full disk where standard output goes is an error; a reader that went away is none.
+#[test]
+fn what_cannot_be_printed_is_an_error() {
+    let program = env!("CARGO_BIN_EXE_phasewarp");
+    let example = case("example1.toml");
+    check_all(&["schema", "plan --json CASE", "check CASE", "--help"], |line| {
+        let words =
+            line.split(' ').map(|word| if word == "CASE" { example.as_str() } else { word });
+        let mut command = std::process::Command::new(program);
+        command.args(words).env("OMPI_MCA_ess_singleton_isolated", "1");
+        let full = std::fs::File::create("/dev/full").map_err(|e| e.to_string())?;
+        let failed = command.stdout(full).output().map_err(|e| e.to_string())?;
+        let said = String::from_utf8_lossy(&failed.stderr).into_owned();
+        if failed.status.code() != Some(1) || !said.contains("standard output could not be") {
+            return Err(format!("{line}: {:?}: {said}", failed.status));
+        }
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::null());
+        let mut child = command.spawn().map_err(|e| e.to_string())?;
+        drop(child.stdout.take());
+        let status = child.wait().map_err(|e| e.to_string())?;
+        if status.success() { Ok(()) } else { Err(format!("{line}: {status:?}")) }
+    });
+}

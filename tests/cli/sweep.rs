@@ -182,13 +182,14 @@ fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
 fn mistakes_are_refused_before_anything_runs() {
     let place = directory();
     let path = place.path().join("none");
-    let rows: [(&[&str], &[&str]); 7] = [
+    let rows: [(&[&str], &[&str]); 8] = [
         (&["solver.tolerence=1e-2,1e-3"], &["unknown key", "solver.tolerence", "did you mean"]),
         (&["axis.7.x.cells=2,4"], &["axis.7.x.cells", "no index"]),
         (&["solver.tolerance=5,6"], &["--set solver.tolerance=5", "solver.tolerance"]),
         (&["solver.tolerance=1e-2,"], &["--vary solver.tolerance=1e-2,", "empty"]),
         (&["output.field_times=[0.1"], &["--vary output.field_times=[0.1", "no partner"]),
         (&["time.end=1", "time.end=2"], &["--vary time.end", "twice"]),
+        (&["time.end=0.1,0.2,1e-1"], &["runs 1 and 3 are the same", "time.end=0.1"]),
         (&["solver.accuracy=0.1,0.2"], &["solver.accuracy = 1e-1", "advise"]),
     ];
     check_all(&rows, |(vary, says)| sweep(&path, vary).on(2).is_refused(says));

@@ -181,7 +181,7 @@ def call(
         kind = kinds.get(process.returncode, PhasewarpError)
         raise kind(message_of(unwrapped(errors)), process.returncode, command, output)
     for line in (*unwrapped(errors).splitlines(), *unwrapped(output).splitlines()):
-        if line.startswith("warning: "):
+        if line.startswith(("warning: ", "UNDER-RESOLVED: ")):
             warnings.warn(line.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
     return output
 
