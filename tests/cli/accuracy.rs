@@ -261,6 +261,9 @@ fn the_last_line_says_what_limits_a_run() {
     });
 }
 
+/// Case, settings, words of the advice, and words that are not in it.
+type AdviceRow<'a> = (&'a str, Vec<&'a str>, &'a [&'a str], &'a [&'a str]);
+
 /// After UNDER-RESOLVED stands what would help this run: how many times the cells at least, degrees
 /// where there are higher ones, slopes where there can be some, and a tolerance that does where the
 /// grid's error is below a tenth. On slightly fewer cells than it names the error is above a tenth.
@@ -270,7 +273,7 @@ fn what_is_advised_is_what_that_run_lacks() {
     let (degree_2, degree_3, degree_8) = (elements(2, 34), elements(3, 32), elements(8, 8));
     let (some, all) =
         ("or a higher scheme.degree", "or a higher scheme.degree where f does not jump");
-    let rows: [(&str, Vec<&str>, &[&str], &[&str]); 7] = [
+    let rows: [AdviceRow<'_>; 7] = [
         ("smooth-beams.toml", words(&degree_2), &[some, "(at least ", "finds a grid"], &["slopes"]),
         ("example1.toml", words(&degree_3), &[all, "(at least 1.2 ", "example1.toml"], &["slopes"]),
         ("smooth-beams.toml", words(&degree_8), &["more cells (at least"], &["scheme.degree"]),
