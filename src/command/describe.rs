@@ -178,6 +178,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
         ("the open ends of the box", causes.ends),
         ("jumps of V to beyond the velocity box", causes.beyond),
         ("the ends of the velocity box", causes.velocities),
+        // With what goes beyond the velocity box there.
         ("partial reflection", causes.reflection),
     ];
     let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))

@@ -53,13 +53,13 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         summary.report_late_warnings();
     }
     print(world, &closing_line(&summary, &directory));
+    let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
+    ledger.for_each(|ledger| print(world, &ledger.text()));
     let inherited = summary.continued.as_ref().map(Continued::line);
     let goal = goal_line(&case, &summary);
     for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
         print(world, &line);
     }
-    let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
-    ledger.for_each(|ledger| print(world, &ledger.text()));
     summary.missed.refuse(case.strict)?;
     if let Some(line) = summary.missed.line() {
         print(world, &line);

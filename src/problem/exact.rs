@@ -38,6 +38,8 @@ const ROUND_OFF: f64 = 1e-13;
 const ON_FACE: f64 = 1e-11;
 /// An edge of a region so close to a face, as a fraction of an element, lies on it.
 const EDGE_ON_FACE: f64 = 1e-9;
+/// So many edges across an axis belong to boxes.
+const FEW_EDGES: usize = 8;
 /// Degree of elements in which it is seen whether `V` bends.
 const BENT: usize = 2;
 /// A particle that cannot get further from a face than this fraction of a cell, on either side,
@@ -276,7 +278,8 @@ fn is_curved(case: &Case) -> Result<bool> {
 }
 
 /// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on
-/// faces; where there is none, that up to [`MOST_PARTS`] with which they are nearest to faces.
+/// faces; where there is none, that up to [`MOST_PARTS`] with which they are nearest to faces, of
+/// few edges; many belong to a curve, which no faces follow.
 fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
     let furthest = |parts: usize| {
         let width = axis.width() / parts as f64;
@@ -288,7 +291,8 @@ fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
     };
     let near = EDGE_ON_FACE * axis.width();
     let nearest = || {
-        let parts = least..=MOST_PARTS.min(most).max(least);
+        let most = if edges.len() > FEW_EDGES { least } else { MOST_PARTS.min(most).max(least) };
+        let parts = least..=most;
         parts.min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)))
     };
     (least..=most).find(|&parts| furthest(parts) <= near).or_else(nearest).unwrap_or(least)

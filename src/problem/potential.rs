@@ -545,8 +545,8 @@ const SCANNED: [usize; 3] = [4096, 256, 48];
 
 /// Where along each space axis the piece of `V` changes: the region, or the value of a table that
 /// is constant around its points; `None` for an axis along which it does so at more than some
-/// dozens of places, as a curved edge does. Of pieces narrower than an element those count that are wider
-/// than a few thousandths of the axis in two dimensions, less in one and more in three.
+/// dozens of places, as a curved edge does. Of pieces narrower than an element those count that are
+/// wider than a few thousandths of the axis in two dimensions, less in one and more in three.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
     let scanned = SCANNED[case.space.dimension() - 1];

@@ -65,6 +65,8 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// More cells than this in space are not planned for.
 const MOST_SPACE_CELLS: f64 = 4e6;
+/// Grids of more elements of space than this are not searched for regions of `V`.
+const MOST_LOOKED_AT: usize = 1 << 17;
 /// More cells than this are not planned for.
 const MOST_CELLS: f64 = 1e11;
 /// Bytes a cell of a run, by modes and classical, where none is planned.
@@ -597,8 +599,9 @@ impl<'a> Study<'a> {
         let shape = self.case.space.elements();
         let start = self.start(scheme);
         let looked = look(&mut self.trials, scheme, &shape, &reach.order, 1.0).unwrap_or(None);
-        let Some(KnownError { error, known }) = looked.or_else(|| reach.extrapolated(&shape))
-        else {
+        // An order that has not settled tells nothing of a grid that was not tried.
+        let extrapolated = || reach.extrapolated(&shape).filter(|_| reach.order.settled);
+        let Some(KnownError { error, known }) = looked.or_else(extrapolated) else {
             return Ok(None);
         };
         let mut parts = Parts::of_discretisation(error, reach.part_of_space_on(&shape));
@@ -692,8 +695,12 @@ impl<'a> Study<'a> {
     }
 }
 
-/// That a region of `V` is not there on the grid of `target`.
+/// That a region of `V` is not there on the grid of `target`, as far as that is quickly seen: finer
+/// grids lose no region.
 fn vanished(target: &Case) -> Option<String> {
+    if target.space.by_elements().space_cells() > MOST_LOOKED_AT {
+        return None;
+    }
     let region = overlooked(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
     Some(format!("potential.{region} is not there on {grid}: its where holds at no cell's centre"))
