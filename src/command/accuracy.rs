@@ -10,10 +10,13 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
 use crate::study::advise::{Wanted, advise};
+use crate::study::text::seconds_text;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
 
+/// A run that takes so many times the budget is warned of.
+const DEAR: f64 = 10.0;
 /// Time for the trials of an accuracy, where none is given.
 const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
 /// The file of a run's directory that says what was chosen for its accuracy.
@@ -122,7 +125,14 @@ fn with_accuracy(
     };
     if world.group().rank() == 0 {
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
-        for warning in warnings(&case, std::slice::from_ref(entry)) {
+        let dear = entry.seconds.filter(|seconds| *seconds > DEAR * budget).map(|seconds| {
+            format!(
+                "a run of it is expected to take {}; with a longer --budget more is tried, which \
+                 may find a cheaper one",
+                seconds_text(seconds)
+            )
+        });
+        for warning in warnings(&case, std::slice::from_ref(entry)).into_iter().chain(dear) {
             report(&format!("warning: {warning}"));
         }
     }
