@@ -43,7 +43,7 @@ torture: setup ## blows at random moments and random scenes, many (TRIALS=, SCEN
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
 	    $(CARGO) test --release --test cli -- --nocapture torture random_cases
 
-bench: setup ## measure rates, runs, peers into docs/performance.md (ARGS=--quick, --counts, --error)
+bench: setup ## measure, into docs/performance.md (ARGS=--quick, --counts, --error)
 	CARGO="$(CARGO)" scripts/bench/bench.sh $(ARGS)
 
 example3: $(foreach n,8 16 32,example3-$(n)) ## example 3 by size, into docs/performance.md

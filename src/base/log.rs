@@ -17,9 +17,8 @@ pub fn say(text: &str) {
 pub(crate) fn say_unwrapped(text: &str) {
     let mut output = std::io::stdout().lock();
     let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());
-    if let Err(why) = written.map_err(|e| (e.kind() != ErrorKind::BrokenPipe).then_some(e))
-        && let Some(why) = why
-    {
+    if let Some(why) = written.err().filter(|why| why.kind() != ErrorKind::BrokenPipe) {
+        // The first reason is kept.
         let _ = UNWRITTEN.set(why.to_string());
     }
 }

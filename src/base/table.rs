@@ -63,7 +63,7 @@ pub fn in_pieces(first: &Column, columns: &[Column]) -> String {
 }
 
 /// A column of values for [`csv`] and [`tabular`].
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Values {
     /// The name, at the top.
     pub name: String,
@@ -108,12 +108,11 @@ impl Values {
 /// Columns as CSV (RFC 4180), all digits of each number: a line of names, then one a row. Labels
 /// are a column of their own, `NAME_label`.
 pub fn csv(columns: &[Values]) -> String {
-    let labels = |column: &Values| format!("{}_label", column.name);
     let mut lines = vec![Vec::new(); 1 + columns.first().map_or(0, |column| column.cells.len())];
     for column in columns {
         lines[0].push(csv_field(&column.name));
         if !column.labels.is_empty() {
-            lines[0].push(csv_field(&labels(column)));
+            lines[0].push(csv_field(&format!("{}_label", column.name)));
         }
         for (row, cell) in column.cells.iter().enumerate() {
             let text = if cell.is_null() { String::new() } else { plain(cell) };
@@ -158,7 +157,7 @@ fn tex_number(value: &Value, mark: char) -> String {
 }
 
 /// Text in LaTeX.
-pub fn tex_text(text: &str) -> String {
+fn tex_text(text: &str) -> String {
     let mut shown = String::new();
     for c in text.chars() {
         match c {

@@ -88,22 +88,7 @@ impl Element<'_> {
 
     /// The product of points `along` the axes, the last running fastest.
     pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
-        let n = self.space.dimension();
-        let coordinates: Vec<Vec<f64>> = (self.space.axes().zip(along).zip(&self.place))
-            .map(|((axis, xi), j)| xi.as_ref().iter().map(|xi| axis.at(*j as i64, *xi)).collect())
-            .collect();
-        let shape: Vec<usize> = coordinates.iter().map(Vec::len).collect();
-        let mut m = vec![0; shape.len()];
-        let mut point = [0.0; 6];
-        (0..shape.iter().product())
-            .map(|_| {
-                for (a, along) in coordinates.iter().enumerate() {
-                    point[if a < n { a } else { 3 + a - n }] = along[m[a]];
-                }
-                advance(&mut m, &shape);
-                point
-            })
-            .collect()
+        self.space.points_in(&self.place, along).collect()
     }
 }
 

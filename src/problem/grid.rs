@@ -361,6 +361,34 @@ impl PhaseSpace {
         Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
     }
 
+    /// The product of points `along` the axes, in `[−1, 1]` of the element of this number along each
+    /// of them; the last axis runs fastest.
+    pub fn points_in<P: AsRef<[f64]>>(
+        &self,
+        element: &[usize],
+        along: &[P],
+    ) -> impl Iterator<Item = [f64; 6]> + use<P> {
+        let n = self.dimension();
+        let coordinates: Vec<Vec<f64>> = (self.axes().zip(along).zip(element))
+            .map(|((axis, xi), j)| xi.as_ref().iter().map(|xi| axis.at(*j as i64, *xi)).collect())
+            .collect();
+        let mut place = vec![0; coordinates.len()];
+        (0..coordinates.iter().map(Vec::len).product()).map(move |_| {
+            let mut point = [0.0; 6];
+            for (a, (along, at)) in coordinates.iter().zip(&place).enumerate() {
+                point[if a < n { a } else { 3 + a - n }] = along[*at];
+            }
+            for (at, along) in place.iter_mut().zip(&coordinates).rev() {
+                *at += 1;
+                if *at < along.len() {
+                    break;
+                }
+                *at = 0;
+            }
+            point
+        })
+    }
+
     /// Multi-index of global unknown `index`.
     pub fn cell(&self, mut index: usize) -> Cell {
         let n = self.dimension();

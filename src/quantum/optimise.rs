@@ -145,6 +145,14 @@ impl Choice {
         if window.value().is_some() { window } else { slice }
     }
 
+    /// Why it cannot be planned, if so.
+    pub fn why_not(&self) -> Option<&str> {
+        match &self.recovery {
+            Figure::Unavailable { because } => Some(because),
+            _ => None,
+        }
+    }
+
     /// The cheaper of both.
     fn cheaper(self, other: Self) -> Self {
         if other.least_cost() < self.least_cost() { other } else { self }
@@ -477,10 +485,6 @@ impl Ranking {
         let figures = |name: &str, figure: fn(&Choice) -> &Figure| {
             Figure::column(name, self.0.iter().map(figure))
         };
-        let why = |choice: &Choice| match &choice.recovery {
-            Figure::Unavailable { because } => Some(because.clone()),
-            _ => None,
-        };
         let columns = [
             words("profile", |choice| Some(parameters(&choice.profile))),
             words("delta", |choice| choice.delta.map(delta_text)),
@@ -491,7 +495,7 @@ impl Ranking {
             figures("probability", Choice::nearest),
             figures("until_measured_repeated", |choice| &choice.cost[0]),
             figures("until_measured_amplified", |choice| &choice.cost[1]),
-            words("unavailable_because", why),
+            words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
         ];
         columns.into_iter().filter(|column| !column.is_empty()).collect()
     }
@@ -523,7 +527,7 @@ impl fmt::Display for Ranking {
             if profile.chars().count() > PROFILE {
                 profile = shortened(&profile, PROFILE - 1);
             }
-            if let Figure::Unavailable { because } = &choice.recovery {
+            if let Some(because) = choice.why_not() {
                 writeln!(f, "{profile:<PROFILE$}{delta:>8}   unavailable: {because}")?;
                 continue;
             }

@@ -17,7 +17,7 @@ const BEYOND: f64 = 0.1;
 /// that settle nothing and of tables that end early.
 pub(super) fn unseen(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
-    let of_edges = oblique_edges(case).into_iter().map(|found| staircase(case, &found));
+    let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));
     of_formulas
         .chain(of_edges)
         .chain(idle_degree(case))
@@ -63,7 +63,7 @@ fn at_point(case: &Case, point: &[f64; 6]) -> String {
     axes.map(text).collect::<Vec<_>>().join(", ")
 }
 
-fn staircase(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
+fn oblique_edge(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
     format!(
         "potential.{region}: its edge at {} is not along the axes; faces of cells are, so that \
          particles are reflected and refracted by a staircase, along the axes only. More cells do \

@@ -695,8 +695,8 @@ impl<'a> Study<'a> {
     }
 }
 
-/// That a region of `V` is not there on the grid of `target`, as far as that is quickly seen: finer
-/// grids lose no region.
+/// That a region of `V` is not there on the grid of `target`. Very fine grids are not looked at:
+/// their edges are on faces, or nearly.
 fn vanished(target: &Case) -> Option<String> {
     if target.space.by_elements().space_cells() > MOST_LOOKED_AT {
         return None;

@@ -29,7 +29,7 @@ use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
 use crate::quantum::cost::{Accesses, Cost, CostTable, Demand};
 use crate::quantum::figure::Figure;
-use crate::quantum::optimise::{Ranking, System, choices, scheme_of, unitary_of};
+use crate::quantum::optimise::{Choice, Ranking, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
 use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
@@ -37,7 +37,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::order::{Order, Range};
-use crate::study::grids::{Grids, on_grid};
+use crate::study::grids::{Grids, on_grid, shape_text};
 use crate::study::trial::{final_fields_only, trial};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -455,10 +455,7 @@ impl Task<'_> {
         if let Some((choice, demand)) = ranking.first().and_then(|c| Some((c, c.demand?))) {
             return Ok((demand, choice.nearest().value().unwrap_or(f64::NAN)));
         }
-        let why = ranking.0.first().and_then(|choice| match &choice.recovery {
-            Figure::Unavailable { because } => Some(because.as_str()),
-            _ => None,
-        });
+        let why = ranking.0.first().and_then(Choice::why_not);
         Err(Error::Input(format!(
             "{}: no profile is planned: {}",
             target.name,
@@ -533,11 +530,6 @@ fn verdict(quantum: &[Way], classical: &[Baseline]) -> Vec<String> {
     lines
 }
 
-/// Elements along each axis, in words.
-fn grid_text(shape: &[usize]) -> String {
-    shape.iter().map(usize::to_string).collect::<Vec<_>>().join(" x ")
-}
-
 impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
     pub fn columns(&self) -> Vec<Values> {
@@ -555,7 +547,7 @@ impl EndToEnd {
             words("way", |way| way.name.into(), |method| method.name.into()),
             words(
                 "grid",
-                |way| way.grids.last().map(|grid| grid_text(grid)).into(),
+                |way| way.grids.last().map(|grid| shape_text(grid)).into(),
                 |_| Value::Null,
             ),
             words("order", |way| way.order.into(), |_| Value::Null),
@@ -581,11 +573,11 @@ impl fmt::Display for EndToEnd {
                 writeln!(
                     f,
                     "  {:<24}relative L1 error of the density {error:.3e}",
-                    grid_text(grid)
+                    shape_text(grid)
                 )?;
             }
             if let (Some(order), Some(grid)) = (way.order, way.grids.last()) {
-                writeln!(f, "  {:<24}needed, by the order {order:.2}", grid_text(grid))?;
+                writeln!(f, "  {:<24}needed, by the order {order:.2}", shape_text(grid))?;
             }
             for (name, figure) in [
                 ("probability", &way.probability),

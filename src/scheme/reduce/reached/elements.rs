@@ -46,31 +46,12 @@ impl Points {
     /// Whether `formula` is not zero at one of them, at time zero, in the element number
     /// `element[..]` of each axis.
     pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
-        let n = space.dimension();
-        let coordinates: Vec<Vec<f64>> = (space.axes().zip(&self.along).zip(element))
-            .map(|((axis, xi), j)| xi.iter().map(|xi| axis.at(*j as i64, *xi)).collect())
-            .collect();
-        let mut points = Vec::with_capacity(BATCH);
-        let mut place = vec![0; coordinates.len()];
-        for number in 0..self.count() {
-            let mut point = [0.0; 6];
-            for (a, (along, at)) in coordinates.iter().zip(&place).enumerate() {
-                point[if a < n { a } else { 3 + a - n }] = along[*at];
-            }
-            points.push(point);
-            for (at, along) in place.iter_mut().zip(&coordinates).rev() {
-                *at += 1;
-                if *at < along.len() {
-                    break;
-                }
-                *at = 0;
-            }
-            if points.len() == BATCH || number + 1 == self.count() {
-                // What is no number is found, and refused, later.
-                if formula.at_points(&points, 0.0).iter().any(|f| *f != 0.0) {
-                    return true;
-                }
-                points.clear();
+        let mut points = space.points_in(element, &self.along).peekable();
+        while points.peek().is_some() {
+            let batch: Vec<[f64; 6]> = points.by_ref().take(BATCH).collect();
+            // What is no number is found, and refused, later.
+            if formula.at_points(&batch, 0.0).iter().any(|f| *f != 0.0) {
+                return true;
             }
         }
         false
