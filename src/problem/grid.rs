@@ -361,8 +361,8 @@ impl PhaseSpace {
         Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
     }
 
-    /// The product of points `along` the axes, in `[−1, 1]` of the element of this number along each
-    /// of them; the last axis runs fastest.
+    /// The product of points `along` the axes, in `[−1, 1]` of the element of this number along
+    /// each of them; the last axis runs fastest.
     pub fn points_in<P: AsRef<[f64]>>(
         &self,
         element: &[usize],
