@@ -35,7 +35,7 @@ impl World {
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
         let started = Instant::now();
-        avoid_lock_files();
+        configure_open_mpi();
         let universe = mpi::initialize()?;
         let start_seconds = started.elapsed().as_secs_f64();
         let hook = std::panic::take_hook();
@@ -63,14 +63,33 @@ impl World {
     }
 }
 
-/// Turns off a component of Open MPI for shared file pointers, which nothing here uses. It puts the
-/// name of every file that is opened, and more, into 256 bytes, and longer names abort the program
-/// (seen in version 4.1.4). What the user chose stays; other MPI libraries ignore it.
-fn avoid_lock_files() {
-    const CHOICE: &str = "OMPI_MCA_sharedfp";
-    if std::env::var_os(CHOICE).is_none() {
-        // SAFETY: no other thread reads the environment; see `World::start`.
-        unsafe { std::env::set_var(CHOICE, "^lockedfile") };
+/// Settings of Open MPI that this program needs. What the user chose stays; other MPI libraries
+/// ignore them.
+///
+/// - The component for shared file pointers, which nothing here uses, is off. It puts the name of
+///   every file that is opened, and more, into 256 bytes, and longer names abort the program (seen
+///   in version 4.1.4).
+/// - On one machine, messages go by shared memory. Open MPI would first look for networks, which
+///   takes 0.2 s with the library of Debian (`docs/performance.md`).
+fn configure_open_mpi() {
+    let mut settings = vec![("OMPI_MCA_sharedfp", "^lockedfile")];
+    if on_one_machine(|name| std::env::var(name).ok()) {
+        settings.push(("OMPI_MCA_pml", "ob1"));
+    }
+    for (name, value) in settings {
+        if std::env::var_os(name).is_none() {
+            // SAFETY: no other thread reads the environment; see `World::start`.
+            unsafe { std::env::set_var(name, value) };
+        }
+    }
+}
+
+/// Whether the environment says that all ranks are on this machine: the launcher counts as many
+/// ranks here as anywhere, or there was no launcher. Every rank of a job finds the same.
+fn on_one_machine(variable: impl Fn(&str) -> Option<String>) -> bool {
+    match (variable("OMPI_COMM_WORLD_SIZE"), variable("OMPI_COMM_WORLD_LOCAL_SIZE")) {
+        (Some(all), Some(here)) => all == here,
+        _ => ["PMIX_RANK", "PMI_RANK"].iter().all(|name| variable(name).is_none()),
     }
 }
 
@@ -570,5 +589,20 @@ mod tests {
             assert_eq!(from_ordered_key(ordered_key(value)), value);
         }
         assert!(from_ordered_key(ordered_key(f64::NAN)).is_nan());
+    }
+    #[test]
+    fn one_machine_is_recognised() {
+        let ask = |set: &'static [(&str, &str)]| {
+            on_one_machine(|name| {
+                set.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
+            })
+        };
+        let (all, here) = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_LOCAL_SIZE");
+        assert!(ask(&[]), "no launcher");
+        assert!(ask(&[("PMIX_RANK", "1"), (all, "3"), (here, "3")]));
+        assert!(!ask(&[("PMIX_RANK", "1"), (all, "12"), (here, "3")]));
+        // Slurm's launcher tells no numbers of Open MPI's: the ranks may be anywhere.
+        assert!(!ask(&[("PMIX_RANK", "1")]));
+        assert!(!ask(&[("PMI_RANK", "0")]));
     }
 }
