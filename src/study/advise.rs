@@ -11,7 +11,8 @@
 //! `f` ([`density::spread`]) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried; rank 0's clock only stops what takes far longer than counted
-//! ([`crate::study::budget`]).
+//! ([`crate::study::budget`]). Where nothing is found, or only what takes longer than the search
+//! did, more is tried: as much as this machine can in the time that is left.
 
 pub mod density;
 pub mod entry;
@@ -100,20 +101,11 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
     }
     refuse_long_look(world, case, wanted.budget)?;
     let mut study = Study::new(world, case, wanted)?;
-    study.try_as_it_stands()?;
-    let found = study.reach_by_schemes()?;
-    for (scheme, reach) in &found {
-        study.add_classical(*scheme, reach)?;
-        if scheme.limiter == Limiter::None {
-            study.add_schrodingerized(*scheme, reach)?;
-        }
+    let mut advised = study.search();
+    while study.is_dear(&advised) && study.trials.budget.count_anew() {
+        advised = study.search();
     }
-    study.try_fluxes(&found)?;
-    let given = match found.iter().find(|(scheme, _)| *scheme == Scheme::of(case)) {
-        Some((scheme, reach)) => study.given(*scheme, reach)?,
-        None => None,
-    };
-    study.advised(given)
+    advised
 }
 
 /// A set-up, and its case and plan where it can be run.
@@ -160,11 +152,6 @@ impl<'a> Study<'a> {
         let plain = plain(case)?;
         refuse_hopeless_here(world, &plain)?;
         let trials = Trials::new(world, plain, case.exact.clone(), wanted.budget)?;
-        let mut left_out = Vec::new();
-        if case.varies() && !case.is_galerkin() {
-            let why = "slopes (scheme.limiter): not with an inflow that depends on time";
-            left_out.push(why.to_owned());
-        }
         Ok(Self {
             world,
             case,
@@ -172,9 +159,49 @@ impl<'a> Study<'a> {
             jumps: Bounds::new(case)?.jumps,
             trials,
             share: FOR_SCHEMES,
-            left_out,
+            left_out: Vec::new(),
             candidates: Vec::new(),
         })
+    }
+
+    /// Searches within what the budget allows; trials that were made are not made again.
+    /// Collective.
+    ///
+    /// # Errors
+    /// As [`advise`].
+    fn search(&mut self) -> Result<Advised> {
+        (self.share, self.candidates) = (FOR_SCHEMES, Vec::new());
+        self.left_out = match self.case.varies() && !self.case.is_galerkin() {
+            true => {
+                vec!["slopes (scheme.limiter): not with an inflow that depends on time".to_owned()]
+            }
+            false => Vec::new(),
+        };
+        self.try_as_it_stands()?;
+        let found = self.reach_by_schemes()?;
+        for (scheme, reach) in &found {
+            self.add_classical(*scheme, reach)?;
+            if scheme.limiter == Limiter::None {
+                self.add_schrodingerized(*scheme, reach)?;
+            }
+        }
+        self.try_fluxes(&found)?;
+        let given = match found.iter().find(|(scheme, _)| *scheme == Scheme::of(self.case)) {
+            Some((scheme, reach)) => self.given(*scheme, reach)?,
+            None => None,
+        };
+        self.advised(given)
+    }
+
+    /// Whether nothing is advised, or a run of it is expected to take longer than the search did:
+    /// more trials may find a cheaper one. Collective.
+    fn is_dear(&self, advised: &Result<Advised>) -> bool {
+        let seconds = match advised {
+            Ok(advised) => advised.best_of(self.case.method).and_then(|best| best.seconds),
+            Err(_) => None,
+        };
+        let budget = &self.trials.budget;
+        budget.decide(seconds.is_none_or(|seconds| seconds > budget.elapsed()))
     }
 
     fn name(&self, method: Method, scheme: Scheme) -> String {
@@ -401,7 +428,8 @@ impl<'a> Study<'a> {
     fn misses(&self, reach: &Reach) -> Option<String> {
         let (error, on) = (reach.error, shape_text(&reach.shape));
         if reach.order.pairs.is_empty() && reach.known == Known::Extrapolated {
-            let why = "the budget does not hold two grids to compare; a longer --budget does";
+            let why =
+                "the budget does not hold two grids to compare; a longer --budget may allow it";
             return Some(why.to_owned());
         }
         if error <= DISCRETISATION * self.wanted.accuracy * (1.0 + ROUND_OFF) {
@@ -639,8 +667,10 @@ impl<'a> Study<'a> {
     }
 
     /// The advice: all set-ups, quickest first, with the best one by modes.
-    fn advised(self, given: Option<Given>) -> Result<Advised> {
-        let Self { world, case, wanted, trials, left_out, candidates, .. } = self;
+    fn advised(&mut self, given: Option<Given>) -> Result<Advised> {
+        let candidates = std::mem::take(&mut self.candidates);
+        let left_out = std::mem::take(&mut self.left_out);
+        let Self { world, case, wanted, trials, .. } = self;
         let settled = |Candidate { mut entry, planned }: Candidate| {
             let predicted = planned.map(|(target, plan)| trials.seconds(&target, &plan));
             entry.seconds = entry.seconds.or(predicted);

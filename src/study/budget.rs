@@ -13,6 +13,11 @@ use std::time::Instant;
 /// others use the machine.
 pub const UPDATES_PER_SECOND: f64 = 4e7;
 
+/// Part of the time left that is counted on where the rate of this machine is known.
+const OF_TIME_LEFT: f64 = 0.6;
+/// Times what was allowed that may be counted next.
+const MOST_MORE: f64 = 4.0;
+
 /// Refuses a grid on which a look at `V` alone takes longer than `limit` seconds. Collective.
 ///
 /// # Errors
@@ -36,13 +41,25 @@ pub struct Budget {
     limit: f64,
     /// Seconds after the start at which the part in progress is to end.
     end: f64,
+    /// Seconds after the start at which counting began.
+    counting_since: f64,
     counted: f64,
+    /// Updates that may be counted.
+    allowed: f64,
 }
 
 impl Budget {
     /// `limit` seconds from now on.
     pub fn new(world: &World, limit: f64) -> Self {
-        Self { all: world.group(), started: Instant::now(), limit, end: limit, counted: 0.0 }
+        Self {
+            all: world.group(),
+            started: Instant::now(),
+            limit,
+            end: limit,
+            counting_since: 0.0,
+            counted: 0.0,
+            allowed: limit * UPDATES_PER_SECOND,
+        }
     }
 
     /// All ranks.
@@ -93,12 +110,12 @@ impl Budget {
 
     /// The part of the whole budget that was counted as used.
     pub fn used(&self) -> f64 {
-        self.counted / (self.limit * UPDATES_PER_SECOND)
+        self.counted / self.allowed
     }
 
     /// Whether `updates` are at most this `part` of the whole budget.
     pub fn holds(&self, updates: f64, part: f64) -> bool {
-        updates <= part * self.limit * UPDATES_PER_SECOND
+        updates <= part * self.allowed
     }
 
     /// Whether `updates` more still fit into this `part` of the budget by count, and rank 0's clock
@@ -106,5 +123,20 @@ impl Budget {
     pub fn allows(&self, updates: f64, part: f64) -> bool {
         let late = self.decide(self.elapsed() > self.limit);
         !late && self.holds(self.counted + updates, part)
+    }
+
+    /// Counts anew from zero, up to what this machine does in most of the time that is left, by the
+    /// rate of what was counted so far, and to [`MOST_MORE`] times what was allowed. False, and
+    /// nothing changes, where that is less than a quarter of what was allowed before. Collective.
+    pub fn count_anew(&mut self) -> bool {
+        let now = self.elapsed();
+        let rate = self.counted / (now - self.counting_since);
+        let [now, held] = self.from_rank_zero([now, OF_TIME_LEFT * rate * (self.limit - now)]);
+        let worth = held >= 0.25 * self.allowed;
+        if worth {
+            let allowed = held.min(MOST_MORE * self.allowed);
+            (self.counting_since, self.counted, self.allowed) = (now, 0.0, allowed);
+        }
+        worth
     }
 }

@@ -103,7 +103,9 @@ impl Entry {
     /// not advised: a longer budget may find a smaller one.
     pub fn not_settled_yet(&self) -> &'static str {
         match self.known == Known::Extrapolated && !self.order.settled {
-            true => "not settled within this budget, a longer --budget does; by the orders so far ",
+            true => {
+                "not settled within this budget, a longer --budget may settle it; by the orders so far "
+            }
             false => "",
         }
     }
@@ -115,7 +117,7 @@ impl Entry {
         if self.refused.is_some() {
             None
         } else if self.known == Known::Extrapolated && self.order.pairs.len() < 2 {
-            Some(format!("{open}a longer --budget does"))
+            Some(format!("{open}a longer --budget may settle it"))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
             Some(format!("{open}it is expected to take more than 30 days on these ranks"))
         } else {
@@ -140,7 +142,7 @@ pub fn doubt_the_dearest(entries: &mut [Entry]) {
             entry.estimate.get_or_insert_with(|| {
                 format!(
                     "not settled within this budget; {name} may take less than a hundredth of its \
-                     work: a longer --budget decides"
+                     work: a longer --budget may decide"
                 )
             });
         }
