@@ -236,6 +236,18 @@ fn without_zeros(text: &str) -> &str {
     }
 }
 
+/// The first of the two numbers of a run, as every command names it: the distance of what the
+/// algorithm finds to the exact solution of the scheme's equations.
+pub const OF_ALGORITHM: &str = "error of the algorithm";
+/// The second one: the distance of that solution to the exact solution of the problem.
+pub const OF_GRID: &str = "error of the grid";
+
+/// `text` with a capital letter.
+pub fn sentence(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
 /// `1 batch`, `2 batches`.
 pub fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })

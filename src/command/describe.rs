@@ -1,6 +1,8 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
-use crate::base::text::{on_one_line, place, rounded, short, word};
+use crate::base::text::{
+    OF_ALGORITHM, OF_GRID, on_one_line, place, rounded, sentence, short, word,
+};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case;
 use crate::problem::case::{Case, Data, Method};
@@ -13,6 +15,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     text += &axes(case);
     text += &formulas(case);
     text += &method(case, bounds);
+    text += &errors(case);
     if let Some(readout) = &case.readout {
         text += &readout_line(readout);
     }
@@ -172,7 +175,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
     if bounds.lines.is_empty() {
         return format!("Schrödingerized: dissipation of the upwind scheme; {most}\n");
     }
-    let causes = &bounds.causes;
+    let causes = bounds.causes();
     let parts = [
         ("dissipation of the flux between elements", causes.flux),
         ("the open ends of the box", causes.ends),
@@ -190,6 +193,19 @@ fn schrodingerized(bounds: &Bounds) -> String {
             .to_owned(),
         false => format!("Schrödingerized: {}; {most}\n", parts.join(", ")),
     }
+}
+
+/// What is known before a run of the two errors that it ends with.
+pub(crate) fn errors(case: &Case) -> String {
+    let of_algorithm = match case.method {
+        Method::Schrodingerized => format!("at most {:e} (solver.tolerance)", case.tolerance),
+        Method::Classical => "that of the time steps, not estimated".to_owned(),
+    };
+    let of_grid = match case.accuracy {
+        Some(goal) => format!("at most {goal:e} of the density, by trials (accuracy)"),
+        None => "said by a run; phasewarp advise finds a grid for it".to_owned(),
+    };
+    format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))
 }
 
 /// What is measured.

@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::PlanArgs;
+use crate::command::describe::errors;
 use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch;
@@ -88,6 +89,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
         print_json(world, &Printed { plan: &plan, advice: &advice, calibration });
     } else {
         print(world, &plan.to_string());
+        print(world, &errors(case));
         print(world, &advice.to_string());
         if let Some(calibration) = calibration {
             print(world, &calibration.to_string());

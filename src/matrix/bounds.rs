@@ -82,9 +82,6 @@ pub struct Bounds {
     /// Of a higher degree than 0: bounds by axis.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
-    /// Of a higher degree than 0: what `S` is made of.
-    #[serde(skip)]
-    pub causes: Causes,
     /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
     #[serde(skip)]
     pub coupling: f64,
@@ -136,8 +133,8 @@ impl Bounds {
             .filter(|&a| jumps[a] && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
             .sum();
-        let (lines, causes) = match faces {
-            None => (Vec::new(), Causes::default()),
+        let lines = match faces {
+            None => Vec::new(),
             Some(faces) => line_bounds(case, jumps, &faces)?,
         };
         let (rate, dissipation) = match case.is_galerkin() {
@@ -171,7 +168,6 @@ impl Bounds {
             dissipation,
             forces: force > 0.0,
             lines,
-            causes,
             coupling: if inflow {
                 0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.duration())
             } else {
@@ -194,6 +190,13 @@ impl Bounds {
             decay: self.dissipation,
             ..self.clone()
         }
+    }
+
+    /// Of a higher degree than 0: what `S` is made of.
+    pub fn causes(&self) -> Causes {
+        let mut causes = Causes::default();
+        self.lines.iter().for_each(|line| causes.add(line.lines()));
+        causes
     }
 
     /// Whether `A` is skew in weighted unknowns: `S = 0`.
@@ -231,15 +234,14 @@ impl Bounds {
     }
 }
 
-/// Bounds of the lines along each pair of axes, where an axis has a degree above 0, and what their
-/// dissipation is made of.
+/// Bounds of the lines along each pair of axes, where an axis has a degree above 0.
 fn line_bounds(
     case: &Case,
     jumps: [bool; MAX_DIMENSION],
     faces: &ElementFaces<'_>,
-) -> Result<(Vec<LineBounds>, Causes)> {
+) -> Result<Vec<LineBounds>> {
     let space = &case.space;
-    let (mut bounds, mut causes) = (Vec::new(), Causes::default());
+    let mut bounds = Vec::new();
     let n = space.dimension();
     for a in 0..n {
         let (x, v) = (&space.x[a], &space.v[a]);
@@ -248,17 +250,15 @@ fn line_bounds(
         }
         let moves = !space.is_single(a) || jumps[a];
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
-        let lines = Lines {
+        bounds.push(LineBounds::new(Lines {
             nodes: [x.nodes, v.nodes],
             flux: case.flux,
             pieces: faces.pieces(a),
             speeds: (0..v.cells as i64).map(speed).collect(),
             ends: if case.is_closed() { Face::Closed } else { Face::Open },
-        };
-        causes.add(&lines);
-        bounds.push(LineBounds::new(lines));
+        }));
     }
-    Ok((bounds, causes))
+    Ok(bounds)
 }
 
 impl Causes {

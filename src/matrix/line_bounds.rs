@@ -42,6 +42,18 @@ use std::sync::{Arc, OnceLock};
 /// Wavenumbers of the table are geometric: from a power of 10 to another, so many a factor of 10.
 const DECADES: [[i32; 3]; 3] = [[-3, -2, 6], [-2, 2, 24], [2, 5, 4]];
 
+/// Wavenumbers `μ ≥ 0` of the table, ascending.
+fn wavenumbers() -> &'static [f64] {
+    static ALL: OnceLock<Vec<f64>> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let powers = DECADES.iter().flat_map(|&[from, to, steps]| {
+            (0..(to - from) * steps).map(move |k| f64::from(from) + f64::from(k) / f64::from(steps))
+        });
+        let grid = powers.chain([f64::from(DECADES[2][1])]).map(|power| 10f64.powf(power));
+        std::iter::once(0.0).chain(grid).collect()
+    })
+}
+
 /// Most unknowns of a stretch of elements that is solved as a whole.
 pub const MOST_UNKNOWNS: usize = 24;
 
@@ -253,8 +265,8 @@ struct Bounded {
     dissipation: f64,
     /// Bound on `‖K‖`.
     skew: f64,
-    /// `(μ, lower, upper)`, ascending.
-    table: OnceLock<Vec<[f64; 3]>>,
+    /// Lower and upper bound at each of the [`wavenumbers`], where they were needed.
+    table: Vec<OnceLock<[f64; 2]>>,
 }
 
 impl PartialEq for LineBounds {
@@ -268,35 +280,34 @@ impl LineBounds {
     pub fn new(lines: Lines) -> Self {
         let [lower, upper] = lines.interval(Form { flux: lines.flux, mu: 0.0, skew: 1.0 });
         let dissipation = lines.dissipation();
-        let table = OnceLock::new();
+        let table = wavenumbers().iter().map(|_| OnceLock::new()).collect();
         Self(Arc::new(Bounded { lines, dissipation, skew: upper.max(-lower), table }))
     }
 
-    fn table(&self) -> &[[f64; 3]] {
-        let lines = &self.0.lines;
-        let bounds = |mu: f64| {
-            let [lower, upper] = lines.interval(Form { flux: lines.flux, mu, skew: 1.0 });
-            [mu, lower, upper]
-        };
-        let powers = DECADES.iter().flat_map(|&[from, to, steps]| {
-            let power = move |k| f64::from(from) + f64::from(k) / f64::from(steps);
-            (0..(to - from) * steps).map(power)
-        });
-        let grid = powers.chain([f64::from(DECADES[2][1])]).map(|power| 10f64.powf(power));
-        self.0.table.get_or_init(|| std::iter::once(0.0).chain(grid).map(bounds).collect())
+    /// What they are the bounds of.
+    pub fn lines(&self) -> &Lines {
+        &self.0.lines
+    }
+
+    /// `[lower, upper]` at a tabulated wavenumber, by its number.
+    fn tabulated(&self, k: usize) -> [f64; 2] {
+        let Bounded { lines, table, .. } = &*self.0;
+        let form = || Form { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 };
+        *table[k].get_or_init(|| lines.interval(form()))
     }
 
     /// `[lower, upper]` of the spectrum of `μS + iK`, `mu ≥ 0`.
     pub fn interval(&self, mu: f64) -> [f64; 2] {
-        let rows = self.table();
-        let after = rows.partition_point(|row| row[0] <= mu);
-        let before = rows[after.saturating_sub(1)];
-        let Some(next) = rows.get(after) else {
+        let all = wavenumbers();
+        let next = all.partition_point(|tabulated| *tabulated <= mu);
+        let last = next.saturating_sub(1);
+        let before = self.tabulated(last);
+        if next == all.len() {
             // S is at most zero and at least −dissipation.
-            return [before[1] - (mu - before[0]) * self.0.dissipation, before[2]];
-        };
-        let part = (mu - before[0]) / (next[0] - before[0]);
-        [1, 2].map(|k| before[k] + part * (next[k] - before[k]))
+            return [before[0] - (mu - all[last]) * self.0.dissipation, before[1]];
+        }
+        let (after, part) = (self.tabulated(next), (mu - all[last]) / (all[next] - all[last]));
+        [0, 1].map(|side| before[side] + part * (after[side] - before[side]))
     }
 
     /// Bound on the spectrum of `−S`.

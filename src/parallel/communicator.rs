@@ -592,7 +592,7 @@ mod tests {
     }
     #[test]
     fn one_machine_is_recognised() {
-        let ask = |set: &'static [(&str, &str)]| {
+        let ask = |set: &[(&str, &str)]| {
             on_one_machine(|name| {
                 set.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned())
             })

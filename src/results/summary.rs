@@ -4,7 +4,7 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::{percent, rounded_down, short};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, percent, rounded_down, short};
 use crate::problem::case::{Case, Data, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::quantum::probability::Probabilities;
@@ -93,7 +93,8 @@ pub struct Accuracy {
     /// Whether the grid's error is above a tenth, or ten times the larger of the algorithm's error
     /// and the tolerance; where `solver.accuracy` is measured, whether that is missed.
     pub under_resolved: bool,
-    /// What would help, where it is under-resolved: the end of a sentence.
+    /// What would help, where it is under-resolved, or where the density is as exact as asked for
+    /// and `f` is far from exact: the end of a sentence.
     #[serde(default)]
     pub advice: Option<String>,
 }
@@ -147,16 +148,14 @@ impl Accuracy {
         let advice = self.advice_after();
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = match (self.algorithm, self.asked) {
-            (Some(error), _) => format!(", the algorithm's {error:.1e}"),
+            (Some(error), _) => format!("; {OF_ALGORITHM} {error:.1e}"),
             (None, Some(asked)) => {
-                format!(", the algorithm's not estimated (planned within {asked:e})")
+                format!("; {OF_ALGORITHM} not estimated (planned within {asked:e})")
             }
             (None, None) => String::new(),
         };
         let errors = errors.join(", ");
-        Some(format!(
-            "{head}: error of the grid ({how}, relative L2) {errors}{of_algorithm}{advice}"
-        ))
+        Some(format!("{head}: {OF_GRID} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
     }
 
     /// `; ` and what would help; nothing where nothing has to.
@@ -503,8 +502,12 @@ impl Summary {
         if goal_error.is_some() {
             self.accuracy.under_resolved = self.missed.accuracy.is_some();
         }
-        if self.accuracy.under_resolved {
-            self.accuracy.advice = Some(self.accuracy.advice(case));
+        let accuracy = &mut self.accuracy;
+        if accuracy.under_resolved {
+            accuracy.advice = Some(accuracy.advice(case));
+        } else if goal_error.is_some() && accuracy.grid.is_some_and(|error| error > MUCH) {
+            let what = "the accuracy that was asked for is that of the density, and f needs more";
+            accuracy.advice = Some(what.to_owned());
         }
     }
 

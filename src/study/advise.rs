@@ -58,6 +58,8 @@ const FOR_TOLERANCES: f64 = 0.8;
 const FOR_SCHEMES: f64 = 0.85;
 /// Part of the budget, at most, for the case as it stands.
 const FOR_CASE: f64 = 0.1;
+/// More trials are made where a run of what is advised counts as more than this part of the budget.
+const DEAR: f64 = 0.25;
 /// What is expected to take more seconds than these, 30 days, is an estimate and no advice.
 const LONGEST: f64 = 30.0 * 86400.0;
 /// The smallest tolerance that is advised.
@@ -193,15 +195,15 @@ impl<'a> Study<'a> {
         self.advised(given)
     }
 
-    /// Whether nothing is advised, or a run of it is expected to take longer than the search did:
-    /// more trials may find a cheaper one. Collective.
+    /// Whether nothing is advised, or a run of it counts as more than a [`DEAR`] part of the budget
+    /// and is expected to take longer than the search did: more trials may find a cheaper one.
+    /// Collective.
     fn is_dear(&self, advised: &Result<Advised>) -> bool {
-        let seconds = match advised {
-            Ok(advised) => advised.best_of(self.case.method).and_then(|best| best.seconds),
-            Err(_) => None,
-        };
+        let best = advised.as_ref().ok().and_then(|advised| advised.best_of(self.case.method));
+        let Some(best) = best else { return true };
         let budget = &self.trials.budget;
-        budget.decide(seconds.is_none_or(|seconds| seconds > budget.elapsed()))
+        let is_long = best.seconds.is_none_or(|seconds| seconds > budget.elapsed());
+        !budget.holds(best.updates(), DEAR) && budget.decide(is_long)
     }
 
     fn name(&self, method: Method, scheme: Scheme) -> String {

@@ -252,7 +252,7 @@ fn the_last_line_says_what_limits_a_run() {
         let mut words = vec![(*says).to_owned(), format!("f {}", percent("grid")?)];
         words.push(format!("density {}", percent("grid_density")?));
         if let Some(error) = found["algorithm"].as_f64() {
-            words.push(format!("the algorithm's {error:.1e}"));
+            words.push(format!("error of the algorithm {error:.1e}"));
         }
         match words.iter().find(|word| !line.contains(*word)) {
             Some(word) => fails(&format!("\"{word}\" is not said")),

@@ -238,7 +238,12 @@ fn what_cannot_be_printed_is_an_error() {
         let words =
             line.split(' ').map(|word| if word == "CASE" { example.as_str() } else { word });
         let mut command = std::process::Command::new(program);
-        command.args(words).env("OMPI_MCA_ess_singleton_isolated", "1");
+        // A directory of its own for what Open MPI keeps in files, as in `Job`.
+        let session = directory();
+        command
+            .args(words)
+            .env("OMPI_MCA_ess_singleton_isolated", "1")
+            .env("OMPI_MCA_orte_tmpdir_base", session.path());
         let full = std::fs::File::create("/dev/full").map_err(|e| e.to_string())?;
         let failed = command.stdout(full).output().map_err(|e| e.to_string())?;
         let said = String::from_utf8_lossy(&failed.stderr).into_owned();

@@ -1,15 +1,12 @@
 //! Whether a result can be trusted: the first thing on the page.
 
-use crate::base::text::{percent, short};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, percent, sentence, short};
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
 use crate::results::summary::{Accuracy, Missed};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
-
-/// The name of the first finding.
-const MODES: &str = "Error of the modes";
 
 /// What is found of one thing that matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +21,7 @@ enum Mark {
 
 /// One thing that matters.
 struct Finding {
-    what: &'static str,
+    what: String,
     mark: Mark,
     /// The number, or a word.
     value: String,
@@ -100,7 +97,7 @@ fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'stati
 /// What is known of the error of a classical run's time steps.
 fn steps() -> Finding {
     Finding {
-        what: MODES,
+        what: sentence(OF_ALGORITHM),
         mark: Mark::Unknown,
         value: "none".to_owned(),
         text: "the classical scheme has no modes; its time steps are not measured".to_owned(),
@@ -113,7 +110,7 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
         return Finding {
-            what: MODES,
+            what: sentence(OF_ALGORITHM),
             mark: Mark::Unknown,
             value: "not known".to_owned(),
             text: format!("planned, and not estimated{asked}; solver.verify measures it"),
@@ -129,12 +126,12 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
         format!(", {} of it inherited from the run that it continues", short(error))
     });
     let text = format!("relative l2{inherited}{asked}");
-    Finding { what: MODES, mark, value: short(error), text }
+    Finding { what: sentence(OF_ALGORITHM), mark, value: short(error), text }
 }
 
 /// The distance of the scheme's equations to the problem.
 fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
-    let what = "Error of the grid";
+    let what = sentence(OF_GRID);
     let named = |name: &str, error: Option<f64>| Some(format!("{name} {}", percent(error?)));
     let errors = accuracy.map(|a| [named("f", a.grid), named("density", a.grid_density)]);
     let errors: Vec<String> = errors.into_iter().flatten().flatten().collect();
@@ -159,7 +156,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         (None, None) => Mark::Good,
     };
     if mark == Mark::Good && accuracy.under_resolved {
-        text += "; the error of the modes is far smaller";
+        text += "; the error of the algorithm is far smaller";
     }
     text += &accuracy.advice_after();
     Finding { what, mark, value: errors.join(", "), text }
@@ -167,7 +164,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
 
 /// Whether mass and energy are where they should be.
 fn conservation(ledger: Option<&Ledger>) -> Finding {
-    let what = "Mass and energy";
+    let what = "Mass and energy".to_owned();
     let Some(ledger) = ledger.filter(|ledger| ledger.mass.end.is_some()) else {
         let (value, text) = ("not known".to_owned(), "the ledger was not kept".to_owned());
         return Finding { what, mark: Mark::Unknown, value, text };

@@ -99,6 +99,14 @@ impl Entry {
         self.applications * self.computed_cells * each
     }
 
+    /// Updates that a run of it counts as in the budget of trials.
+    pub fn updates(&self) -> f64 {
+        match self.method {
+            Method::Schrodingerized => MODE * self.work(),
+            Method::Classical => self.work(),
+        }
+    }
+
     /// Where the grid follows from orders that are not settled, what begins the reason why it is
     /// not advised: a longer budget may find a smaller one.
     pub fn not_settled_yet(&self) -> &'static str {

@@ -1,6 +1,6 @@
 //! Advice as people read it.
 
-use crate::base::text::{bytes_text, quoted};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, quoted};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
@@ -80,13 +80,13 @@ fn known(known: Known) -> &'static str {
 
 fn parts(parts: &Parts) -> String {
     let mut text = match parts.space.zip(parts.velocity) {
-        Some((space, velocity)) => format!("discretisation in x {space:.1e}, in v {velocity:.1e}"),
-        None => format!("discretisation {:.1e} (x and v not told apart)", parts.discretisation),
+        Some((space, velocity)) => format!("{OF_GRID} in x {space:.1e}, in v {velocity:.1e}"),
+        None => format!("{OF_GRID} {:.1e} (x and v not told apart)", parts.discretisation),
     };
     let others = [
-        ("Schrödingerization", parts.schrodingerization),
-        ("implicit step", parts.step),
-        ("readout", parts.readout),
+        (OF_ALGORITHM, parts.schrodingerization),
+        ("error of the implicit step", parts.step),
+        ("error of the readout", parts.readout),
     ];
     for (name, part) in others {
         if let Some(part) = part {
@@ -200,6 +200,6 @@ mod tests {
         let together = parts(&Parts::of_discretisation(0.026, None));
         assert_eq!(together, "discretisation 2.6e-2 (x and v not told apart)");
         let apart = parts(&Parts::of_discretisation(0.026, Some(1.0)));
-        assert_eq!(apart, "discretisation in x 2.6e-2, in v 0.0e0");
+        assert_eq!(apart, "error of the grid in x 2.6e-2, in v 0.0e0");
     }
 }

@@ -17,7 +17,7 @@ use crate::study::trial::trial;
 use std::collections::BTreeMap;
 
 /// An application of a mode counts as so much of an update: eight modes go through memory together.
-const MODE: f64 = 0.25;
+pub const MODE: f64 = 0.25;
 /// Points of an element's rule along an axis, more than nodes, at which exact values are taken.
 const MORE_POINTS: usize = 4;
 /// Assembling a matrix and what else a run begins and ends with count as so many updates a cell.

@@ -109,15 +109,15 @@ fn sentences_name_who_wins_and_what_nothing_reaches() {
     let text = sentences(&chart);
     assert_eq!(
         text[0],
-        "Of the exact solution (relative L1), classically: within 0.1 van-leer, ssp-rk3 at CFL \
-        0.9 on 16 x 14, 2.0 ms; \
+        "Error of the grid (relative L1 distance to the exact solution), classically: within 0.1 \
+         van-leer, ssp-rk3 at CFL 0.9 on 16 x 14, 2.0 ms; \
          within 0.01 van-leer, ssp-rk3 at CFL 0.9 on 16 x 14, 40.0 ms; none came within 0.003 \
          (closest: van-leer, ssp-rk3 at CFL 0.9 on 16 x 14, 9.0e-3)."
     );
     assert_eq!(
         text[1],
-        "Of the semi-discrete solution on 16 x 14 (relative l2), by modes: within 0.01 designed \
-        chebyshev to 1e-3 (weights), \
+        "Error of the algorithm (relative l2 distance to the semi-discrete solution on 16 x 14), \
+         by modes: within 0.01 designed chebyshev to 1e-3 (weights), \
          500.0 ms; none came within 1e-4 (closest: designed chebyshev to 1e-3 (weights), 1.0e-3; \
          left out for the budget: 1)."
     );

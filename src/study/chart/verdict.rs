@@ -1,5 +1,6 @@
 //! Which method to take at which accuracy, in sentences that follow from the trials.
 
+use crate::base::text::{OF_ALGORITHM, OF_GRID, sentence};
 use crate::problem::case::Method;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::result::Chart;
@@ -132,8 +133,8 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
 /// By the error to the exact solution, over all grids.
 fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
     let of = match chart.exact.as_deref()? {
-        "f" => "the exact solution",
-        _ => "the exact density",
+        "f" => "solution",
+        _ => "density",
     };
     let ladder = Ladder {
         entries,
@@ -144,7 +145,8 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
         left_out: left_out_anywhere,
     };
     let text = ladder.text(chart)?;
-    Some(format!("Of {of} (relative L1), {kind}: {text}."))
+    let what = sentence(OF_GRID);
+    Some(format!("{what} (relative L1 distance to the exact {of}), {kind}: {text}."))
 }
 
 /// By the error to the semi-discrete solution, on the grid where methods are compared.
@@ -163,7 +165,11 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
         format!(" (the exponential is that solution to round-off: {seconds})")
     });
     let (text, grid) = (ladder.text(chart)?, &chart.compared_on);
-    Some(format!("Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {text}."))
+    let what = sentence(OF_ALGORITHM);
+    Some(format!(
+        "{what} (relative l2 distance to the semi-discrete solution on {grid}), {kind}{also}: \
+         {text}."
+    ))
 }
 
 /// By the cost until the field is measured.
