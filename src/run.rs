@@ -162,9 +162,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let prepared = prepare(world, &case, &bounds, plan, &mut log)?;
     let mut prepared = plan_modes(world, prepared, &resources, output, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
-    let ExactRun { exact, moments: exact_moments } =
-        exact_run(&prepared.communicator.world, &shown.case, &place)?;
-    if exact.is_some() {
+    let exact_run = exact_run(&prepared.communicator.world, &shown.case, &place)?;
+    if exact_run.exact.is_some() {
         log.watch.lap("exact");
     }
     log.open(&prepared.plan);
@@ -206,7 +205,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     summary.continued = compare::continued(&prepared, &solution.fields[0][0], &summary);
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
-    let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
+    let results = expand::expand(&prepared, solution, &shown, &exact_run, &mut summary)?;
+    let ExactRun { exact, moments: exact_moments } = exact_run;
     summary.mass_exact = exact_moments.last().map(|moments| {
         let volumes = CellVolumes::new(&shown.case.space, &place.share);
         volumes.integral(&prepared.communicator.world, &moments.density)

@@ -183,6 +183,11 @@ pub fn percent(part: f64) -> String {
     }
 }
 
+/// The number of one digit that is nearest to `x`.
+pub fn one_digit(x: f64) -> f64 {
+    format!("{x:.0e}").parse().unwrap_or(x)
+}
+
 /// The largest number of one digit that is not larger than `x > 0`.
 pub fn rounded_down(x: f64) -> f64 {
     let power = x.log10().floor() as i32;

@@ -129,7 +129,7 @@ impl Moments {
 
     /// From density, momenta and kinetic energy at each point of a share of space in `n`
     /// dimensions. Collective over `world` (the largest density).
-    fn new(world: &Group, n: usize, points: impl Iterator<Item = [f64; MOMENTS]>) -> Self {
+    pub fn new(world: &Group, n: usize, points: impl Iterator<Item = [f64; MOMENTS]>) -> Self {
         let mut moments = Moments {
             momentum: vec![Vec::new(); n],
             velocity: vec![Vec::new(); n],

@@ -4,7 +4,7 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::{OF_ALGORITHM, OF_GRID, percent, rounded_down, short};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, one_digit, percent, rounded_down, short};
 use crate::problem::case::{Case, Data, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::quantum::probability::Probabilities;
@@ -137,13 +137,7 @@ impl Accuracy {
 
     /// What limits the run, with both numbers; nothing where the grid's error is not known.
     pub fn line(&self) -> Option<String> {
-        let named =
-            |name: &str, error: Option<f64>| error.map(|e| format!("{name} {}", percent(e)));
-        let errors = [named("f", self.grid), named("density", self.grid_density)];
-        let errors: Vec<String> = errors.into_iter().flatten().collect();
-        if errors.is_empty() {
-            return None;
-        }
+        let errors = self.errors_of_grid()?;
         let head = if self.under_resolved { "UNDER-RESOLVED" } else { "accuracy" };
         let advice = self.advice_after();
         let how = if self.grid_measured { "measured" } else { "estimated" };
@@ -154,8 +148,20 @@ impl Accuracy {
             }
             (None, None) => String::new(),
         };
-        let errors = errors.join(", ");
         Some(format!("{head}: {OF_GRID} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
+    }
+
+    /// The grid's errors, with no more digits than they are good for; none where none is known.
+    pub fn errors_of_grid(&self) -> Option<String> {
+        let digits = |error: f64| match self.grid_measured {
+            true => percent(error),
+            // Some are wrong by a factor of ten.
+            false => format!("about {} %", short(one_digit(100.0 * error))),
+        };
+        let named = |name: &str, error: Option<f64>| error.map(|e| format!("{name} {}", digits(e)));
+        let errors = [named("f", self.grid), named("density", self.grid_density)];
+        let errors: Vec<String> = errors.into_iter().flatten().collect();
+        (!errors.is_empty()).then(|| errors.join(", "))
     }
 
     /// `; ` and what would help; nothing where nothing has to.

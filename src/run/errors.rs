@@ -2,17 +2,19 @@
 //!
 //! Of degree 0, sums over cells. Of a higher degree, integrals of the polynomials over each
 //! element by Gauss's rule, with more points than nodes: nothing is compared at nodes only, where a
-//! Galerkin scheme is better than in between.
+//! Galerkin scheme is better than in between. In one dimension the exact density and momentum are
+//! [`VelocityIntegrals`].
 
 use crate::base::error::Result;
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
-use crate::matrix::observables::{CellVolumes, Moments, moments};
+use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::Exactly;
+use crate::run::exact::velocities::VelocityIntegrals;
 use std::ops::Range;
 
 /// Points beyond the nodes of an element, along each axis, where that is no more than so many.
@@ -37,17 +39,15 @@ pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> E
     ErrorNorms { l1, l2: l2.sqrt(), exact_l1, exact_l2: exact_l2.sqrt() }
 }
 
-/// Errors of a field of degree 0 whose distance to `exact` is `field`. Collective.
+/// Errors of a field of degree 0 whose distance to the exact one is `field`, on the cells of
+/// `volumes`. Collective.
 pub fn by_cells(
     world: &Group,
-    case: &Case,
-    share: &[Range<usize>],
+    volumes: &CellVolumes,
     field: ErrorNorms,
     found: &Moments,
-    exact: &[f64],
+    exact: &Moments,
 ) -> GridErrors {
-    let volumes = &CellVolumes::new(&case.space, share);
-    let exact = moments(world, case, share, &[exact]);
     let density = over_space(world, volumes, &[(&found.density, &exact.density)]);
     let momenta: Vec<Pair<'_>> = found.momentum.iter().zip(&exact.momentum).collect();
     let momentum = over_space(world, volumes, &momenta);
@@ -68,6 +68,7 @@ pub fn by_elements(
 ) -> Result<GridErrors> {
     let exactly = Exactly::new(world, case, exact)?;
     let mut sums = ElementSums::new(case);
+    sums.integrate(world, &exactly, share);
     for_each_element(&case.space, share, |element| {
         let mut nodal = vec![0.0; element.shape().iter().product()];
         element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
@@ -89,6 +90,9 @@ struct ElementSums<'a> {
     counts: [usize; 2],
     /// The element of space whose velocities are being summed.
     place: Option<Vec<usize>>,
+    /// In one dimension, density and momentum of the exact solution at the points of the elements
+    /// of space that were not summed yet.
+    integrals: Option<std::vec::IntoIter<[f64; SUMS]>>,
     /// Sums over velocities at its points, of the field and of the exact one.
     here: [Vec<[f64; SUMS]>; 2],
     /// Terms by element of space: norms of `f`, density, momentum.
@@ -133,10 +137,27 @@ impl<'a> ElementSums<'a> {
             matrices,
             counts,
             place: None,
+            integrals: None,
             here,
             terms: Default::default(),
             field: [0.0; 4],
         }
+    }
+
+    /// Integrates the exact solution over the velocities at all points of the `share` of space, in
+    /// one dimension. Collective.
+    fn integrate(&mut self, world: &Group, exactly: &Exactly<'_>, share: &[Range<usize>]) {
+        let Some(integrals) = VelocityIntegrals::new(exactly, self.case, self.case.end) else {
+            return;
+        };
+        let (axis, points) = (&self.case.space.x[0], &self.points[0]);
+        let nodes = axis.nodes.count();
+        let elements = share[0].start / nodes..share[0].end.div_ceil(nodes);
+        let places: Vec<f64> =
+            elements.flat_map(|e| points.iter().map(move |xi| axis.at(e as i64, *xi))).collect();
+        let found = integrals.at(world, &places).into_iter();
+        let sums: Vec<[f64; SUMS]> = found.map(|[rho, x, y, z, _]| [rho, x, y, z]).collect();
+        self.integrals = Some(sums.into_iter());
     }
 
     /// Adds an element with the values `nodal` at its nodes.
@@ -148,7 +169,7 @@ impl<'a> ElementSums<'a> {
             self.place = Some(place);
         }
         let found = apply_along_all(nodal, &self.matrices);
-        let exact = exactly.values(&element.points(&self.points));
+        let exact = exactly.values_at(&element.points(&self.points), self.case.end);
         let space_weights = products(&self.weights[..n]);
         let velocity_weights = products(&self.weights[n..]);
         let velocities = self.velocities(element);
@@ -183,6 +204,9 @@ impl<'a> ElementSums<'a> {
             return;
         }
         let n = self.case.space.dimension();
+        if let Some(integrals) = &mut self.integrals {
+            self.here[1].iter_mut().zip(integrals).for_each(|(here, exact)| *here = exact);
+        }
         let mut sums = [[0.0; 4]; 2];
         for (q, weight) in products(&self.weights[..n]).iter().enumerate() {
             for k in 0..=n {

@@ -1,6 +1,8 @@
 //! The exact solution on a rank's share, where the case names one: at the end, and its moments at
 //! every output time. Nothing else computes the exact density.
 
+pub mod velocities;
+
 use crate::base::error::Result;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
@@ -12,6 +14,7 @@ use crate::problem::exact::sheet::exact_moments;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{PhaseSpace, averaged, describe_point};
 use crate::results::dataset::ExactSolution;
+use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::place::Place;
 
 /// The exact density is averaged over at most so many points of phase space, where the cells
@@ -39,58 +42,71 @@ pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> 
     let at_start = case.at_start.iter().filter(|_| case.start.is_none());
     let times = at_start.chain(&case.times).map(|time| time.time);
     let mut run = ExactRun::default();
-    let mut tracer = None;
+    let mut exactly = None;
     // One field at a time.
     for time in times.chain([case.end]) {
-        let exact = exact_at(world, case, place, time, &mut tracer);
+        let exact = exact_at(world, case, place, time, &mut exactly);
         let Some(exact) = world.agree(exact)? else {
             return Ok(run);
         };
-        run.moments.push(moments_of(world, case, &exact));
+        run.moments.push(moments_of(world, case, place, time, &exact, exactly.as_ref()));
         run.exact = (time == case.end).then_some(exact);
     }
     Ok(run)
 }
 
 /// The exact solution at a time on `place`: `f` at cell centres, or moments as cell averages.
-/// `tracer` is that of all times, made where it is missing. Collective over `world`.
+/// `exactly` is that of all times, made where `f` needs it and it is missing. Collective over
+/// `world`.
 fn exact_at<'a>(
     world: &Group,
     case: &'a Case,
     place: &Place,
     time: f64,
-    tracer: &mut Option<Tracer<'a>>,
+    exactly: &mut Option<Exactly<'a>>,
 ) -> Result<Option<ExactSolution>> {
     let space = &case.space;
-    Ok(match &case.exact {
-        None => None,
-        Some(Exact::Formula(f)) => {
-            Some(ExactSolution::Field(sample(world, space, &place.part(), f, time)?))
-        }
-        Some(Exact::Characteristics) => {
-            let ends_then = Case { end: time, ..case.clone() };
-            if let Some(moments) = exact_moments(&ends_then)? {
-                return Ok(Some(ExactSolution::Moments(moments.on(space, &place.share))));
-            }
-            let tracer = match tracer {
-                Some(tracer) => &*tracer,
-                None => tracer.insert(Tracer::new(case)?),
-            };
-            let exact = sample_with(space, &place.part(), |points| tracer.values(points, time));
-            if exact.iter().any(|f| !f.is_finite()) {
-                let place = "where a characteristic of exact.kind = \"characteristics\" begins";
-                return Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()));
-            }
-            Some(ExactSolution::Field(exact))
-        }
-    })
+    let Some(exact) = &case.exact else { return Ok(None) };
+    if matches!(exact, Exact::Characteristics)
+        && let Some(moments) = exact_moments(&Case { end: time, ..case.clone() })?
+    {
+        return Ok(Some(ExactSolution::Moments(moments.on(space, &place.share))));
+    }
+    let exactly = match exactly {
+        Some(exactly) => &*exactly,
+        None => exactly.insert(Exactly::on_one_rank(case, exact)?),
+    };
+    if let Exact::Formula(f) = exact {
+        let values = sample(world, space, &place.part(), f, time)?;
+        return Ok(Some(ExactSolution::Field(values)));
+    }
+    let values = sample_with(space, &place.part(), |points| exactly.values_at(points, time));
+    if values.iter().any(|f| !f.is_finite()) {
+        let place = "where a characteristic of exact.kind = \"characteristics\" begins";
+        return Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()));
+    }
+    Ok(Some(ExactSolution::Field(values)))
 }
 
-/// Exact density, momentum and mean velocity: of a field the sums over velocities that the run
-/// takes of `f`; of measure-valued data averages over cells. Collective over `world`.
-fn moments_of(world: &Group, case: &Case, exact: &ExactSolution) -> Moments {
+/// Exact density, momentum, mean velocity and kinetic energy at a time on `place`. In one dimension
+/// integrals over the velocities, of degree 0 averaged over cells of space; in more the sums over
+/// velocities that the run takes of `f`; of measure-valued data averages over cells. Collective over
+/// `world`.
+fn moments_of(
+    world: &Group,
+    case: &Case,
+    place: &Place,
+    time: f64,
+    exact: &ExactSolution,
+    exactly: Option<&Exactly<'_>>,
+) -> Moments {
     match exact {
         ExactSolution::Field(values) => {
+            let integrals = exactly.and_then(|e| VelocityIntegrals::new(e, case, time));
+            if let Some(integrals) = integrals {
+                let found = integrals.on_axis(world, &case.space.x[0], place.share[0].clone());
+                return Moments::new(world, 1, found.into_iter());
+            }
             let factors = VelocityFactors::new(&case.space);
             let sums = factors.at_points(values);
             Moments::of_sums(world, case.space.dimension(), &factors, sums)
@@ -104,11 +120,12 @@ fn moments_of(world: &Group, case: &Case, exact: &ExactSolution) -> Moments {
     }
 }
 
-/// The exact solution at the end of a case, at any points.
-pub struct Exactly<'a> {
-    formula: Option<&'a Expression>,
-    tracer: Option<Tracer<'a>>,
-    end: f64,
+/// The exact solution of a case, at any points and times.
+pub enum Exactly<'a> {
+    /// A formula.
+    Given(&'a Expression),
+    /// Characteristics, traced back.
+    Traced(Box<Tracer<'a>>),
 }
 
 impl<'a> Exactly<'a> {
@@ -117,30 +134,37 @@ impl<'a> Exactly<'a> {
     /// # Errors
     /// Where `V` is not finite.
     pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
-        let (formula, tracer) = match exact {
-            Exact::Characteristics => (None, Some(Tracer::new(case))),
-            Exact::Formula(formula) => (Some(formula), None),
-        };
-        Ok(Self { formula, tracer: world.agree(tracer.transpose())?, end: case.end })
+        world.agree(Self::on_one_rank(case, exact))
     }
 
-    /// Its values.
-    pub fn values(&self, points: &[[f64; 6]]) -> Vec<f64> {
-        let traced = self.tracer.as_ref().map(|tracer| tracer.values(points, self.end));
-        let given = || self.formula.map(|formula| formula.at_points(points, self.end));
-        traced.or_else(given).unwrap_or_default()
+    /// As [`new`](Self::new), on this rank alone.
+    fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
+        Ok(match exact {
+            Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
+            Exact::Formula(formula) => Self::Given(formula),
+        })
+    }
+
+    /// Its values at a time.
+    pub fn values_at(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
+        match self {
+            Self::Given(formula) => formula.at_points(points, time),
+            Self::Traced(tracer) => tracer.values(points, time),
+        }
     }
 }
 
-/// Averages of the exact density at the end over the space cells of `case`, on all ranks. `f` is
-/// taken at the centres of parts of each cell: the error of `f(0)` at the centres of cells is the
-/// discretisation's. Collective.
+/// Averages of the exact density at the end over the space cells of `case`, on all ranks. In more
+/// than one dimension `f` is taken at the centres of parts of each cell. Collective.
 ///
 /// # Errors
 /// Where the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     if let Some(moments) = group.agree(exact_moments(case))? {
         return Ok(moments.density);
+    }
+    if case.space.dimension() == 1 && case.space.degree() == 0 {
+        return density_on_axis(group, case, exact);
     }
     let axes = 2 * case.space.dimension() as u32;
     let fits = |&parts: &usize| case.space.cells().saturating_mul(parts.pow(axes)) <= MOST_POINTS;
@@ -155,7 +179,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     for point in split(&(0..density.len()), group.size(), group.rank()) {
         let cells = point * velocities..(point + 1) * velocities;
         let points: Vec<[f64; 6]> = cells.map(|cell| space.point(&space.cell(cell))).collect();
-        for (f, at) in exactly.values(&points).into_iter().zip(points) {
+        for (f, at) in exactly.values_at(&points, case.end).into_iter().zip(points) {
             if !f.is_finite() && failure.is_none() {
                 let formula = match exact {
                     Exact::Formula(formula) => formula,
@@ -169,4 +193,24 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     group.agree(failure.map_or(Ok(()), Err))?;
     let cells = |space: &PhaseSpace| space.x.iter().map(|a| a.cells).collect::<Vec<_>>();
     Ok(averaged(&group.gathered(&density), &cells(space), &cells(&case.space)))
+}
+
+/// The same of cells in one dimension, by integrals over the velocities. Collective.
+fn density_on_axis(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
+    let exactly = Exactly::new(group, case, exact)?;
+    let axis = &case.space.x[0];
+    let mine = split(&(0..axis.cells), group.size(), group.rank());
+    let mut density = vec![0.0; axis.cells];
+    if let Some(integrals) = VelocityIntegrals::new(&exactly, case, case.end) {
+        let found = integrals.on_axis(group, axis, mine.clone());
+        density[mine].iter_mut().zip(found).for_each(|(density, moments)| *density = moments[0]);
+    }
+    let failure = match (density.iter().find(|density| !density.is_finite()), exact) {
+        (None, _) => Ok(()),
+        (Some(value), Exact::Formula(formula)) => Err((formula, *value)),
+        (Some(value), Exact::Characteristics) => Err((&case.fields[0].initial, *value)),
+    };
+    let place = "where it is integrated over the velocities".to_owned();
+    group.agree(failure.map_err(|(formula, value)| formula.undefined(value, place)))?;
+    Ok(group.gathered(&density))
 }

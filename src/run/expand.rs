@@ -11,7 +11,7 @@ use crate::results::shown::Shown;
 use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
-use crate::run::exact::averaged_density;
+use crate::run::exact::{ExactRun, averaged_density};
 use crate::run::files::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
@@ -43,7 +43,7 @@ pub(crate) fn expand(
     prepared: &Prepared,
     solution: SolvedFields,
     shown: &Shown,
-    exact: Option<&ExactSolution>,
+    exact: &ExactRun,
     summary: &mut Summary,
 ) -> Result<Expanded> {
     let share = &prepared.place.share;
@@ -72,21 +72,21 @@ pub(crate) fn expand(
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     let began = Instant::now();
-    match exact {
-        None => {}
-        Some(ExactSolution::Field(exact)) => {
+    match (&exact.exact, exact.moments.last()) {
+        (None, _) | (_, None) => {}
+        (Some(ExactSolution::Field(exact)), Some(exact_moments)) => {
             let errors = match (&case.exact, case.space.degree()) {
                 (Some(kind), 1..) => {
                     errors::by_elements(world, case, kind, &shown.share(share), &fields[0])?
                 }
                 _ => {
                     let field = field_errors(&norms(&fields[0]), &norms(exact), volumes.mean());
-                    errors::by_cells(world, case, &shown.share(share), field, &moments, exact)
+                    errors::by_cells(world, &volumes, field, &moments, exact_moments)
                 }
             };
             summary.set_errors(&errors);
         }
-        Some(ExactSolution::Moments(exact)) => {
+        (Some(ExactSolution::Moments(exact)), _) => {
             let [density, velocity] = moment_errors(world, &volumes, &moments, exact);
             let pair = (&moments.density, &exact.density);
             let norms = errors::over_space(world, &volumes, &[pair]);
@@ -104,15 +104,16 @@ pub(crate) fn expand(
 }
 
 /// Relative L1 distance of the density on this rank's `share` to the averages of the exact one over
-/// cells of degree 0, as `solver.accuracy` counts it; none of elements, whose errors are integrals,
-/// and where there is no exact solution. Collective.
+/// cells of degree 0, as `solver.accuracy` counts it; none where the errors of the density are those
+/// already: of elements and in one dimension; none where there is no exact solution. Collective.
 fn goal_error(
     world: &Group,
     case: &Case,
     share: &[Range<usize>],
     moments: &Moments,
 ) -> Result<Option<f64>> {
-    let Some(exact) = case.exact.as_ref().filter(|_| case.space.degree() == 0) else {
+    let differs = case.space.degree() == 0 && case.space.dimension() > 1;
+    let Some(exact) = case.exact.as_ref().filter(|_| differs) else {
         return Ok(None);
     };
     let expected = averaged_density(world, case, exact)?;

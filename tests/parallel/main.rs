@@ -11,6 +11,7 @@ mod bits;
 mod classical;
 mod controls;
 mod dense_twins;
+mod exact;
 mod exchange;
 mod job;
 mod pieces;
@@ -61,6 +62,8 @@ checks! {
     reductions::votes on EVERY;
     reductions::looks_of_unequal_blocks on EVERY;
     reductions::verdicts on EVERY;
+    exact::jumps_are_integrated on EVERY;
+    exact::filaments_are_integrated on EVERY;
     exchange::ghost_exchange on EVERY;
     exchange::long_messages on EVERY;
     exchange::transpose_and_back on EVERY;

@@ -132,10 +132,8 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
 /// The distance of the scheme's equations to the problem.
 fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let what = sentence(OF_GRID);
-    let named = |name: &str, error: Option<f64>| Some(format!("{name} {}", percent(error?)));
-    let errors = accuracy.map(|a| [named("f", a.grid), named("density", a.grid_density)]);
-    let errors: Vec<String> = errors.into_iter().flatten().flatten().collect();
-    let Some(accuracy) = accuracy.filter(|_| !errors.is_empty()) else {
+    let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
+    let Some((accuracy, errors)) = known else {
         let text = "neither measured nor estimated; a run on twice the cells shows it";
         let value = "not known".to_owned();
         return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
@@ -159,7 +157,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         text += "; the error of the algorithm is far smaller";
     }
     text += &accuracy.advice_after();
-    Finding { what, mark, value: errors.join(", "), text }
+    Finding { what, mark, value: errors, text }
 }
 
 /// Whether mass and energy are where they should be.

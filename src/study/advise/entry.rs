@@ -4,6 +4,7 @@
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::{Known, Level};
+use crate::study::advise::trials::MODE;
 use crate::study::cost::application_weight;
 use serde::Serialize;
 
