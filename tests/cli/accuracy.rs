@@ -5,6 +5,7 @@ use crate::support::{
     Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
     directory, near, run,
 };
+use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
 
 const CLASSICAL: &str = "solver.method=classical";
@@ -248,7 +249,12 @@ fn the_last_line_says_what_limits_a_run() {
             return fails("not the estimate");
         }
         let (Some(line), Some(says)) = (line, says) else { return Ok(()) };
-        let percent = |key: &str| accuracy(&summary, key).map(|e| format!("{:.2} %", 100.0 * e));
+        // An estimate has one digit.
+        let digits = |e: f64| match found["grid_measured"] == true {
+            true => format!("{e:.2} %"),
+            false => format!("about {} %", short(one_digit(e))),
+        };
+        let percent = |key: &str| accuracy(&summary, key).map(|e| digits(100.0 * e));
         let mut words = vec![(*says).to_owned(), format!("f {}", percent("grid")?)];
         words.push(format!("density {}", percent("grid_density")?));
         if let Some(error) = found["algorithm"].as_f64() {
