@@ -92,16 +92,10 @@ impl BlockMatrix {
 
     /// The bound on `λ⁺` of the system that the inflow enlarges, for the certificate `γ` of the
     /// weights and couplings row by row of [`inflow`](Self::inflow). Collective over `space`.
-    pub fn coupled_growth(
-        &self,
-        space: &Group,
-        gamma: f64,
-        couplings: impl Iterator<Item = f64>,
-    ) -> f64 {
+    pub fn coupled_growth(&self, space: &Group, gamma: f64, couplings: &[f64]) -> f64 {
         let least = gamma.max(0.0);
-        let couplings: Vec<f64> = couplings.collect();
         let rows = || {
-            let coupled = self.inflow.iter().zip(&couplings).filter(|(_, k)| **k != 0.0);
+            let coupled = self.inflow.iter().zip(couplings).filter(|(_, k)| **k != 0.0);
             coupled.map(|(aux, k)| (gamma - 0.5 * aux.damping, k * k))
         };
         if self.shared && self.by_elements {

@@ -57,6 +57,16 @@ impl Evolution<'_> {
         self.space.sum_integers(&mut totals);
         std::array::from_fn(|l| fixed[l].join([totals[2 * l], totals[2 * l + 1]]))
     }
+
+    /// Norms of the lanes of `state`, whose squares are at most `squares`. Collective over the space
+    /// group; allocates nothing.
+    pub fn lane_norms(&self, squares: &[f64; LANES], state: &[Lanes]) -> [f64; LANES] {
+        let square = |i: usize| {
+            let Lanes(w) = &state[i];
+            std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+        };
+        self.lane_sums(squares, square).map(f64::sqrt)
+    }
 }
 
 /// The rows that are always together on a rank: the velocities at each point of space, then each

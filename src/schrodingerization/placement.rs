@@ -317,23 +317,7 @@ fn relaxed(
     let growth = demand.growth;
     let open = Demand { interval: None, shortest: true, ..*demand };
     let Some((profile, window)) = Profile::plan(choice, &open) else {
-        return Err(match case.warp.recovery {
-            Some(point) if !demand.keeps_digits(point) => Error::Recovery {
-                point,
-                highest: demand.highest_point(),
-                tolerance: case.tolerance,
-            },
-            _ => match Profile::smallest_tolerance(choice, &open) {
-                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
-                    place: case.tolerance_place.clone(),
-                    tolerance: case.tolerance,
-                    smallest: round_up(smallest * ratio),
-                    ratio,
-                    growth,
-                },
-                _ => Error::Growth { ratio, growth },
-            },
-        });
+        return Err(no_profile(case, ratio, &open));
     };
     let transport =
         Demand { decay: bounds.dissipation * case.duration() + shift(case, bounds), ..*demand };
@@ -375,6 +359,26 @@ fn relaxed(
         point: window.point,
         tolerance: case.tolerance,
     })
+}
+
+/// Why no profile meets `demand`, whatever the interval.
+fn no_profile(case: &Case, ratio: f64, demand: &Demand) -> Error {
+    let growth = demand.growth;
+    match case.warp.recovery {
+        Some(point) if !demand.keeps_digits(point) => {
+            Error::Recovery { point, highest: demand.highest_point(), tolerance: case.tolerance }
+        }
+        _ => match Profile::smallest_tolerance(&case.warp.choice(), demand) {
+            Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                place: case.tolerance_place.clone(),
+                tolerance: case.tolerance,
+                smallest: round_up(smallest * ratio),
+                ratio,
+                growth,
+            },
+            _ => Error::Growth { ratio, growth },
+        },
+    }
 }
 
 fn length(demand: &Demand) -> f64 {

@@ -20,7 +20,7 @@ use crate::parallel::communicator::Communicator;
 use crate::plan::balance::Batch;
 use crate::problem::legs::Leg;
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, Start};
-use crate::propagate::method::Propagator;
+use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::passed::PassedMoments;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -416,21 +416,10 @@ fn add_batch(
     let BatchDestination { stage, between, mut passed, keeping, statistics } = destination;
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
-    let mut phases = [Complex64::ONE; LANES];
-    let mut allowed = [0.0; LANES];
-    let mut norms = initial.norms;
+    let mut lanes = LaneProgress::start(initial.norms);
     let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
-    if let Some(keeping) = &keeping
-        && (begun || stage.legs.start > 0)
-    {
-        keeping.kept.load(&batch.modes, between);
-        for l in 0..LANES {
-            let mode = batch.modes[l.min(batch.modes.len() - 1)];
-            if let Some(progress) = keeping.kept.progress_of(mode) {
-                (phases[l], allowed[l], norms[l]) =
-                    (progress.phase, progress.allowed, progress.norm);
-            }
-        }
+    if let Some(keeping) = keeping.as_ref().filter(|_| begun || stage.legs.start > 0) {
+        lanes.load(keeping.kept, batch, between);
     }
     for leg in stage.legs.clone() {
         let Leg { time, passed: times, .. } = &task.legs[leg];
@@ -443,12 +432,12 @@ fn add_batch(
                 0 if !begun => initial.state,
                 _ => Start::Lanes(between),
             },
-            norms,
+            norms: lanes.norms,
         };
         let (on_the_way, at_end) = stage.sums[leg - stage.legs.start].split_at_mut(times.len());
         let report = match passed.as_deref_mut().filter(|_| !times.is_empty()) {
             Some(passed) => {
-                passed.begin(times, &weights(warp, batch, &warp.readings[0], &phases));
+                passed.begin(times, &weights(warp, batch, &warp.readings[0], &lanes.phases));
                 let report = propagator.propagate_past(system, &spec, &start, passed)?;
                 for (t, sum) in on_the_way.iter_mut().enumerate() {
                     sum.add_moments(passed.at(t));
@@ -457,45 +446,120 @@ fn add_batch(
             }
             None => propagator.propagate(system, &spec, &start)?,
         };
-        for l in 0..LANES {
-            phases[l] = if leg == 0 { report.phases[l] } else { phases[l] * report.phases[l] };
-            allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
-        }
+        lanes.advance(leg, &report);
         let state = propagator.state();
-        let limits = report.unitary.then_some(&allowed);
-        let (ratio, found) = norms_kept(system, state, &spec, limits, &norms, &batch.modes)?;
+        let (ratio, found) = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
         statistics.norms(ratio, found);
         statistics.took(&report);
         for sum in at_end {
-            sum.add(&weights(warp, batch, &sum.reading, &phases), &state[..cells]);
+            sum.add(&weights(warp, batch, &sum.reading, &lanes.phases), &state[..cells]);
         }
         if leg + 1 < stage.legs.end {
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
-        add_step_error(task, system, propagator, stage, &LaneStates { batch, spec, phases, norms });
+        add_step_error(task, system, propagator, stage, &LaneEnds { batch, spec, lanes: &lanes });
     }
     if let Some(keeping) = keeping {
-        let progress = std::array::from_fn(|l| ModeProgress {
-            legs: stage.legs.end,
-            phase: phases[l],
-            norm: norms[l],
-            allowed: allowed[l],
-        });
-        let state = propagator.state();
-        keeping.kept.store(&batch.modes, &progress, state);
+        lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
     }
     Ok(())
 }
 
-/// The lanes of a batch at the end of its last leg.
-struct LaneStates<'a> {
-    batch: &'a Batch,
-    spec: BatchSpec,
+/// How far the lanes of a batch are.
+struct LaneProgress {
     /// What each lane is to be multiplied by.
     phases: [Complex64; LANES],
+    /// How much of its norm each lane's norm may have changed so far.
+    allowed: [f64; LANES],
     /// Norms at time zero.
     norms: [f64; LANES],
+}
+
+impl LaneProgress {
+    /// Of lanes with these norms that have not begun.
+    fn start(norms: [f64; LANES]) -> Self {
+        Self { phases: [Complex64::ONE; LANES], allowed: [0.0; LANES], norms }
+    }
+
+    /// Loads the modes of `batch` that this rank has kept into `state`, and how far they are.
+    fn load(&mut self, kept: &KeptModes, batch: &Batch, state: &mut [Lanes]) {
+        kept.load(&batch.modes, state);
+        for l in 0..LANES {
+            let mode = batch.modes[l.min(batch.modes.len() - 1)];
+            if let Some(progress) = kept.progress_of(mode) {
+                (self.phases[l], self.allowed[l], self.norms[l]) =
+                    (progress.phase, progress.allowed, progress.norm);
+            }
+        }
+    }
+
+    /// Adds what propagating over `leg` reports.
+    fn advance(&mut self, leg: usize, report: &BatchReport) {
+        for l in 0..LANES {
+            let before = self.phases[l];
+            self.phases[l] = if leg == 0 { report.phases[l] } else { before * report.phases[l] };
+            self.allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
+        }
+    }
+
+    /// Keeps the modes of `batch`, which are in `state` after so many `legs`.
+    fn store(&self, kept: &mut KeptModes, batch: &Batch, legs: usize, state: &[Lanes]) {
+        let progress = std::array::from_fn(|l| ModeProgress {
+            legs,
+            phase: self.phases[l],
+            norm: self.norms[l],
+            allowed: self.allowed[l],
+        });
+        kept.store(&batch.modes, &progress, state);
+    }
+
+    /// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the
+    /// method is `unitary`, the largest change as a fraction of what is allowed. Collective over the
+    /// space group.
+    ///
+    /// # Errors
+    /// [`Error::Unitarity`] where it is more.
+    fn norms_kept(
+        &self,
+        system: &Evolution<'_>,
+        state: &[Lanes],
+        spec: &BatchSpec,
+        batch: &Batch,
+        unitary: bool,
+    ) -> Result<(f64, Option<f64>)> {
+        let Self { norms, allowed, .. } = self;
+        let now = system.lane_norms(&norms.map(|norm| norm * norm), state);
+        let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
+        for (l, &mode) in batch.modes.iter().enumerate() {
+            if norms[l] == 0.0 {
+                continue;
+            }
+            let ratio = now[l] / norms[l];
+            kept = kept.min(ratio);
+            if !unitary {
+                continue;
+            }
+            let change = (ratio - 1.0).abs();
+            if change.is_nan() || change > allowed[l] {
+                return Err(Error::Unitarity {
+                    mode,
+                    wavenumber: spec.wavenumbers[l],
+                    defect: change,
+                    allowed: allowed[l],
+                });
+            }
+            defect = defect.max(change / allowed[l]);
+        }
+        Ok((kept, unitary.then_some(defect)))
+    }
+}
+
+/// The lanes of a batch at the end of its last leg.
+struct LaneEnds<'a> {
+    batch: &'a Batch,
+    spec: BatchSpec,
+    lanes: &'a LaneProgress,
 }
 
 /// Adds the leading term of the error that the time step leaves, where the method leaves one and
@@ -505,15 +569,16 @@ fn add_step_error(
     system: &mut Evolution<'_>,
     propagator: &dyn Propagator,
     stage: &mut Stage<'_>,
-    lanes: &LaneStates<'_>,
+    ends: &LaneEnds<'_>,
 ) {
     let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
-    let LaneStates { batch, spec, phases, norms } = lanes;
+    let LaneEnds { batch, spec, lanes: LaneProgress { phases, norms, .. } } = ends;
     let whole = whole_over_leg(task.legs, task.legs.len() - 1);
     let steps = spec.largest_work();
     let bound =
         |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
-    let sizes = sizes(system, error, std::array::from_fn(bound));
+    let bounds: [f64; LANES] = std::array::from_fn(bound);
+    let sizes = system.lane_norms(&bounds.map(|b| b * b), error);
     // No mode is further off than its two states are long: where the leading term is, it is cut to
     // that.
     let most = norms.map(|norm| 2.0 * norm);
@@ -543,57 +608,6 @@ fn weights(
         weights[l] = warp.weight(mode, reading) * factors[l];
     }
     weights
-}
-
-/// Norms of the lanes of a batch, each at most its bound. Collective over the space group.
-fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bounds: [f64; LANES]) -> [f64; LANES] {
-    let square = |i: usize| {
-        let w = &lanes[i].0;
-        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
-    };
-    (system.lane_sums(&bounds.map(|b| b * b), square)).map(f64::sqrt)
-}
-
-/// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the
-/// method keeps norms, the largest change as a fraction of what is `allowed`. Collective over the
-/// space group.
-///
-/// # Errors
-/// [`Error::Unitarity`] where it is more.
-fn norms_kept(
-    system: &Evolution<'_>,
-    state: &[Lanes],
-    spec: &BatchSpec,
-    allowed: Option<&[f64; LANES]>,
-    norms: &[f64; LANES],
-    modes: &[usize],
-) -> Result<(f64, Option<f64>)> {
-    let squares = system.lane_sums(&norms.map(|norm| norm * norm), |i| {
-        let Lanes(w) = &state[i];
-        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
-    });
-    let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
-    for (l, &mode) in modes.iter().enumerate() {
-        if norms[l] == 0.0 {
-            continue;
-        }
-        let ratio = squares[l].sqrt() / norms[l];
-        kept = kept.min(ratio);
-        let Some(allowed) = allowed else {
-            continue;
-        };
-        let change = (ratio - 1.0).abs();
-        if change.is_nan() || change > allowed[l] {
-            return Err(Error::Unitarity {
-                mode,
-                wavenumber: spec.wavenumbers[l],
-                defect: change,
-                allowed: allowed[l],
-            });
-        }
-        defect = defect.max(change / allowed[l]);
-    }
-    Ok((kept, allowed.map(|_| defect)))
 }
 
 fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
