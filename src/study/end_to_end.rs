@@ -360,6 +360,21 @@ struct Task<'a> {
     density: f64,
 }
 
+/// Elements along each axis of a grid of `scheme` that is `factor` times finer, which the `order` of
+/// its error asks for.
+fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
+    let shape = Grids::new(scheme).scaled(&scheme.space.elements(), factor);
+    let cells: f64 = shape[..scheme.space.dimension()].iter().map(|&n| n as f64).product();
+    if cells > MOST_SPACE_CELLS {
+        return Err(Error::Input(format!(
+            "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
+             (order {order:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
+            scheme.name
+        )));
+    }
+    Ok(shape)
+}
+
 impl Task<'_> {
     /// The way of a scheme; `known` where its errors were measured already. Collective.
     fn way(&self, name: &'static str, scheme: Result<Case>, known: Option<&Measured>) -> Way {
@@ -391,15 +406,7 @@ impl Task<'_> {
         let Prepared { system, communicator, bounds, case, .. } = &mut prepared;
         let norms = system.rough_norms(communicator, bounds, case.duration());
         let factor = measured.factor(PARTS[0] * self.accuracy);
-        let shape = Grids::new(&scheme).scaled(&scheme.space.elements(), factor);
-        let cells: f64 = shape[..case.space.dimension()].iter().map(|&n| n as f64).product();
-        if cells > MOST_SPACE_CELLS {
-            return Err(Error::Input(format!(
-                "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
-                 (order {:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
-                scheme.name, measured.order.counted_on
-            )));
-        }
+        let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
         let bounds = Bounds::new(&target)?;
         let entries = entries_of(&prepared);

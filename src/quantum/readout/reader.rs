@@ -246,10 +246,7 @@ impl Reader<'_> {
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
         let bare_bound = within(repetitions.of_overlap(estimator));
         let bound = within(repetitions.bound(estimator, overlap.value, self.probability()));
-        let (bare, estimate) = match self.draw(row, estimator, overlap, repetitions) {
-            Some((bare, whole)) => (Some(bare), Some(whole)),
-            None => (None, None),
-        };
+        let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
         let evolutions = self.evolutions(estimator, repetitions);
         let of_norm = self.norm_evolutions(estimator, repetitions);
         let [repeated, coherent] = evolutions.clone();
@@ -270,11 +267,10 @@ impl Reader<'_> {
             false => Figure::unavailable("shots, and no amplitude estimation"),
         };
         if let Some(estimate) = estimate {
+            let no_variance = "the distribution has no variance in closed form; see bound";
             measured.estimate = Figure::estimate(estimate.value, "drawn at random");
             measured.standard_error = match estimator.coherent() {
-                true => Figure::unavailable(
-                    "the distribution has no variance in closed form; see bound",
-                ),
+                true => Figure::unavailable(no_variance),
                 false => Figure::estimate(estimate.error, "from the counts"),
             };
         }
