@@ -2,7 +2,7 @@
 
 use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
-use crate::problem::potential::{ElementLines, energy_scale, region};
+use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
 
 /// Most elements looked at; beyond, some that are spread over the grid.
 const MOST_ELEMENTS: usize = 1 << 18;
