@@ -7,8 +7,8 @@ use crate::problem::legs::Leg;
 use crate::solve::checkpoint::Resumed;
 use crate::solve::checkpoint::file::Destination;
 use crate::solve::kept::KeptModes;
-use crate::solve::modes::{Recovered, Stage, StageBatches, Task};
 use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
+use crate::solve::stage::{Recovered, Stage, StageBatches, Task};
 use std::ops::Range;
 
 impl Stage<'_> {
