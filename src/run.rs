@@ -133,7 +133,7 @@ pub struct Solution {
     pub results: Expanded,
     /// The exact solution on the share, where the case names one.
     pub exact: Option<ExactSolution>,
-    /// Its moments at the output times before the end, then at the end.
+    /// Moments of the exact solution at the output times before the end, then at the end.
     pub exact_moments: Vec<Moments>,
     plateau: Vec<PlateauPoint>,
     checkpointing: Option<Checkpointing>,

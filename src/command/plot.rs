@@ -50,7 +50,7 @@ pub(super) struct Place {
     pub directory: PathBuf,
     /// The directory of the run.
     of_run: PathBuf,
-    /// Whose they are; nobody's among the results of the run.
+    /// The case that owns the pictures; none among the results of the run.
     owner: Option<Owner>,
 }
 

@@ -37,7 +37,7 @@ pub struct Needs {
 
 /// A job script.
 struct JobScript {
-    /// Of the job, made of letters, digits and `._-` alone.
+    /// Name of the job: letters, digits and `._-` only.
     name: String,
     needs: Needs,
     /// Words of `jobscripts/run.sbatch`: case, results, options.

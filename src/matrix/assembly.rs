@@ -152,7 +152,7 @@ struct Layers {
 }
 
 impl Layers {
-    /// Those of `block`, which has so many `rows`.
+    /// The layers of `block`, which has so many `rows`.
     fn new(case: &Case, block: &Block, rows: usize) -> Self {
         let velocities = block.velocity_cells;
         let leading = &case.space.x[0];

@@ -18,7 +18,7 @@ use crate::parallel::partition::Block;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Which matrix is applied to a real vector.
+/// The matrix that is applied to a real vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
     /// `A = S + K`.

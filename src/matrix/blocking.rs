@@ -62,7 +62,7 @@ pub struct BlockingShape {
 struct Tile {
     /// Lines of cells.
     lines: Range<u32>,
-    /// Their auxiliary unknowns: of the ranges of [`Blocking::auxiliaries`].
+    /// The tile's auxiliary unknowns, as indices into [`Blocking::auxiliaries`].
     auxiliaries: Range<u32>,
 }
 
@@ -83,7 +83,7 @@ pub struct Blocking {
     tiles: Vec<Tile>,
     /// Ranges of auxiliary unknowns, by number among them.
     auxiliaries: Vec<Range<u32>>,
-    /// Which tile goes on, and from which level.
+    /// The tile that goes on next, and the level it goes on from.
     order: Vec<(u32, u32)>,
     /// Where in `order` the ghosts of a level must have come, level by level.
     exchanges: Vec<usize>,

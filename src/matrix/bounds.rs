@@ -79,10 +79,10 @@ pub struct Bounds {
     /// Whether `V` has slopes.
     #[serde(skip)]
     pub forces: bool,
-    /// Of a higher degree than 0: bounds by axis.
+    /// Bounds by axis for elements; empty for the upwind scheme of degree 0.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
-    /// Of a higher degree than 0: what `S` is made of.
+    /// Parts of the dissipation by cause; zero for the upwind scheme of degree 0.
     #[serde(skip)]
     pub causes: Causes,
     /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
@@ -106,7 +106,7 @@ pub struct Bounds {
 struct PotentialScan<'a> {
     /// Bound on the rate of the transport along the velocity axes.
     force: f64,
-    /// By axis, whether `V` jumps at faces across it.
+    /// Whether `V` jumps at faces across each axis.
     jumps: [bool; MAX_DIMENSION],
     /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
     kinds: HashSet<[u64; 2 * MAX_DIMENSION]>,

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
 pub const EXACT: f64 = 1e-18;
-/// And where three digits do.
+/// Poisson probabilities below this are left out where three digits do.
 pub const ROUGH: f64 = 1e-5;
 
 /// `ln(k!)`.

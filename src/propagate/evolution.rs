@@ -105,7 +105,7 @@ impl Start<'_> {
 pub struct Initial<'a> {
     /// The state.
     pub state: Start<'a>,
-    /// By lane, its norm over all ranks of the space group, or a bound on it.
+    /// Norm of each lane over all ranks of the space group, or a bound on it.
     pub norms: [f64; LANES],
 }
 

@@ -64,7 +64,7 @@ enum Beyond {
 /// A face with a jump, or at an end of the box.
 #[derive(Clone, Debug)]
 struct Face {
-    /// Its sources in `shares`.
+    /// The first of the face's sources in `shares`.
     first: u32,
     count: u32,
     /// Weight of what lies off the grid, and its contribution.
@@ -88,7 +88,7 @@ struct Share {
 struct Transport {
     /// `v/Δx`, by velocity cell.
     speed: Vec<f64>,
-    /// By space cell, below and above.
+    /// What lies below and above each space cell.
     beyond: Vec<[Beyond; 2]>,
     faces: Vec<Face>,
     shares: Vec<Share>,

@@ -178,7 +178,7 @@ pub struct System<'a> {
     pub world: Option<&'a Group>,
     /// The case with that `δ`.
     pub case: &'a Case,
-    /// Its bounds.
+    /// Bounds of the case.
     pub bounds: &'a Bounds,
     /// `‖u(0)‖/‖f(T)‖` planned for.
     pub ratio: f64,

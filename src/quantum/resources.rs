@@ -83,7 +83,7 @@ impl From<&WarpPlan> for Preparation {
 pub struct Setup {
     /// The profile.
     pub profile: ProfileChoice,
-    /// It, as planned.
+    /// The planned profile, in words.
     pub planned: String,
     /// `δ`; none where nothing enters.
     pub delta: Option<Delta>,
@@ -223,7 +223,7 @@ pub struct Comparison {
     pub cheapest: Record,
     /// As the case file has it, or as it is planned to be emulated.
     pub own: Record,
-    /// Of the same grid, where there is one.
+    /// The unitary scheme on the same grid, where there is one.
     pub unitary: Option<Unitary>,
     /// Why there is no such scheme; none where there is.
     pub not_unitary: Option<String>,
@@ -348,7 +348,7 @@ impl Record {
 }
 
 impl WeightsTable {
-    /// Of so many cells, read in every one of the `queries`.
+    /// A table for so many cells, read in every one of the `queries`.
     fn new(entries: usize, queries: &Figure, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
         let each = 2.0 * (entries as f64 - 1.0);

@@ -37,7 +37,7 @@ pub struct Ledger {
 pub struct Mass {
     /// Integral of the formula of the initial data over the phase-space box.
     pub formula: Option<f64>,
-    /// Its standard error.
+    /// Standard error of that integral.
     pub formula_error: Option<f64>,
     /// Integral of `|f|` at time zero and of what enters: what shares are relative to.
     pub absolute: Option<f64>,
@@ -114,7 +114,7 @@ pub struct Jump {
 /// A region of `V` between others.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Region {
-    /// Its index in `[[potential]]`.
+    /// Index of the region in `[[potential]]`.
     pub potential: usize,
     /// The axis along which it is narrowest.
     pub axis: String,
@@ -315,7 +315,7 @@ impl Ledger {
         format!("ledger\n{}", lines.collect::<String>())
     }
 
-    /// Its lines; what is not known is not there.
+    /// The lines of the ledger, without those whose numbers are unknown.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> =
             [self.start_line(), self.balance_line()].into_iter().flatten().collect();

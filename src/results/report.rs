@@ -121,7 +121,7 @@ pub struct Report<'a> {
     pub run: &'a Stored,
     /// `summary.json`.
     pub summary: &'a Value,
-    /// Its pictures.
+    /// Pictures of the run.
     pub album: &'a Album,
     /// Phase space and density at several times, where there are some.
     pub times: Option<&'a Times>,

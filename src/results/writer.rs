@@ -27,7 +27,7 @@ pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
 
 /// A dimension scale.
 struct Scale {
-    /// Its length.
+    /// Length of the scale.
     length: usize,
     /// Cells of a chunk along it, where the user says.
     chunk: Option<usize>,

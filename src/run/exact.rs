@@ -17,7 +17,7 @@ use crate::solve::place::Place;
 /// The exact density is averaged over at most so many points of phase space, where the cells
 /// themselves are no more.
 pub const MOST_POINTS: usize = 200_000;
-/// And over so many along an axis of each cell.
+/// A cell is cut into at most so many parts along an axis for that average.
 const MOST_PARTS: usize = 8;
 
 /// The exact solution of a run on a rank's share.
@@ -25,7 +25,7 @@ const MOST_PARTS: usize = 8;
 pub struct ExactRun {
     /// At the end.
     pub exact: Option<ExactSolution>,
-    /// Its moments at the output times before the end, then at the end.
+    /// Moments at the output times before the end, then at the end.
     pub moments: Vec<Moments>,
 }
 
@@ -112,7 +112,7 @@ pub struct Exactly<'a> {
 }
 
 impl<'a> Exactly<'a> {
-    /// That of `case`, which `exact` says. Collective.
+    /// The solution of `case` that `exact` names. Collective.
     ///
     /// # Errors
     /// Where `V` is not finite.
@@ -124,7 +124,7 @@ impl<'a> Exactly<'a> {
         Ok(Self { formula, tracer: world.agree(tracer.transpose())?, end: case.end })
     }
 
-    /// Its values.
+    /// The values of the solution at `points`.
     pub fn values(&self, points: &[[f64; 6]]) -> Vec<f64> {
         let traced = self.tracer.as_ref().map(|tracer| tracer.values(points, self.end));
         let given = || self.formula.map(|formula| formula.at_points(points, self.end));

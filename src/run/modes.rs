@@ -116,7 +116,7 @@ fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) ->
 
 /// What the modes start from: the fields at time zero, or the modes of a file.
 struct ModeStart {
-    /// By field, the norm of a mode, or a bound on it.
+    /// Norm of the modes of each field, or a bound on it.
     norms: Vec<f64>,
     /// The modes of this rank, where the run keeps them; read already where a file has them.
     kept: Option<KeptModes>,

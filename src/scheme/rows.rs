@@ -33,7 +33,7 @@ pub struct Scheme<'a> {
     interface: Interface,
     potential: Potential,
     no_inflow: bool,
-    /// Of a higher degree than 0: what is common to its rows.
+    /// Constants of the rows of elements; none of the upwind scheme of degree 0.
     elements: Option<Elements>,
 }
 

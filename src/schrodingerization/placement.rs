@@ -434,7 +434,7 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
 /// The readings, and how their distance tells the error.
 struct Estimator {
     readings: Vec<Reading>,
-    /// Which part of the error the distance shows.
+    /// The part of the error that the distance shows.
     efficiency: f64,
     /// Factor by which that part may be more or less, whatever the state is made of.
     doubt: f64,

@@ -24,7 +24,7 @@ pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
     pub(super) between: &'b mut [Lanes],
     /// The moments at the times that a leg passes, if one passes any.
     pub(super) passed: Option<&'b mut PassedMoments<'m>>,
-    /// Of a full run, what is kept.
+    /// The modes that are kept, in a full run.
     pub(super) keeping: Option<&'b mut Keeping<'k>>,
     pub(super) statistics: &'b mut BatchStatistics,
 }
@@ -102,7 +102,7 @@ struct LaneProgress {
 }
 
 impl LaneProgress {
-    /// Of lanes with these norms that have not begun.
+    /// Progress of lanes with these norms that have not begun.
     fn start(norms: [f64; LANES]) -> Self {
         Self { phases: [Complex64::ONE; LANES], allowed: [0.0; LANES], norms }
     }

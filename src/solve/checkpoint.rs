@@ -68,7 +68,7 @@ pub struct Checkpoints<'a> {
 }
 
 impl<'a> Checkpoints<'a> {
-    /// Those of a run of `size`, kept in `store`. Collective.
+    /// The checkpoints of a run of `size`, kept in `store`. Collective.
     pub fn new(
         communicator: &'a Communicator,
         mesh: &'a Mesh,

@@ -31,7 +31,7 @@ use std::time::Instant;
 /// What a run does beside recovering fields: it keeps modes, it writes checkpoints.
 #[derive(Default)]
 pub struct RunHooks<'r, 'k, 'c> {
-    /// Of a full run: what is kept. A streamed run drops the modes.
+    /// What a full run keeps. A streamed run drops the modes.
     pub keeping: Option<&'r mut Keeping<'k>>,
     /// Checkpoints that are made, and the one that the run goes on from.
     pub checkpoints: Option<&'r mut Checkpoints<'c>>,

@@ -56,7 +56,7 @@ pub struct Recovered {
     /// Applications done by this rank's mode group; the first group counts those before a
     /// checkpoint that the run went on from.
     pub applications: usize,
-    /// Those of this process.
+    /// Applications of this rank's mode group since the process started.
     pub applications_here: usize,
     /// Linear systems solved by this rank's mode group.
     pub solves: usize,

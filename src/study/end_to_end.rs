@@ -74,7 +74,7 @@ pub struct Way {
     pub probability: Figure,
     /// Evolutions of all runs of amplitude estimation.
     pub evolutions: Figure,
-    /// Of these; none where that is not known.
+    /// Cost of these evolutions; none where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates of all.
     pub toffoli: Figure,
@@ -100,7 +100,7 @@ pub struct EndToEnd {
     pub accuracy: f64,
     /// Where the density is asked for.
     pub point: Vec<f64>,
-    /// It, by quadrature over characteristics.
+    /// The density there, by quadrature over characteristics.
     pub density: f64,
     /// With a quantum computer.
     pub quantum: Vec<Way>,
@@ -116,14 +116,14 @@ struct Measured {
     grids: Vec<Vec<usize>>,
     errors: Vec<f64>,
     order: Order,
-    /// Of the finest trial, without what is compared.
+    /// Seconds of the finest trial, without comparisons.
     seconds: f64,
     /// Error of the density beside that of `f`, at most.
     spread: f64,
 }
 
 impl Measured {
-    /// Of `case`, by the classical integrator that it names. Collective.
+    /// Trials of `case`, by the classical integrator that it names. Collective.
     fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
         let group = world.group();
         let grids = Grids::new(case);
@@ -220,7 +220,7 @@ impl Traced {
         found
     }
 
-    /// By uniform velocities, until `1.96 σ/√n` is `ε` of the mean.
+    /// The density by uniform velocities, until `1.96 σ/√n` is `ε` of the mean.
     fn by_monte_carlo(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
         const LEAST: usize = 4096;
         let started = Instant::now();
@@ -252,7 +252,7 @@ impl Traced {
 }
 
 impl EndToEnd {
-    /// Of `case` to a relative error `accuracy` of the density. Collective.
+    /// The task of `case` to a relative error `accuracy` of the density. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] for measure-valued data, and where nothing exact is known to measure errors

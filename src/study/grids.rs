@@ -145,7 +145,7 @@ pub struct Grids {
     /// The fewest elements along each axis that have faces at all its edges: multiples have, too.
     /// `None` where that would be too many.
     units: Vec<Option<usize>>,
-    /// Of degree 0 or not.
+    /// Fewest elements along an axis, by dimension, for the degree of the case.
     fewest: [usize; 3],
     /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
     /// the case's.
@@ -153,7 +153,7 @@ pub struct Grids {
 }
 
 impl Grids {
-    /// Those of `case`.
+    /// Grids over the box of `case`.
     pub fn new(case: &Case) -> Self {
         let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
         // Jumps that cannot be found here are found, and reported, by whoever solves the case.

@@ -68,9 +68,9 @@ pub enum Data {
 pub struct Field {
     /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
     pub name: &'static str,
-    /// Its values at time zero.
+    /// Values of the field at time zero.
     pub initial: Expression,
-    /// Its values on the boundary.
+    /// Values of the field on the boundary.
     pub inflow: Inflow,
 }
 
@@ -207,7 +207,7 @@ impl TableFile {
         *self == Self { checksum: self.checksum, place: self.place.clone(), ..other.clone() }
     }
 
-    /// Its values, which are still to be read.
+    /// The values of the file, before they are read.
     fn unread(&self) -> Expression {
         let text = format!("the table {} of {}", self.dataset, self.path.display());
         Expression::of_file(text, self.place.clone(), self.positions.clone())
@@ -230,7 +230,7 @@ pub struct StartField {
 pub struct Origin {
     /// The checksum of `/f`.
     pub checksum: u64,
-    /// Its time.
+    /// Time of the result.
     pub time: f64,
     /// Relative l2 distance of its `f` to the semi-discrete solution, where that is known.
     pub error: Option<f64>,
@@ -369,7 +369,7 @@ fn names_of_space(n: usize) -> Names {
     std::array::from_fn(|a| if a < n { space[a] } else { &[] })
 }
 
-/// Those and the velocities.
+/// Names of the coordinates of phase space.
 fn names_of_phase_space(n: usize) -> Names {
     let mut names = names_of_space(n);
     let velocities: [&[&str]; MAX_DIMENSION] = [&["vx"], &["vy"], &["vz"]];
@@ -380,7 +380,7 @@ fn names_of_phase_space(n: usize) -> Names {
     names
 }
 
-/// Those and the time.
+/// Names of the coordinates of phase space, and of time.
 fn names_with_time(n: usize) -> Names {
     let mut names = names_of_phase_space(n);
     names[TIME] = &["t"];

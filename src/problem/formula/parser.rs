@@ -36,7 +36,7 @@ pub(super) fn parse(text: &str, names: &[&[&str]], constants: &Constants) -> Res
 #[derive(Clone, Copy)]
 struct Token<'t> {
     text: &'t str,
-    /// Its first character, counted from 1.
+    /// Position of the first character, counted from 1.
     at: usize,
 }
 

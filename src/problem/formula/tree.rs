@@ -16,9 +16,9 @@ type Unary = fn(f64) -> f64;
 /// An operator between two numbers, or a function of two.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Binary {
-    /// Of a pair.
+    /// The value of a pair of numbers.
     pub(super) of: fn(f64, f64) -> f64,
-    /// Of many pairs, into the left ones: the same bits.
+    /// The values of many pairs, into the left ones: the same bits as one pair at a time.
     each: fn(&mut Lanes, &Lanes),
 }
 

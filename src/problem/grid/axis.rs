@@ -28,7 +28,7 @@ pub enum Part {
     Window {
         /// Ends of the whole axis.
         ends: [f64; 2],
-        /// Its elements.
+        /// Number of elements of the whole axis.
         of: usize,
         /// The one of them that is the first here.
         first: usize,
@@ -37,7 +37,7 @@ pub enum Part {
     Merged {
         /// How many.
         of: usize,
-        /// Their nodes.
+        /// Nodes of the merged elements.
         nodes: Nodes,
     },
 }

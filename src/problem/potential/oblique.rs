@@ -69,9 +69,9 @@ struct Edge<'a> {
     axes: &'a [Axis],
     /// The axis along which they are neighbours.
     axis: usize,
-    /// Their regions.
+    /// Regions of the two elements.
     sides: [usize; 2],
-    /// Their centres along the axis.
+    /// Centres of the two elements along the axis.
     ends: [f64; 2],
 }
 

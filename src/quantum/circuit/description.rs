@@ -73,11 +73,11 @@ pub struct Description {
     pub change: f64,
     /// The same by sparse access.
     pub sparse: Sparse,
-    /// Of the circuit.
+    /// Counts of the circuit.
     pub counts: Counts,
-    /// Of the circuit with a qubit that says whether it is applied.
+    /// Counts of the controlled circuit: a qubit says whether it is applied.
     pub controlled: Counts,
-    /// By the controlled circuit.
+    /// The evolution that calls the controlled circuit.
     pub evolution: Evolution,
     /// What was simulated.
     pub check: Option<Check>,

@@ -230,7 +230,7 @@ impl Scene {
 /// The numbers of the bits of the space axes but one.
 struct Others {
     bits: usize,
-    /// Those that are no cells.
+    /// Numbers of the bits that are not cells.
     padding: Vec<usize>,
 }
 

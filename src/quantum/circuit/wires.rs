@@ -6,16 +6,16 @@ use crate::quantum::circuit::transport::{AxisTransport, Modes, Transport, bits_o
 
 /// The weights of the sum.
 enum Sum {
-    /// Of a register of modes.
+    /// Weights for a register of modes.
     Register {
         /// 1 for the part of `T` and `T†` without `D_μ`.
         unit: Qubit,
         /// 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
         half: Qubit,
-        /// Its first 1 chooses a bit of the mode.
+        /// A register whose first 1 chooses a bit of the mode.
         first: Vec<Qubit>,
     },
-    /// Of one mode: 1 for `T` and `T†`, 0 for `D`.
+    /// Weights for one mode: 1 for `T` and `T†`, 0 for `D`.
     One(Qubit),
 }
 
@@ -92,7 +92,7 @@ impl Along {
 /// The registers of a circuit.
 pub(super) struct Wires {
     modes: Vec<Qubit>,
-    /// By axis.
+    /// The registers of each axis.
     pub along: Vec<Along>,
     /// Bins of a level.
     pub bins: Vec<Qubit>,

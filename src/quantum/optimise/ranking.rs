@@ -27,7 +27,7 @@ impl Ranking {
 }
 
 impl Ranking {
-    /// Its columns, a row a choice.
+    /// The columns of the table, a row for each choice.
     pub fn columns(&self) -> Vec<Values> {
         let words = |name: &str, word: fn(&Choice) -> Option<String>| {
             Values::new(name, self.0.iter().map(|choice| word(choice).into()))

@@ -25,7 +25,7 @@ pub struct Source<'a> {
     pub pi: &'a [f64],
     /// `min f` over all ranks.
     pub least: f64,
-    /// Of the enlarged state.
+    /// Probabilities of the enlarged state.
     pub probabilities: &'a Probabilities,
     /// `ε_F`.
     pub state_error: Figure,

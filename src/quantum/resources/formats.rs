@@ -33,7 +33,7 @@ impl Record {
         })
     }
 
-    /// Of sparse access.
+    /// Counts of sparse access.
     fn counts_of_oracles(&self) -> Value {
         let model = self.least().map(|cost| &cost.toffoli);
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);

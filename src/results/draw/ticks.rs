@@ -77,7 +77,7 @@ impl ValueFormatter<f64> for Ruler {
 /// A tick; without a label where there is no room for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Its value.
+    /// Value at the tick.
     pub at: f64,
     /// What stands beside it.
     pub label: Option<String>,

@@ -75,7 +75,7 @@ const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]),
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
-    /// Of lines and markers.
+    /// Colour of lines and markers.
     pub colour: RGBColor,
     /// Marker at each point, if any.
     pub marker: Option<Marker>,

@@ -22,7 +22,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the values of planes.
+    /// The spread of the values of planes.
     pub fn of<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Self {
         let mut spread = Self::default();
         planes.into_iter().for_each(|plane| spread.hold(plane.values.iter().copied()));

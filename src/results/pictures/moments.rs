@@ -39,7 +39,7 @@ fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
     if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
 }
 
-/// Whose moments: the ends of their datasets' names.
+/// Ends of the names of datasets: of computed moments, and of exact ones.
 const COMPUTED: &str = "";
 const EXACT: &str = "_exact";
 

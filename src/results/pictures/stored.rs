@@ -55,7 +55,7 @@ pub struct Stored {
 pub struct Snapshot {
     /// The time.
     pub time: f64,
-    /// Its index in `/axis/field_time`; none at the end.
+    /// Index in `/axis/field_time`; none at the end.
     early: Option<usize>,
 }
 

@@ -14,11 +14,11 @@ const MODES: &str = "Error of the modes";
 /// What is found of one thing that matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
-    /// It is as it should be.
+    /// As it should be.
     Good,
-    /// It is not.
+    /// Not as it should be.
     Bad,
-    /// It is not known.
+    /// Unknown.
     Unknown,
 }
 
@@ -67,7 +67,7 @@ pub fn trust(summary: &Value, classical: bool) -> Markup {
 }
 
 impl Mark {
-    /// Its class in the style sheet.
+    /// Class of the mark in the style sheet.
     fn class(self) -> &'static str {
         match self {
             Self::Good => "good",

@@ -52,7 +52,7 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// That of a `reading` after `time`.
+    /// The domain on which a `reading` after `time` depends.
     pub fn new(reading: &Reading, bounds: &Bounds, time: f64) -> Self {
         let (below, above) = (bounds.growth.max(0.0) * time, bounds.decay.max(0.0) * time);
         let last = reading.point + reading.width + above;

@@ -27,7 +27,7 @@ use std::ops::Range;
 const MOST_CELLS: usize = 20_000_000;
 /// So many where rows of the scheme are looked at, as something enters.
 const MOST_ROWS: usize = 4_000_000;
-/// Of an axis with more jumps than this all velocities are kept.
+/// All velocities of an axis with more jumps than this are kept.
 const MOST_JUMPS: usize = 512;
 
 /// Crops the velocity axes of `case` to what is reached. Collective over `world`.
@@ -168,7 +168,7 @@ struct Faces {
 }
 
 impl Faces {
-    /// Those along space axis `a`; none where there are too many jumps.
+    /// The faces along space axis `a`; none where there are too many jumps.
     fn new(space: &PhaseSpace, potential: &Potential, a: usize) -> Option<Self> {
         let cells = space.x[a].cells;
         let mut faces =

@@ -81,9 +81,9 @@ pub fn points(ranges: &[Range<usize>]) -> usize {
 /// A file as it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Written {
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
-    /// Its last word.
+    /// Checksum: the last word of the file.
     pub checksum: u64,
 }
 

@@ -372,7 +372,7 @@ impl Generation {
         Ok(())
     }
 
-    /// Its directory.
+    /// Directory of the generation.
     pub fn path(&self) -> &Path {
         &self.directory
     }

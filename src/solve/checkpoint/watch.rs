@@ -46,11 +46,11 @@ const USUAL_RATE: f64 = 1e8;
 /// Where a rank stands in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
-    /// It has batches left.
+    /// The rank has batches left.
     Working,
-    /// It has none.
+    /// The rank has finished its batches.
     Finished,
-    /// It left one before its end, as the run is to stop.
+    /// The rank left a batch before its end, as the run is to stop.
     Left,
     /// A batch failed.
     Failed,
