@@ -88,8 +88,8 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     matches!(found, Ok(true))
 }
 
-/// An error where the finished run of `case` in `directory` misses what it was asked for, and
-/// `solver.strict` asks for one. Collective.
+/// An error where the finished run of `case` in `directory` misses its goals and `solver.strict` is
+/// set. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] where its summary
@@ -120,7 +120,7 @@ pub fn solve(world: &World, case: &Case) -> Result<Solution> {
 
 /// A solved case, on this rank's share of the grid.
 pub struct Solution {
-    /// The case on the grid of what follows.
+    /// The case on the grid of the results.
     pub case: Case,
     /// The numbers of the run: errors, counts, seconds, memory.
     pub summary: Summary,
@@ -230,8 +230,8 @@ fn planned(
     Ok((lock, plan_modes(world, prepared, &resources, output, log)?))
 }
 
-/// Every field at `T`, and what is wanted before; warped fields and checkpoints go to `files`, the
-/// directory with its checkpoints. Collective.
+/// Every field at `T` and at the output times before; warped fields and checkpoints go to `files`,
+/// the directory with its checkpoints. Collective.
 fn solve_fields(
     world: &World,
     prepared: &mut Prepared,

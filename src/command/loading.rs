@@ -49,7 +49,7 @@ struct Continuation {
     tables: BTreeMap<String, String>,
 }
 
-/// Keys of a continued run that follow from what it goes on from.
+/// Keys of a continued run that follow from the result it starts from.
 const OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
 /// Keys that list times of the part that is done.
 const OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
@@ -163,8 +163,8 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
     name.into()
 }
 
-/// The case as it is solved: its start is read, and what its answer does not depend on is left out.
-/// Collective.
+/// The case as it is solved: with the start that it reads, and reduced to what its solution depends
+/// on. Collective.
 ///
 /// # Errors
 /// As [`reduced`].

@@ -81,7 +81,7 @@ impl VelocityFactors {
         std::array::from_fn(|m| self.each.iter().map(|q| q[m] * q[m]).sum::<f64>().sqrt())
     }
 
-    /// The sums over the velocity cells at each point of what `f` holds.
+    /// The sums over the velocity cells of `f` at each point.
     pub fn at_points<'a>(&'a self, f: &'a [f64]) -> impl Iterator<Item = [f64; MOMENTS]> + 'a {
         f.chunks_exact(self.cells()).map(|cells| self.sums(cells))
     }

@@ -163,7 +163,7 @@ pub struct Case {
     pub cfl: f64,
     /// `[solver.reduce]`.
     pub reduce: Allowed,
-    /// What was left out of what the file gives.
+    /// The reductions of the case: cells, axes and modes that were left out.
     pub reductions: Reductions,
     /// `[exact]`.
     pub exact: Option<Exact>,
@@ -376,7 +376,7 @@ impl Case {
         self.tables.iter().filter_map(move |file| Some((file, values(file)?)))
     }
 
-    /// The key of what enters.
+    /// The key of the inflow.
     pub fn inflow_key(&self) -> &'static str {
         let is_table = self.tables.iter().any(|table| table.of == TableOf::Inflow);
         if is_table { "inflow.table" } else { "inflow.value" }

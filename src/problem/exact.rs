@@ -60,9 +60,8 @@ pub struct Followed {
     pub left: Option<f64>,
     /// Where it left; `None` if it did not, or was outside from the start.
     pub exit: Option<Exit>,
-    /// A number that is the same for particles that met the same jumps in the same order and did
-    /// the same there. In between, the point, and what it went around, depend continuously on where
-    /// it was started.
+    /// A hash of the jumps that the particle met, in order, and of whether they transmitted it.
+    /// Among particles with the same hash, the point depends continuously on the start.
     pub history: u64,
     /// How often it went around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],

@@ -235,8 +235,8 @@ impl Potential {
         self.jump[self.position(i)][axis]
     }
 
-    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what
-    /// is covered, unless that is all of a periodic axis.
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of the
+    /// covered cells, unless they are a whole periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
         self.face(i, axis, true).map_or(0.0, |at| self.jump[at][axis])
     }

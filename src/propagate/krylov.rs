@@ -294,7 +294,7 @@ impl Krylov {
             });
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
-                // A space that closes is exact: what is left of the recurrence is round-off.
+                // A space that closes is exact: the rest of the recurrence is round-off.
                 let beta = square[l].max(0.0).sqrt();
                 let closed = beta <= f64::EPSILON * sizes[l];
                 self.beta[j][l] = if closed { 0.0 } else { beta };
@@ -335,9 +335,9 @@ impl Krylov {
         (steps, m)
     }
 
-    /// The step of lane `l` in the space of dimension `m` and the bound of its error: as long as the
-    /// error that is followed allows, from the guaranteed `step` to `most`, of a `tolerance` for the
-    /// whole `time`.
+    /// The step of lane `l` in the space of dimension `m` and the bound of its error: as long as
+    /// the error that is followed allows, from the guaranteed `step` to `most`. The given
+    /// `tolerance` is that of the whole `time`.
     fn followed(
         &mut self,
         l: usize,
@@ -356,7 +356,7 @@ impl Krylov {
             if reach >= tau {
                 (tau, error) = (reach.min(most), bound);
             }
-            // The whole of what is left, but for round-off.
+            // All the time that is left, but for round-off.
             if most - tau <= 1e-12 * time {
                 tau = most;
             }

@@ -67,7 +67,7 @@ struct Face {
     /// The first of the face's sources in `shares`.
     first: u32,
     count: u32,
-    /// Weight of what lies off the grid, and its contribution.
+    /// Weight of the sources off the grid, and their contribution.
     outside: f64,
     entering: f64,
     /// Whether `f` behind it is known.
@@ -225,7 +225,7 @@ impl Transport {
         this
     }
 
-    /// Adds the face behind the next velocity cell, with its `shares` of cells and of what enters.
+    /// Adds the face of the next velocity cell, with its `shares` of cells and of the inflow.
     fn add_face(
         &mut self,
         shares: impl Iterator<Item = Share>,

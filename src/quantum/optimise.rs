@@ -204,8 +204,8 @@ impl Candidate {
     }
 }
 
-/// `case` with a candidate, without what is given by hand. One reading: what a second one tells is
-/// for emulations.
+/// `case` with a candidate, without settings given by hand. It has one reading: a second one only
+/// estimates the error of an emulation.
 fn candidate_case(case: &Case, bounds: &Bounds, candidate: &Candidate) -> Case {
     let mut case = case.clone();
     let growth = bounds.growth * case.duration();

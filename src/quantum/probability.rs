@@ -84,8 +84,8 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
-/// How far a series is from `e^{−p}`, sampled upwards from where what is read at a point comes
-/// from.
+/// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
+/// dependence of a reading.
 pub struct Deviation {
     /// Where the samples begin: `p◇ − Λ⁺`.
     lower: f64,
@@ -253,8 +253,8 @@ impl Probabilities {
         }
     }
 
-    /// Probabilities of a planned state with these norms. `label` makes figures of what follows
-    /// from the norms, which is as accurate as they are.
+    /// Probabilities of a planned state with these norms. `label` makes figures of numbers that
+    /// follow from the norms and are as accurate as they are.
     pub fn new(
         planned: &PlannedState<'_>,
         norms: StateNorms,
@@ -314,7 +314,7 @@ impl Probabilities {
 mod tests {
     use super::*;
 
-    /// Amplitudes of what is wanted and of the rest after `rounds` rounds, reflection by
+    /// Amplitudes of the wanted state and of the rest after `rounds` rounds, reflection by
     /// reflection.
     fn amplified(wanted: f64, rounds: u32) -> f64 {
         let start = [wanted, (1.0 - wanted * wanted).sqrt()];

@@ -39,7 +39,7 @@ pub struct Mass {
     pub formula: Option<f64>,
     /// Standard error of that integral.
     pub formula_error: Option<f64>,
-    /// Integral of `|f|` at time zero and of what enters: what shares are relative to.
+    /// Integral of `|f|` at time zero and of the inflow, to which shares are relative.
     pub absolute: Option<f64>,
     /// Integral of the formula over velocities beyond the box, up to half its width on each side.
     pub beyond: Option<f64>,

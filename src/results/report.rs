@@ -104,7 +104,7 @@ const MEMORY: [(&str, &str); 2] = [
     ("memory_peak_bytes_per_rank", "memory a rank, measured"),
 ];
 
-/// The chain of what is postselected.
+/// The chain of postselected conditions.
 const PROBABILITIES: [(&str, &str); 7] = [
     ("in_p", "p is found there"),
     ("field_given_p", "and not the auxiliary unknowns of the inflow"),

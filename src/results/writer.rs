@@ -40,8 +40,8 @@ pub struct Writer<'a> {
     storage: &'a Storage,
     /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
     file: ManuallyDrop<File>,
-    /// The first failure of what rank 0 writes alone, while the others go on to the next step of
-    /// all.
+    /// The first failure of a write of rank 0 alone, while the others go on to the next collective
+    /// step.
     trouble: RefCell<Option<hdf5::Error>>,
     scales: BTreeMap<&'static str, Scale>,
 }

@@ -1,4 +1,4 @@
-//! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or
+//! From the semi-discrete system to the fields at `T` and at the output times before: by modes, or
 //! classically.
 
 use crate::base::error::Result;
@@ -11,7 +11,7 @@ use crate::run::files::{Files, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
-/// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into
+/// Every field at `T` and at the output times before, by the plan of `prepared`; counts go into
 /// `summary`. Without console output where no `files` are written. Collective.
 ///
 /// # Errors

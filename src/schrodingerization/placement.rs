@@ -23,8 +23,8 @@ const WINDOW: f64 = 1.0;
 const MUCH_GROWTH: f64 = 1.0;
 /// Series with more modes than this are not summed up to see what their readings tell.
 const MOST_TO_COMPARE: usize = 1 << 13;
-/// Part of the tolerance that modes left out may take where coefficients come from samples: what is
-/// left out comes back under the wavenumbers that are kept.
+/// Part of the tolerance that truncated modes may take where coefficients come from samples: the
+/// truncated modes are aliased to the wavenumbers that are kept.
 const SAMPLED_TRUNCATION: f64 = 0.2;
 
 /// The profile of a run and how it is read.
@@ -189,8 +189,8 @@ struct PlannedProfile<'a> {
     window: &'a Window,
 }
 
-/// The series of a profile that is known on the line, and its interval: planned, but for what is
-/// given by hand.
+/// The series of a profile that is known on the line, and its interval: planned, except where the
+/// case gives them.
 fn transformed(
     case: &Case,
     demand: &Demand,

@@ -123,8 +123,8 @@ impl WarpPlan {
         let modes = Modes::of(case, series);
         let state_tolerance = case.tolerance / ratio;
         let mode_tolerances: Vec<f64> = match placement.profile {
-            // A mode and its conjugate share what is allowed, so that each is what it is without
-            // the other.
+            // A mode and its conjugate share the allowed error, so that the tolerance of a mode
+            // does not depend on whether its conjugate is propagated.
             Some(_) => {
                 let share = |l| modes.undivided().weight(modes.own(l).0, reading).norm();
                 (0..modes.count)

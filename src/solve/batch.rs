@@ -29,8 +29,9 @@ pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
     pub(super) statistics: &'b mut BatchStatistics,
 }
 
-/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from
-/// and to what is kept, if anything is. Collective over the space group; allocates nothing.
+/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; a full
+/// run loads and stores the modes that it keeps. Collective over the space group; allocates
+/// nothing.
 pub(super) fn add_batch(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
@@ -139,12 +140,12 @@ impl LaneProgress {
         kept.store(&batch.modes, &progress, state);
     }
 
-    /// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the
-    /// method is `unitary`, the largest change as a fraction of what is allowed. Collective over the
-    /// space group.
+    /// Smallest ratio of a lane's norm to its norm at time zero, infinite where that was zero; and,
+    /// where the method is `unitary`, the largest change as a fraction of the allowed one.
+    /// Collective over the space group.
     ///
     /// # Errors
-    /// [`Error::Unitarity`] where it is more.
+    /// [`Error::Unitarity`] where a norm changed by more.
     fn norms_kept(
         &self,
         system: &Evolution<'_>,

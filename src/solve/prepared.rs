@@ -13,7 +13,7 @@ use crate::solve::system::{DiscreteSystem, SystemLimits};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
 pub struct Prepared {
-    /// The case as it is solved, without what its scene does not need.
+    /// The reduced case, as it is solved.
     pub case: Case,
     /// The process mesh.
     pub communicator: Communicator,

@@ -20,7 +20,7 @@ pub struct Task<'a> {
     pub communicator: &'a Communicator,
     /// Profile, modes, readings.
     pub warp: &'a WarpPlan,
-    /// How long each leg takes, and what is read at its end; at that of the last all readings are.
+    /// Length of each leg and the readings at its end; at the end of the last leg all are taken.
     pub legs: &'a [Leg],
     /// The batches of this rank's mode group.
     pub batches: &'a [Batch],
@@ -43,7 +43,7 @@ pub struct Recovered {
     /// where they are all that is wanted, sums over the velocities for the moments of `f`, point by
     /// point.
     pub early: Vec<Vec<Vec<f64>>>,
-    /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at
+    /// Largest over the modes of (change of the norm) / (change that its method allows + 1e-12); at
     /// most 1. None where the method does not keep the norm.
     pub unitarity_defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
@@ -51,7 +51,7 @@ pub struct Recovered {
     /// Leading term of the error that the time step leaves in each field by the first reading, like
     /// `fields`; empty where the method meets its tolerance by itself.
     pub step_errors: Vec<Vec<f64>>,
-    /// By field, the norm of what modes may add to it whose step is too long for the leading term.
+    /// By field, a bound on the error of modes whose step is too long for the leading term.
     pub step_beyond: Vec<f64>,
     /// Applications done by this rank's mode group; the first group counts those before a
     /// checkpoint that the run went on from.
@@ -89,12 +89,13 @@ pub(crate) struct StageBatches<'a> {
 pub(crate) struct Stage<'a> {
     pub(crate) field: usize,
     pub(crate) legs: Range<usize>,
-    /// By leg of the stage, what is added up at each time that it passes, then at its end.
+    /// By leg of the stage, the sums at each time that the leg passes, then at its end.
     pub(crate) sums: Vec<Vec<Sum<'a>>>,
     /// Whether the method leaves an error of its time step.
     pub(crate) stepped: bool,
-    /// Where the stage goes to the end, the leading term of that; and by mode what is beyond.
+    /// The leading term of that error, where the stage goes to the end.
     pub(crate) step_sum: Option<Sum<'a>>,
+    /// Bounds on the error of modes whose step is too long for the leading term.
     pub(crate) beyond: Vec<f64>,
 }
 

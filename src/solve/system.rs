@@ -147,8 +147,8 @@ fn weighted_state(
     state
 }
 
-/// The steps of an inflow that depends on time, where the modes of `field` are to be propagated; for
-/// the classical method its samples are only checked. None of another inflow. Collective.
+/// The steps of an inflow that depends on time, where the modes of `field` are to be propagated;
+/// for the classical method its samples are only checked. None of another inflow. Collective.
 fn scheduled(
     case: &Case,
     matrix: &BlockMatrix,

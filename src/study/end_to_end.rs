@@ -61,7 +61,7 @@ const TOFFOLI_RATE: f64 = 1e6;
 /// A way with a quantum computer.
 #[derive(Clone, Debug, Serialize)]
 pub struct Way {
-    /// What it is.
+    /// Name of the way.
     pub name: &'static str,
     /// Elements along each axis, of the grids on which errors were measured and of the one needed;
     /// none without a grid.
@@ -83,7 +83,7 @@ pub struct Way {
 /// A classical method.
 #[derive(Clone, Debug, Serialize)]
 pub struct Baseline {
-    /// What it is.
+    /// Name of the method.
     pub name: &'static str,
     /// Cells of its grid, or traces.
     pub size: f64,
@@ -102,11 +102,11 @@ pub struct EndToEnd {
     pub point: Vec<f64>,
     /// The density there, by quadrature over characteristics.
     pub density: f64,
-    /// With a quantum computer.
+    /// The ways with a quantum computer.
     pub quantum: Vec<Way>,
-    /// Without.
+    /// The classical methods.
     pub classical: Vec<Baseline>,
-    /// What follows.
+    /// Sentences on which of them needs least.
     pub verdict: Vec<String>,
 }
 
@@ -361,7 +361,7 @@ struct Task<'a> {
     density: f64,
 }
 
-/// Elements along each axis of a grid of `scheme` that is `factor` times finer, which the `order` of
+/// Elements along each axis of a grid of `scheme` that is `factor` times finer, as the `order` of
 /// its error asks for.
 fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
     let shape = Grids::new(scheme).scaled(&scheme.space.elements(), factor);
@@ -447,7 +447,7 @@ impl Task<'_> {
         })
     }
 
-    /// The cheapest profile of `target`: what it asks of an evolution, and the probability of the
+    /// The cheapest profile of `target`: its demand on an evolution, and the probability of the
     /// window, or of the slice. Collective.
     fn planned(
         &self,

@@ -241,7 +241,7 @@ impl Sweep {
         Ok(Outcome { table, stopped: None })
     }
 
-    /// The table of what is finished; nothing is solved. Collective.
+    /// The table of the finished runs; nothing is solved. Collective.
     ///
     /// # Errors
     /// A summary that cannot be read.

@@ -23,8 +23,8 @@ pub struct Region {
     pub condition: Option<Expression>,
     /// `V(x, y, z)`.
     pub value: Expression,
-    /// `reflection`: at a jump down from this region, the part that is reflected of what has the
-    /// energy to be transmitted, in `[0, 1]`: a formula of `E` and `jump`.
+    /// `reflection`: of the particles that have the energy to be transmitted at a jump down from
+    /// this region, the part in `[0, 1]` that is reflected; a formula of `E` and `jump`.
     pub reflection: Option<Expression>,
 }
 
@@ -75,7 +75,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// The formula of what enters.
+    /// The formula of the inflow.
     pub fn entering(&self) -> &Expression {
         match &self.inflow {
             Inflow::Formula(f) => f,

@@ -81,7 +81,7 @@ impl Case {
         file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
     }
 
-    /// Refuses what is not known of elements, of degree 0 or above, or of partial reflection.
+    /// Refuses settings that elements, of any degree, or partial reflection do not support.
     fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
         let reflects = self.potential.iter().position(|region| region.reflection.is_some());
         if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {

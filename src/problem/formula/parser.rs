@@ -14,8 +14,8 @@ const DEEPEST: usize = 50;
 /// Numbers by their names.
 pub type Constants = BTreeMap<String, f64>;
 
-/// The tree of `text`; `names[i]` lists the names under which coordinate `i` may appear, beside those
-/// of `constants`.
+/// The tree of `text`; `names[i]` lists the names under which coordinate `i` may appear, beside
+/// those of `constants`.
 ///
 /// # Errors
 /// A sentence that says what is wrong and at which character.

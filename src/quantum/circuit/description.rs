@@ -69,7 +69,7 @@ pub struct Description {
     pub alpha_of_highest: Option<f64>,
     /// How far a jump was rounded at most, in levels.
     pub rounded: f64,
-    /// Bound of the norm of what that changes of `A`.
+    /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
     /// The same by sparse access.
     pub sparse: Sparse,

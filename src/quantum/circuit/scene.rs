@@ -22,7 +22,7 @@ pub struct Scene {
     pub transport: Transport,
     /// How far a jump was rounded at most, in levels; 0 if all are whole.
     pub rounded: f64,
-    /// Bound of the norm of what that changes of `A`.
+    /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
 }
 
@@ -292,8 +292,8 @@ fn boxes(places: &[usize], padding: &[usize], bits: usize) -> Vec<Vec<(usize, bo
     real.map(|((free, value), _)| fixed(free, value).collect()).collect()
 }
 
-/// Bound of the norm of what another height of a jump changes of `|v| weight`, the rates of the
-/// scheme: the root of the largest sums of a row and of a column.
+/// Bound on the norm of the change of the scheme's rates `|v| weight` when a jump has the height
+/// `rounded` instead of `rise`: the root of the largest sums of a row and of a column.
 fn change_of(axis: &Axis, rise: f64, rounded: f64) -> f64 {
     let mut rates: HashMap<(bool, i64, bool, i64), f64> = HashMap::new();
     let mut found = Vec::new();

@@ -44,7 +44,7 @@ pub(super) struct Along {
     pub energy: Vec<Qubit>,
     /// Bits of the level that no level of this axis has.
     pub spare: Vec<Qubit>,
-    /// Energies in bins, with a bit for what is above the register.
+    /// Energies in bins, with a bit for energies above the register.
     pub kinetic: Vec<Qubit>,
     /// What says that this axis is chosen.
     pub chosen: Vec<Literal>,

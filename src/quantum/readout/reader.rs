@@ -43,7 +43,7 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// An overlap and what it is multiplied by to give a moment.
+/// An overlap and the prefactor by which it gives a moment.
 #[derive(Clone, Copy, Debug)]
 struct Overlap {
     value: f64,
@@ -101,7 +101,7 @@ impl Repetitions {
         }
     }
 
-    /// Bound on the error of what is measured of `overlap`, relative to its prefactor.
+    /// Bound on the error of the measured `overlap`, relative to its prefactor.
     fn bound(self, estimator: Estimator, overlap: f64, probability: f64) -> f64 {
         let error = self.of_overlap(estimator);
         let of_norm: f64 = self.of_norm(estimator, probability).iter().sum();
@@ -277,7 +277,7 @@ impl Reader<'_> {
         Moment { measured, estimate: bare, bound: bare_bound, evolutions }
     }
 
-    /// `P` of what is read; NaN where it is not known.
+    /// The probability `P` of the window or the slice that is read; NaN where it is not known.
     fn probability(&self) -> f64 {
         self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
     }

@@ -34,7 +34,7 @@ impl<'a> Runs<'a> {
         Self { run, beside, names }
     }
 
-    /// The run, then the one beside it, each with what it is called.
+    /// The run, then the one beside it, each with its name.
     pub fn each(&self) -> impl Iterator<Item = (&'a Stored, &str)> {
         let both = [Some(self.run), self.beside];
         (both.into_iter().zip(&self.names)).filter_map(|(run, name)| Some((run?, name.as_str())))

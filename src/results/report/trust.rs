@@ -241,7 +241,7 @@ mod tests {
         }
     }
 
-    /// A run that goes on meets its tolerance by its own error; what it inherits is said.
+    /// A run that goes on meets its tolerance by its own error; the inherited error is shown.
     #[test]
     fn inherited_errors_are_said_and_miss_nothing() {
         let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };

@@ -121,7 +121,7 @@ struct Gains<'a> {
 }
 
 impl Gains<'_> {
-    /// The factor of what meets a jump.
+    /// The factor by which the interface law changes the mass of particles that meet this jump.
     fn factor(&mut self, met: &Crossing) -> f64 {
         let axis = &self.case.space.v[met.axis];
         let interface = self.case.interface;

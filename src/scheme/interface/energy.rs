@@ -172,7 +172,7 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     )))
 }
 
-/// Magnitudes of the faces of elements, of both signs: what is reflected moves with the other one.
+/// Magnitudes of the faces of elements of both signs: reflection changes the sign of a velocity.
 fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
     (0..=axis.elements() as i64).map(|e| axis.face(e).abs()).filter(|speed| *speed > 0.0)
 }

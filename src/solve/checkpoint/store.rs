@@ -230,8 +230,8 @@ impl Store {
         }
     }
 
-    /// The newest generation that is valid; none where there is none at all. `say` is called, on
-    /// rank 0, what is wrong with newer ones. Collective.
+    /// The newest valid generation; none where there is no generation at all. Rank 0 passes to
+    /// `say` why newer ones are not valid. Collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where there are some and none is valid.

@@ -25,8 +25,8 @@ pub enum Status {
     LeftOut,
 }
 
-/// A trial: its settings, then its numbers. What a method does not have, or what is unknown, is
-/// none.
+/// A trial: its settings, then its numbers. Settings that a method does not have, and unknown
+/// numbers, are none.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Entry {
     /// The result.

@@ -105,7 +105,7 @@ pub struct Curve {
     pub name: String,
     /// Points by rising `x`.
     pub points: Vec<Point>,
-    /// Whether theory only bounds what is measured.
+    /// Whether theory is only a bound on the measured values.
     pub bound: bool,
 }
 
@@ -120,7 +120,7 @@ pub struct Border {
     pub theory: Option<f64>,
     /// Measured over theory, where that is not about zero.
     pub ratio: Option<f64>,
-    /// Whether theory only bounds what is measured.
+    /// Whether theory is only a bound on the measured place.
     pub bound: bool,
     /// Label of a line across the figure at the theory's value.
     #[serde(skip)]
