@@ -155,11 +155,6 @@ impl BlockMatrix {
         self.rows() + self.block.ghosts()
     }
 
-    /// Number of entries.
-    pub fn entries(&self) -> usize {
-        self.rows.entries()
-    }
-
     /// Rows that are stored: those that repeat, once.
     pub fn distinct_rows(&self) -> usize {
         self.rows.templates()

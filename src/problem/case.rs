@@ -24,14 +24,14 @@ pub(crate) mod solver;
 mod validate;
 pub(crate) mod warp;
 
-pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA, Extension};
+pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
     Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile, TableOf,
     WarpedStart,
 };
 pub use crate::problem::case::keys::Kind;
 pub use crate::problem::case::output::{
-    DeltaWidth, OutputTime, OutputTimes, Plateau, Storage, deflate_available,
+    DeltaWidth, OutputTime, Plateau, Storage, deflate_available,
 };
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::settings::{Settings, differing_setting};

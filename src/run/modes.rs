@@ -19,7 +19,7 @@ use crate::results::warped;
 use crate::results::warped::given::{Domain, Given, Read};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{Files, Found};
+use crate::run::files::{Files, Found, Unread, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
@@ -31,8 +31,6 @@ use crate::solve::prepared::Prepared;
 use crate::solve::stage::{Keeping, Recovered, Task};
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -48,11 +46,11 @@ pub(crate) fn by_modes(
     prepared: &mut Prepared,
     files: Option<Files<'_>>,
     summary: &mut Summary,
-) -> Result<Found> {
+) -> Result<Found<Unread>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let speaks = communicator.world.rank() == 0 && files.is_some();
-    let mut warped = (files.as_ref()).map(|files| WarpedFiles::new(case, plan, warp, files));
+    let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, took: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resumed(found, plan, communicator, place));
@@ -205,13 +203,46 @@ impl Pass<'_> {
         };
         let (kept, mut files) = kept.unzip();
         let mut after = |field: usize, leg: usize, kept: &KeptModes| match files.as_mut() {
-            Some(Some(files)) => files.write(field, leg, spread, kept),
+            Some(Some(files)) => self.write(files, field, leg, kept),
             _ => Ok(()),
         };
         let begun = self.case.start.is_some();
         let mut keeping = kept.map(|kept| Keeping { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
         modes::run(&task, evolution, &mut *propagator, progress, hooks)
+    }
+
+    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
+    fn write(
+        &self,
+        files: &mut WarpedFiles<'_>,
+        field: usize,
+        leg: usize,
+        kept: &KeptModes,
+    ) -> Result<()> {
+        let (case, plan) = (self.case, self.plan);
+        let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
+        // Times before the end that are to show the fields are numbered.
+        let times = &case.times;
+        let time = Leg::output_times(&legs[..=leg]).count() - 1;
+        let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
+        if !case.warped_field || !wanted(&time) {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
+        let about = About {
+            case,
+            plan,
+            time: times.get(time).map_or(case.end, |t| t.time),
+            seconds: files.output.seconds,
+            provenance: files.output.provenance,
+        };
+        let name = warped::file_name(case.fields[field].name, number);
+        let path = files.output.directory.join(name);
+        warped::write(&path, &about, self.spread, series, interval[0], kept)?;
+        files.took += started.elapsed().as_secs_f64();
+        Ok(())
     }
 }
 
@@ -244,7 +275,7 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
 
 /// The fields with their weights undone, and the error of the time step relative to them.
 /// Collective.
-fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found {
+fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found<Unread> {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
@@ -271,60 +302,9 @@ fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) 
 
 /// The files of the whole warped field, `DIR/warped….h5`.
 struct WarpedFiles<'a> {
-    case: &'a Case,
-    plan: &'a Plan,
-    warp: &'a WarpPlan,
-    directory: &'a Path,
-    seconds: &'a BTreeMap<String, f64>,
-    provenance: &'a [(String, String)],
+    output: WarpedOutput<'a>,
     /// Seconds that writing took.
     took: f64,
-}
-
-impl<'a> WarpedFiles<'a> {
-    fn new(case: &'a Case, plan: &'a Plan, warp: &'a WarpPlan, files: &Files<'a>) -> Self {
-        Self {
-            case,
-            plan,
-            warp,
-            directory: files.directory,
-            seconds: files.seconds,
-            provenance: files.provenance,
-            took: 0.0,
-        }
-    }
-
-    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
-    fn write(
-        &mut self,
-        field: usize,
-        leg: usize,
-        spread: &Spread<'_>,
-        kept: &KeptModes,
-    ) -> Result<()> {
-        // Times before the end that are to show the fields are numbered.
-        let times = &self.case.times;
-        let time = Leg::output_times(&self.warp.legs[..=leg]).count() - 1;
-        let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
-        if !self.case.warped_field || !wanted(&time) {
-            return Ok(());
-        }
-        let started = Instant::now();
-        let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
-        let about = About {
-            case: self.case,
-            plan: self.plan,
-            time: times.get(time).map_or(self.case.end, |t| t.time),
-            seconds: self.seconds,
-            provenance: self.provenance,
-        };
-        let name = warped::file_name(self.case.fields[field].name, number);
-        let path = self.directory.join(name);
-        let WarpPlan { series, interval, .. } = self.warp;
-        warped::write(&path, &about, spread, series, interval[0], kept)?;
-        self.took += started.elapsed().as_secs_f64();
-        Ok(())
-    }
 }
 
 /// What was read of a start from a file.

@@ -182,11 +182,6 @@ impl Grids {
         Self { merged, ..self }
     }
 
-    /// The axes of the `2n` that runs merge to one cell.
-    pub fn merged(&self) -> &[bool] {
-        &self.merged
-    }
-
     /// `cells(k, n)` along each axis `k` that has `n` in `shape`, merged axes as they are.
     fn with(&self, shape: &[usize], cells: impl Fn(usize, usize) -> usize) -> Vec<usize> {
         let of = |(k, &n)| if self.merged[k] { n } else { cells(k, n) };
