@@ -34,7 +34,7 @@ fn overrides(changes: &Changes) -> Vec<String> {
     changes.set.iter().cloned().chain(mode).collect()
 }
 
-/// The case of a run that goes on from the results in a directory.
+/// The case of a run that continues from the results in a directory.
 #[derive(Default, Serialize, Deserialize)]
 struct Continuation {
     /// The name of its case file.
@@ -91,7 +91,7 @@ pub fn load_continued(
     Ok(case)
 }
 
-/// What there is to go on from. By one rank.
+/// The result in `directory` that a run continues from. Not collective.
 fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Continuation> {
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("--continue {}: {what}", directory.display()))

@@ -17,8 +17,8 @@
 //! scalar:          the root of λ = ¼ Σ κ_i²/(λ − c_i) above all c_i
 //! ```
 //!
-//! Of a degree above 0, what enters through a face may be spread over several rows, so that `g_i`
-//! is only what a row loses on its own account, and may be zero. Planned couplings are then `κ_i² =
+//! Of a degree above 0, the inflow through a face may be spread over several rows, so that `g_i` is
+//! only the loss of row `i` itself, and may be zero. Planned couplings are then `κ_i² =
 //! 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over
 //! the points at which something enters. Of an inflow that varies, `b` there is the largest over
 //! the stages.

@@ -441,8 +441,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The particle has arrived at its block's upper or lower face along `a`: transmission,
-    /// reflection or rest. The end of the phase-space box through which it thereby leaves.
+    /// Transmits, reflects or rests a particle that has arrived at its block's upper or lower face
+    /// along `a`. Returns the end of the phase-space box, if it leaves through one.
     fn cross(
         &self,
         particle: &mut Particle,

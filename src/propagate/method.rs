@@ -51,7 +51,7 @@ pub trait Propagator {
         initial: &Initial<'_>,
     ) -> Result<BatchReport>;
 
-    /// The same, and the moments at the times that `passed` has been told, into it. Collective over
+    /// Propagates `initial`, and puts the moments at the times of `passed` into it. Collective over
     /// the space group.
     ///
     /// # Errors

@@ -30,7 +30,7 @@ pub enum Scale {
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What stands beside it.
+    /// Label of the axis.
     pub label: String,
     /// Scale of the axis.
     pub scale: Scale,

@@ -28,7 +28,7 @@ pub struct Ledger {
     pub jumps: Vec<Jump>,
     /// The regions of `V` that lie between others.
     pub regions: Vec<Region>,
-    /// What could not be told, and why.
+    /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
 }
 
@@ -292,7 +292,7 @@ impl Ledger {
         self.ends.iter().filter(lost).map(warning).collect()
     }
 
-    /// Jumps that the data hardly feel.
+    /// Warnings of jumps that are small beside the energies of the data.
     fn jump_warnings(&self) -> impl Iterator<Item = String> + '_ {
         self.jumps.iter().filter_map(|jump| {
             let mean = jump.mean_energy.unwrap_or(jump.largest_energy);

@@ -63,9 +63,9 @@ pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()>
 impl<'a> Writer<'a> {
     /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.
     ///
-    /// Space is reserved before anything is written, where the file system can: a disk that is full
-    /// is told by one call on one rank, not in the middle of what ranks do together, where HDF5
-    /// leaves the others waiting.
+    /// Space is reserved before anything is written, where the file system can: a full disk is then
+    /// an error of one call on one rank, and not of a collective call, in which HDF5 would leave
+    /// the other ranks waiting.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`] here and in all that follows, the same on all ranks.

@@ -24,8 +24,8 @@ pub(crate) struct Files<'a> {
     pub checkpointing: Option<&'a mut Checkpointing>,
 }
 
-/// What either method finds, on this rank's share; the history of the output times before the end as
-/// either method leaves it, then as [`Early`].
+/// What either method finds, on this rank's share; the `History` of the output times before the end
+/// is [`Unread`] at first, then a list of [`Early`].
 pub(crate) struct Found<History> {
     /// Every field at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,

@@ -246,7 +246,7 @@ impl Pass<'_> {
     }
 }
 
-/// What a run goes on from, with the batches that are left of it.
+/// The checkpoint that a run continues from, with the batches that are left.
 fn resumed<'a>(
     generation: Generation,
     plan: &Plan,

@@ -136,8 +136,8 @@ fn one_mode() -> Placement {
     }
 }
 
-/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as
-/// one that is `e^{−p} f` where information reaches the recovery point from.
+/// How a given warped field on `points` points of `interval` is read: as a field that is `e^{−p} f`
+/// on the domain of dependence of the recovery point.
 ///
 /// # Errors
 /// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many

@@ -33,7 +33,7 @@ use std::time::Instant;
 pub struct RunHooks<'r, 'k, 'c> {
     /// What a full run keeps. A streamed run drops the modes.
     pub keeping: Option<&'r mut Keeping<'k>>,
-    /// Checkpoints that are made, and the one that the run goes on from.
+    /// Checkpoints that are made, and the one that the run continues from.
     pub checkpoints: Option<&'r mut Checkpoints<'c>>,
 }
 
@@ -96,9 +96,9 @@ struct ModeRun<'r, 'a, 's, 'k, 'c> {
     between: Vec<Lanes>,
     /// The moments of a batch at the times that a leg passes.
     passed: Option<PassedMoments<'a>>,
-    /// What was counted before the checkpoint that the run goes on from.
+    /// The counts before the checkpoint that the run continues from.
     before: BatchStatistics,
-    /// What was counted since the beginning.
+    /// The counts since the beginning.
     statistics: BatchStatistics,
     recovered: Recovered,
 }

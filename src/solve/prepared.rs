@@ -25,9 +25,9 @@ pub struct Prepared {
     pub plan: Plan,
     /// Bounds of the generator, with the growth that was found.
     pub bounds: Bounds,
-    /// Bounds that it was assembled with, before the growth was found.
+    /// Bounds that the system was assembled with, before the growth was found.
     expected: Bounds,
-    /// Sweeps that its weights may take.
+    /// Sweeps that the weights may take.
     max_weight_sweeps: usize,
 }
 

@@ -1,4 +1,4 @@
-//! What of a run is kept in a checkpoint, and how it goes on from one.
+//! The data of a run that a checkpoint holds, and how a run continues from one.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;

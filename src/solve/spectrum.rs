@@ -14,7 +14,7 @@ use crate::solve::system::DiscreteSystem;
 
 /// An end of the spectrum is found when its residual is this fraction of it …
 const RELATIVE: f64 = 1e-6;
-/// … or this fraction of the spectrum's length: eigenvalues next to zero are not told closer.
+/// … or this fraction of the spectrum's length: eigenvalues next to zero are no more accurate.
 const OF_LENGTH: f64 = 1e-8;
 /// The ends are looked at after each so many steps more, as a fraction of those done.
 const BETWEEN_LOOKS: usize = 16;

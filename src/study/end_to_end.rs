@@ -55,7 +55,7 @@ const ORDERS: Range = Range { least: 0.5, most: 2.0 };
 const MOST_SPACE_CELLS: f64 = (1u64 << 22) as f64;
 /// Traces of a quadrature or of Monte Carlo at most.
 const MOST_TRACES: usize = 1 << 24;
-/// Toffoli gates a second that times are told for: an assumption.
+/// Toffoli gates a second, by which times are estimated: an assumption.
 const TOFFOLI_RATE: f64 = 1e6;
 
 /// A way with a quantum computer.

@@ -156,7 +156,7 @@ impl Grids {
     /// Grids over the box of `case`.
     pub fn new(case: &Case) -> Self {
         let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
-        // Jumps that cannot be found here are found, and reported, by whoever solves the case.
+        // An error in `V` is reported when the case is solved.
         let rests = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
         let at_rest = |axis: &Axis| (rests && inside(axis)).then(|| vec![0.0]);
         let edges: Vec<_> =

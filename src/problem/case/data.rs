@@ -221,11 +221,11 @@ pub struct StartField {
     pub path: PathBuf,
     /// File and line of the key, for errors.
     pub place: String,
-    /// What the file says of itself, once it was looked at.
+    /// The origin that the file names, once it was read.
     pub origin: Option<Origin>,
 }
 
-/// What a result says of itself, to runs that go on from it.
+/// The origin of a result, for runs that continue from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The checksum of `/f`.

@@ -79,7 +79,7 @@ impl ValueFormatter<f64> for Ruler {
 pub struct Tick {
     /// Value at the tick.
     pub at: f64,
-    /// What stands beside it.
+    /// Label of the tick.
     pub label: Option<String>,
 }
 

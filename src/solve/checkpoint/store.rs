@@ -144,7 +144,7 @@ impl Store {
     /// # Errors
     /// [`Error::Checkpoint`], of the first rank that has one.
     pub fn write(&mut self, world: &Group, mesh: &Mesh, snapshot: &Snapshot<'_>) -> Result<usize> {
-        // Ranks that do not see what rank 0 found there are told.
+        // Other ranks may not see the files that rank 0 found.
         let number = world.broadcast_text(&self.next.to_string());
         let number = number.parse().unwrap_or(self.next);
         self.next = number + 1;
