@@ -41,8 +41,10 @@ pub struct RunHooks<'r, 'k, 'c> {
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
-/// [`Error::Stopped`] and others as [`Checkpoints::are_over`]; what is done with the modes in
-/// between.
+/// [`Error::Stopped`] and others as [`Checkpoints::are_over`]; errors of [`Keeping::after`].
+///
+/// [`Error::Unitarity`]: crate::base::error::Error::Unitarity
+/// [`Error::Stopped`]: crate::base::error::Error::Stopped
 pub fn run(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
