@@ -44,7 +44,6 @@ use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::file_checksums;
 use crate::results::finished;
-use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
 use crate::results::summary::{self, Missed, Summary};
@@ -53,7 +52,7 @@ use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::Expanded;
-use crate::run::files::Files;
+use crate::run::files::{Files, SolvedFields, WarpedOutput};
 use crate::run::log::RunLog;
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
@@ -89,8 +88,8 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     matches!(found, Ok(true))
 }
 
-/// An error where the finished run of `case` in `directory` misses what it was asked for, and
-/// `solver.strict` asks for one. Collective.
+/// An error where the finished run of `case` in `directory` misses its goals and `solver.strict` is
+/// set. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] where its summary
@@ -121,7 +120,7 @@ pub fn solve(world: &World, case: &Case) -> Result<Solution> {
 
 /// A solved case, on this rank's share of the grid.
 pub struct Solution {
-    /// The case on the grid of what follows.
+    /// The case on the grid of the results.
     pub case: Case,
     /// The numbers of the run: errors, counts, seconds, memory.
     pub summary: Summary,
@@ -134,7 +133,7 @@ pub struct Solution {
     pub results: Expanded,
     /// The exact solution on the share, where the case names one.
     pub exact: Option<ExactSolution>,
-    /// Its moments at the output times before the end, then at the end.
+    /// Moments of the exact solution at the output times before the end, then at the end.
     pub exact_moments: Vec<Moments>,
     plateau: Vec<PlateauPoint>,
     checkpointing: Option<Checkpointing>,
@@ -153,14 +152,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let mut summary = Summary::default();
     let case = reduced(&world.group(), case)?;
     let shown = Shown::new(&case);
-    let resources = resources(world, output);
-    refuse_hopeless(&case, &resources)?;
-    let bounds = Bounds::new(&case)?;
-    let plan = Plan::provisional(&case, &bounds, &resources)?;
-    let lock = output.map(|output| lock(world, output.directory, &shown.case, &mut log));
-    let lock = lock.transpose()?.flatten();
-    let prepared = prepare(world, &case, &bounds, plan, &mut log)?;
-    let mut prepared = plan_modes(world, prepared, &resources, output, &mut log)?;
+    let (lock, mut prepared) = planned(world, &case, &shown.case, output, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
     let exact_run = exact_run(&prepared.communicator.world, &shown.case, &place)?;
     if exact_run.exact.is_some() {
@@ -173,44 +165,22 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     };
     let at_start = at_start(&mut prepared);
     let initial = at_start.as_ref().map(|found| found.totals);
-    let at_start = at_start.filter(|_| prepared.case.at_start.is_some());
     summary.mass_initial = initial.map(|totals| totals.mass);
-    let mut ledger = match output {
-        Some(_) => ledger::foreseen(&world.group(), &shown.case)?,
-        None => Ledger::default(),
-    };
+    let foreseen = output.map(|_| ledger::foreseen(&world.group(), &shown.case));
+    let mut ledger = foreseen.transpose()?.unwrap_or_default();
     let entered = ledger::entered(&prepared);
     log.watch.lap("observables");
-    let seconds = log.watch.seconds.clone();
-    let provenance = provenance(world, &prepared.case);
-    let files = output.map(|output| Files {
-        directory: output.directory,
-        seconds: &seconds,
-        provenance: &provenance,
-        checkpointing: checkpointing.as_mut(),
-    });
-    let mut solution = fields::solve(&mut prepared, files, &mut summary)?;
-    solution.early.splice(0..0, at_start);
-    log.watch.part("write", solution.warped_seconds);
-    log.watch.lap("solve");
-    solution.warning.iter().for_each(|warning| log.warn_later(warning.clone()));
-    compare::refuse_not_finite(&prepared, &solution)?;
-    for warning in compare::compare(&prepared, &solution, &mut summary) {
-        log.warn_later(warning);
-    }
-    if prepared.case.verify {
-        compare::verify(&mut prepared, &solution, log.speaks, &mut summary);
-        log.watch.lap("verify");
-    }
-    summary.continued = compare::continued(&prepared, &solution.fields[0][0], &summary);
+    let files = output.map(|output| (output.directory, checkpointing.as_mut()));
+    let mut solution = solve_fields(world, &mut prepared, files, &mut summary, &mut log)?;
+    solution.early.splice(0..0, at_start.filter(|_| prepared.case.at_start.is_some()));
+    compare_fields(&mut prepared, &solution, &mut summary, &mut log)?;
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, &exact_run, &mut summary)?;
     let ExactRun { exact, moments: exact_moments } = exact_run;
-    summary.mass_exact = exact_moments.last().map(|moments| {
-        let volumes = CellVolumes::new(&shown.case.space, &place.share);
-        volumes.integral(&prepared.communicator.world, &moments.density)
-    });
+    let volumes = CellVolumes::new(&shown.case.space, &place.share);
+    let mass = |moments: &Moments| volumes.integral(&prepared.communicator.world, &moments.density);
+    summary.mass_exact = exact_moments.last().map(mass);
     ledger.close(initial, results.totals, entered);
     ledger.warnings().into_iter().for_each(|warning| log.warn_later(warning));
     summary.ledger = Some(ledger);
@@ -238,12 +208,68 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     })
 }
 
-/// The ranks and the memory that a run has.
-fn resources(world: &World, output: Option<Output<'_>>) -> Resources {
-    Resources {
+/// The system of the reduced `case` with its modes planned, and the lock of the directory that the
+/// results go to; `shown` is the case as its results are shown. Collective.
+fn planned(
+    world: &World,
+    case: &Case,
+    shown: &Case,
+    output: Option<Output<'_>>,
+    log: &mut RunLog,
+) -> Result<(Option<DirectoryLock>, Prepared)> {
+    let resources = Resources {
         ranks_x: output.and_then(|output| output.options.ranks_x.clone()),
         ..Resources::here(world)
+    };
+    refuse_hopeless(case, &resources)?;
+    let bounds = Bounds::new(case)?;
+    let plan = Plan::provisional(case, &bounds, &resources)?;
+    let lock = output.map(|output| lock(world, output.directory, shown, log));
+    let lock = lock.transpose()?.flatten();
+    let prepared = prepare(world, case, &bounds, plan, log)?;
+    Ok((lock, plan_modes(world, prepared, &resources, output, log)?))
+}
+
+/// Every field at `T` and at the output times before; warped fields and checkpoints go to `files`,
+/// the directory with its checkpoints. Collective.
+fn solve_fields(
+    world: &World,
+    prepared: &mut Prepared,
+    files: Option<(&Path, Option<&mut Checkpointing>)>,
+    summary: &mut Summary,
+    log: &mut RunLog,
+) -> Result<SolvedFields> {
+    let seconds = log.watch.seconds.clone();
+    let provenance = provenance(world, &prepared.case);
+    let files = files.map(|(directory, checkpointing)| Files {
+        warped: WarpedOutput { directory, seconds: &seconds, provenance: &provenance },
+        checkpointing,
+    });
+    let solution = fields::solve(prepared, files, summary)?;
+    log.watch.part("write", solution.warped_seconds);
+    log.watch.lap("solve");
+    solution.warning.iter().for_each(|warning| log.warn_later(warning.clone()));
+    Ok(solution)
+}
+
+/// What `summary` says of the error of the fields: the estimate, and what `solver.verify` measures.
+/// Collective.
+fn compare_fields(
+    prepared: &mut Prepared,
+    solution: &SolvedFields,
+    summary: &mut Summary,
+    log: &mut RunLog,
+) -> Result<()> {
+    compare::refuse_not_finite(prepared, solution)?;
+    for warning in compare::compare(prepared, solution, summary) {
+        log.warn_later(warning);
     }
+    if prepared.case.verify {
+        compare::verify(prepared, solution, log.speaks, summary);
+        log.watch.lap("verify");
+    }
+    summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
+    Ok(())
 }
 
 /// Makes sure that the results can be written, by this run alone; gives the directory's lock, on

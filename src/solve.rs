@@ -6,6 +6,7 @@
 //!
 //! Uses: plan, schrodingerization, propagate, matrix, scheme, parallel, problem, base.
 
+mod batch;
 pub mod checkpoint;
 pub mod kept;
 pub mod modes;
@@ -14,6 +15,7 @@ pub mod prepared;
 pub mod resume;
 pub mod snapshot;
 pub mod spectrum;
+pub mod stage;
 pub mod start_field;
 pub mod statistics;
 pub mod sum;

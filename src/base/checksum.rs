@@ -38,13 +38,13 @@ pub fn of_text(bytes: &[u8]) -> u64 {
 /// Size and checksum of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileChecksum {
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// The checksum of its bytes as 64-bit words, little-endian, the last one filled up with zeros.
     pub checksum: u64,
 }
 
-/// Those of files, by name.
+/// Sizes and checksums of files, by name.
 pub type FileChecksums = BTreeMap<String, FileChecksum>;
 
 /// Size and checksum of a file, of the checksum the part of every `of`-th piece from `first` on.

@@ -27,8 +27,8 @@ pub(crate) fn partial(path: &Path) -> PathBuf {
     name.into()
 }
 
-/// Removes what an earlier run left under the name `path`: a file, or a link, but not what it
-/// leads to. Nothing there is no error.
+/// Removes the file or the link at `path` that an earlier run left; the target of a link stays. A
+/// path without a file is no error.
 pub(crate) fn clear(path: &Path) -> io::Result<()> {
     match std::fs::remove_file(path) {
         Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
@@ -45,7 +45,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
-/// As [`write`], of what `fill` writes into the file.
+/// As [`write`], with the contents that `fill` writes into the file.
 ///
 /// # Errors
 /// [`Error::Output`].

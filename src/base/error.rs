@@ -23,7 +23,7 @@ pub enum Error {
     Formula {
         /// File, line and key of the formula.
         key: String,
-        /// Its text.
+        /// Text of the formula.
         formula: String,
         /// What it gave.
         value: f64,
@@ -162,7 +162,7 @@ pub enum Error {
     Unitarity {
         /// Index of the mode.
         mode: usize,
-        /// Its wavenumber μ.
+        /// Wavenumber `μ` of the mode.
         wavenumber: f64,
         /// Relative change of the norm.
         defect: f64,
@@ -316,9 +316,9 @@ pub enum Error {
     Remote {
         /// The lowest rank that failed.
         rank: usize,
-        /// Its message.
+        /// Message of the error on that rank.
         message: String,
-        /// Its exit code.
+        /// Exit code of that error.
         code: i32,
         /// See [`Error::leaves_files_open`].
         files_open: bool,

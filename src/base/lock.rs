@@ -30,7 +30,7 @@ pub struct DirectoryLock {
 impl DirectoryLock {
     /// Makes `directory` and locks it. By one rank.
     ///
-    /// Where the file system has no locks, `unlocked` says why, and nobody is kept away.
+    /// Where the file system has no locks, `unlocked` says why, and other runs are not kept out.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Directory`] where the directory cannot be written, or is still

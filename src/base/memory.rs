@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 /// Bytes that may still be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Available {
-    /// By all processes of this job on this machine together.
+    /// Bytes for all processes of this job on this machine together.
     pub together: u64,
-    /// By this process, whatever the others take.
+    /// Bytes for this process, whatever the others take.
     pub alone: u64,
 }
 
@@ -95,7 +95,7 @@ const VERSION_1: Files = Files {
     reclaimable: "total_inactive_file ",
 };
 
-/// Beyond `memory.high` the system slows a process down until it stands still.
+/// Version 2; beyond `memory.high` the system slows a process down until it stands still.
 const VERSION_2: Files = Files {
     limits: &["memory.max", "memory.high"],
     used: "memory.current",

@@ -39,7 +39,7 @@ const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
 /// Why a function is not represented.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
-    /// Its value at this point is too large, or no number.
+    /// The function's value at this point is too large, or not a number.
     Unbounded {
         /// The point.
         at: f64,
@@ -56,7 +56,7 @@ pub enum Failure {
 struct Piece {
     lower: f64,
     upper: f64,
-    /// Of `P_n(t)`, `t` in `[−1, 1]`.
+    /// Coefficients of the Legendre polynomials `P_n(t)`, `t` in `[−1, 1]`.
     coefficients: Vec<f64>,
     resolved: bool,
 }
@@ -164,7 +164,7 @@ impl Piecewise {
         })
     }
 
-    /// Of pieces that follow each other, with all that is known of their ends.
+    /// A function of pieces that follow each other, with what is known at their ends.
     fn new(pieces: Vec<Piece>) -> Self {
         let mut found = Self {
             jumps: Vec::new(),

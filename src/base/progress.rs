@@ -19,7 +19,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Silent except on the rank that `speaks`; `total` is the work to come, of what `name` says.
+    /// Progress in `name`, of which `total` are to come; silent except on the rank that `speaks`.
     pub fn new(speaks: bool, name: &'static str, total: usize) -> Self {
         let bar = (speaks && std::io::stderr().is_terminal()).then(|| {
             let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% ETA {eta}");

@@ -87,7 +87,7 @@ fn legendre(n: usize, x: f64) -> [f64; 2] {
     [values[n], n as f64 * (x * values[n] - values[n - 1]) / (x * x - 1.0)]
 }
 
-/// The mean of what is found from both ends.
+/// The mean of the nodes found from both ends.
 fn symmetric(rule: Vec<QuadraturePoint>) -> Vec<QuadraturePoint> {
     let mean = |(a, b): (&QuadraturePoint, &QuadraturePoint)| QuadraturePoint {
         node: 0.5 * (a.node - b.node),

@@ -8,7 +8,7 @@ use std::fmt::{self, Display, Formatter};
 pub struct Refusal {
     /// The full key.
     pub key: Option<String>,
-    /// Its value, as it was given.
+    /// The key's value, as the case gives it.
     pub value: Option<String>,
     /// What is wrong with it, and what is allowed.
     pub message: String,
@@ -29,7 +29,7 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// That `value` stands at `place`: `file:line: key`, or `--set …: key`.
+    /// A refusal of `value` at `place`: `file:line: key`, or `--set …: key`.
     pub fn at_place(place: &str, value: &str, message: &str) -> Self {
         let (before, key) = place.rsplit_once(": ").unwrap_or(("", place));
         let mut refusal = Self {

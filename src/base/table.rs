@@ -12,21 +12,21 @@ const GAP: usize = 2;
 pub struct Column {
     /// The name, then a cell a row.
     lines: Vec<String>,
-    /// Of the longest.
+    /// Width of the longest cell.
     width: usize,
     /// Whether cells begin at the left.
     left: bool,
 }
 
 impl Column {
-    /// Of numbers, which end at the right.
+    /// A column of numbers, aligned at the right.
     pub fn new(name: &str, cells: impl IntoIterator<Item = String>) -> Self {
         let lines: Vec<String> = std::iter::once(name.to_owned()).chain(cells).collect();
         let width = lines.iter().map(|line| display_width(line)).max().unwrap_or(0);
         Self { lines, width, left: false }
     }
 
-    /// Of words, which begin at the left.
+    /// A column of words, aligned at the left.
     pub fn of_words(name: &str, cells: impl IntoIterator<Item = String>) -> Self {
         Self { left: true, ..Self::new(name, cells) }
     }

@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use textwrap::core::{Word, display_width};
 use textwrap::{Options, WordSeparator, WordSplitter, WrapAlgorithm, wrap};
 
-/// Columns of what is printed for people.
+/// Columns of lines that are printed for people.
 pub const COLUMNS: usize = 100;
 /// Columns at most behind which the value of a name goes on.
 const MOST_HANG: usize = 40;
@@ -209,7 +209,7 @@ pub fn place(value: f64, apart: f64) -> String {
     digits(value, if count.is_finite() { count.clamp(1.0, 16.0) as usize } else { 4 })
 }
 
-/// Zero instead of what round-off leaves of it, beside numbers as large as `scale`.
+/// Zero in the place of round-off beside numbers as large as `scale`.
 pub fn rounded(value: f64, scale: f64) -> f64 {
     const ROUND_OFF: f64 = 1e-12;
     if value.abs() <= ROUND_OFF * scale.abs() { 0.0 } else { value }

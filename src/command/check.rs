@@ -27,7 +27,7 @@ struct Checked<'a> {
     title: &'a str,
     /// The keys that are given, with their values.
     settings: &'a std::collections::BTreeMap<String, String>,
-    /// Those of space, then those of velocity.
+    /// The space axes, then the velocity axes.
     axes: Vec<CheckedAxis>,
     /// Unknowns: cells, of elements nodes.
     cells: usize,

@@ -70,7 +70,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     Ok(())
 }
 
-/// Compiles the block encoding of a case and prints what it takes. Collective.
+/// Compiles the block encoding of a case and prints its counts of gates and qubits. Collective.
 ///
 /// # Errors
 /// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],

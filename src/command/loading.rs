@@ -34,7 +34,7 @@ fn overrides(changes: &Changes) -> Vec<String> {
     changes.set.iter().cloned().chain(mode).collect()
 }
 
-/// The case of a run that goes on from the results in a directory.
+/// The case of a run that continues from the results in a directory.
 #[derive(Default, Serialize, Deserialize)]
 struct Continuation {
     /// The name of its case file.
@@ -49,7 +49,7 @@ struct Continuation {
     tables: BTreeMap<String, String>,
 }
 
-/// Keys of a continued run that follow from what it goes on from.
+/// Keys of a continued run that follow from the result it starts from.
 const OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
 /// Keys that list times of the part that is done.
 const OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
@@ -91,7 +91,7 @@ pub fn load_continued(
     Ok(case)
 }
 
-/// What there is to go on from. By one rank.
+/// The result in `directory` that a run continues from. Not collective.
 fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Continuation> {
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("--continue {}: {what}", directory.display()))
@@ -163,8 +163,8 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
     name.into()
 }
 
-/// The case as it is solved: its start is read, and what its answer does not depend on is left out.
-/// Collective.
+/// The case as it is solved: with the start that it reads, and reduced to what its solution depends
+/// on. Collective.
 ///
 /// # Errors
 /// As [`reduced`].

@@ -29,7 +29,7 @@ const MOST_POINTS: usize = 10_000_000;
 #[derive(Default)]
 pub(super) struct Written {
     pub files: Vec<PathBuf>,
-    /// Names of what was left out, and why.
+    /// Names of the pictures that were left out, and why.
     pub left_out: Vec<(String, String)>,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Place {
     pub directory: PathBuf,
     /// The directory of the run.
     of_run: PathBuf,
-    /// Whose they are; nobody's among the results of the run.
+    /// The case that owns the pictures; none among the results of the run.
     owner: Option<Owner>,
 }
 

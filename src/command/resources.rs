@@ -9,9 +9,8 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
-use crate::quantum::optimise::{
-    Ranking, System, choices, deltas, preparation, scheme_of, unitary_of,
-};
+use crate::quantum::optimise::ranking::Ranking;
+use crate::quantum::optimise::{System, choices, deltas, preparation, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
 use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
 use crate::solve::prepared::Prepared;

@@ -13,11 +13,11 @@ use crate::problem::case::Case;
 use std::fmt;
 use std::path::Path;
 
-/// Memory that is asked for, over what is planned: plans are right within a fifth, ...
+/// Memory that is asked for, relative to the plan: plans are right within a fifth, ...
 const MEMORY_MARGIN: f64 = 1.25;
 /// ... and beside, in bytes: libraries and MPI differ from machine to machine.
 const MEMORY_BESIDE: f64 = (32 << 20) as f64;
-/// Time that is asked for, over what is expected, ...
+/// Time that is asked for, relative to the expected one, ...
 const TIME_MARGIN: f64 = 1.5;
 /// ... and beside: the start of MPI, and what Slurm's signal leaves to write a checkpoint.
 const SECONDS_BESIDE: f64 = 240.0;
@@ -37,7 +37,7 @@ pub struct Needs {
 
 /// A job script.
 struct JobScript {
-    /// Of the job, made of letters, digits and `._-` alone.
+    /// Name of the job: letters, digits and `._-` only.
     name: String,
     needs: Needs,
     /// Words of `jobscripts/run.sbatch`: case, results, options.

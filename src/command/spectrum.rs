@@ -47,7 +47,7 @@ pub struct GridSpectrum {
     interface: Interface,
     /// Whether the unknowns are scaled by dissipative weights.
     weighted: bool,
-    /// Of which system, where something enters.
+    /// The system that `S` belongs to, where something enters.
     system: System,
     /// Extreme eigenvalues.
     lanczos: Extremes,

@@ -18,7 +18,7 @@ use std::path::Path;
 const TOLD_TO_STOP: &str = "told to stop: a checkpoint of this run follows, or its end where it \
                             makes none; a second signal ends at once\n";
 
-/// Solves what is not finished, writes and prints the table. Collective.
+/// Solves the cases that are not finished, writes and prints the table. Collective.
 ///
 /// # Errors
 /// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a

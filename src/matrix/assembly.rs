@@ -14,7 +14,7 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::rows::{Builder, Entry};
+use crate::matrix::rows::{Builder, Entry, Rows};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
 use crate::scheme::rows::{Row, Scheme};
@@ -147,10 +147,12 @@ struct Layers {
     local_size: usize,
     /// Velocity cells at a point of space.
     velocities: usize,
+    /// Rows of the block, auxiliary unknowns included: ghosts are numbered from here on.
+    rows: usize,
 }
 
 impl Layers {
-    /// Those of `block`, whose ghosts are numbered from `rows` on.
+    /// The layers of `block`, which has so many `rows`.
     fn new(case: &Case, block: &Block, rows: usize) -> Self {
         let velocities = block.velocity_cells;
         let leading = &case.space.x[0];
@@ -162,6 +164,7 @@ impl Layers {
             local_size: block.cells() / range.len(),
             range,
             velocities,
+            rows,
         };
         let cells = &mut this.cells;
         block.for_each_own(|global, local| cells.push(Numbers { global, local }));
@@ -197,8 +200,6 @@ impl Layers {
 struct Collector<'a> {
     block: &'a Block,
     layers: &'a Layers,
-    /// Rows of the block, auxiliary unknowns included: ghosts are numbered from here on.
-    rows: usize,
     /// The layer whose rows are evaluated.
     current: usize,
     /// To the layer before it, to it and to the next.
@@ -231,7 +232,7 @@ impl Collector<'_> {
         for &(global, value) in &row.entries {
             let local = match self.block.local(global) {
                 Some(LocalIndex::Own(j)) => j,
-                Some(LocalIndex::Ghost(g)) => self.rows + g,
+                Some(LocalIndex::Ghost(g)) => self.layers.rows + g,
                 None => continue,
             };
             let (j, half) = (Numbers { global, local }, 0.5 * value);
@@ -267,6 +268,90 @@ impl Collector<'_> {
     }
 }
 
+/// Calls `finish` with what the rows of `A` add to each layer of `block`, one after the other, once
+/// nothing more is added to it.
+fn collect_layers(
+    case: &Case,
+    scheme: &Scheme<'_>,
+    block: &Block,
+    layers: &Layers,
+    row: &mut Row,
+    mut finish: impl FnMut(&mut Vec<Contribution>),
+) {
+    let range = layers.range.clone();
+    let mut collector = Collector {
+        block,
+        layers,
+        current: range.start,
+        window: Default::default(),
+        turned: Vec::new(),
+    };
+    if case.space.is_periodic(0) && range.len() > 2 {
+        collector.add_around(scheme, row);
+    }
+    let mut next = range.start;
+    for layer in layers.each() {
+        collector.current = layers.of(layer[0].global);
+        next = collector.current + 1;
+        for i in layers.unknowns(layer) {
+            scheme.row(row, i.global);
+            collector.add(i, row);
+        }
+        let Collector { window, turned, .. } = &mut collector;
+        if next == range.end {
+            window[1].append(turned);
+        }
+        // Nothing more comes to the layer before.
+        if next > range.start + 1 {
+            finish(&mut window[0]);
+        }
+        window.rotate_left(1);
+    }
+    if next == range.end {
+        finish(&mut collector.window[0]);
+    }
+}
+
+/// The rows of `block`, layer by layer, then those of its auxiliary unknowns. Rows that are coupled
+/// to an auxiliary unknown have an entry for it, zero so far.
+fn rows_by_layers(
+    case: &Case,
+    scheme: &Scheme<'_>,
+    block: &Block,
+    inflow: &InflowRows,
+    row: &mut Row,
+) -> Rows {
+    let rows = block.cells() + inflow.unknowns();
+    let layers = Layers::new(case, block, rows);
+    // Couplings that vary with time are no entries.
+    let enters_at = |aux: &Inflow| !case.varies() && aux.enters();
+    let coupled = inflow.list.iter().enumerate();
+    let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
+    let mut builder = Builder::with_capacity(rows);
+    let mut sorter = Sorter::default();
+    let mut done = 0;
+    collect_layers(case, scheme, block, &layers, row, |layer| {
+        sorter.drain(layer, layers.local_size, |entries| {
+            if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
+                let column = block.cells() + if inflow.shared { 0 } else { m };
+                entries.push((column as u32, 0.0, 0.0));
+            }
+            builder.push(entries);
+            done += 1;
+        });
+    });
+    if inflow.shared {
+        // Its row is a sum over all ranks, see `embedding`.
+        builder.push(&[]);
+    } else {
+        for aux in &inflow.list {
+            let entry = [(aux.row, 0.0, 0.0)];
+            builder.push(if enters_at(aux) { &entry } else { &[] });
+        }
+    }
+    builder.finish()
+}
+
 impl BlockMatrix {
     /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until
     /// [`couple`](Self::couple).
@@ -279,70 +364,8 @@ impl BlockMatrix {
         let mut row = Row::default();
         // Auxiliary unknowns stand before the ghosts: their number comes first.
         let inflow = inflow_rows(case, &scheme, &block, &mut row);
-        let rows = block.cells() + inflow.unknowns();
-        let layers = Layers::new(case, &block, rows);
-        let range = layers.range.clone();
-        let mut collector = Collector {
-            block: &block,
-            layers: &layers,
-            rows,
-            current: range.start,
-            window: Default::default(),
-            turned: Vec::new(),
-        };
-        if case.space.is_periodic(0) && range.len() > 2 {
-            collector.add_around(&scheme, &mut row);
-        }
-
-        // Couplings that vary with time are no entries.
-        let enters_at = |aux: &Inflow| !case.varies() && aux.enters();
-        let coupled = inflow.list.iter().enumerate();
-        let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
-        let mut builder = Builder::with_capacity(rows);
-        let mut sorter = Sorter::default();
-        let mut done = 0;
-        let mut finish = |layer: &mut Vec<Contribution>, builder: &mut Builder| {
-            sorter.drain(layer, layers.local_size, |entries| {
-                if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
-                    let column = block.cells() + if inflow.shared { 0 } else { m };
-                    entries.push((column as u32, 0.0, 0.0));
-                }
-                builder.push(entries);
-                done += 1;
-            });
-        };
-        let mut next = range.start;
-        for layer in layers.each() {
-            collector.current = layers.of(layer[0].global);
-            next = collector.current + 1;
-            for i in layers.unknowns(layer) {
-                scheme.row(&mut row, i.global);
-                collector.add(i, &row);
-            }
-            let Collector { window, turned, .. } = &mut collector;
-            if next == range.end {
-                window[1].append(turned);
-            }
-            // Nothing more comes to the layer before.
-            if next > range.start + 1 {
-                finish(&mut window[0], &mut builder);
-            }
-            window.rotate_left(1);
-        }
-        if next == range.end {
-            finish(&mut collector.window[0], &mut builder);
-        }
+        let rows = rows_by_layers(case, &scheme, &block, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
-        if inflow.shared {
-            // Its row is a sum over all ranks, see `embedding`.
-            builder.push(&[]);
-        } else {
-            for aux in &inflow.list {
-                let entry = [(aux.row, 0.0, 0.0)];
-                builder.push(if enters_at(aux) { &entry } else { &[] });
-            }
-        }
-        let rows = builder.finish();
         let mut this = Self::new(block, rows, inflow);
         this.by_elements = case.is_galerkin();
         this.first_axis_nodes = case.space.x[0].nodes.count();

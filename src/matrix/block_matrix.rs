@@ -18,7 +18,7 @@ use crate::parallel::partition::Block;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Which matrix is applied to a real vector.
+/// The matrix that is applied to a real vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
     /// `A = S + K`.
@@ -153,11 +153,6 @@ impl BlockMatrix {
     /// Length of vectors the matrix is applied to: rows and ghosts.
     pub fn length(&self) -> usize {
         self.rows() + self.block.ghosts()
-    }
-
-    /// Number of entries.
-    pub fn entries(&self) -> usize {
-        self.rows.entries()
     }
 
     /// Rows that are stored: those that repeat, once.
@@ -449,13 +444,13 @@ impl BlockMatrix {
 
     /// Half the norm of the couplings `couplings` to auxiliary unknowns, row by row of
     /// [`inflow`](Self::inflow). Collective over `space`.
-    pub fn coupling_norm(&self, space: &Group, couplings: impl Iterator<Item = f64>) -> f64 {
+    pub fn coupling_norm(&self, space: &Group, couplings: &[f64]) -> f64 {
         if self.shared {
-            let squares = couplings.map(|k| [k * k]);
-            let [sum] = space.sum_lanes(self.inflow_rows, squares.collect::<Vec<_>>().into_iter());
+            let squares = couplings.iter().map(|k| [k * k]);
+            let [sum] = space.sum_lanes(self.inflow_rows, squares);
             return 0.5 * sum.sqrt();
         }
-        0.5 * space.max(couplings.fold(0.0, |most, k| most.max(k.abs())))
+        0.5 * space.max(couplings.iter().fold(0.0, |most, k| f64::max(most, k.abs())))
     }
 
     /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a

@@ -40,8 +40,8 @@ use std::ops::Range;
 pub const MOST_LEVELS: usize = 16;
 /// Bytes of the vectors, a row: two batches and the start.
 const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
-/// Part of the cache that what is in use may fill: lines that share a place in it push each other
-/// out before it is full.
+/// Part of the cache that the tiles in use may fill: cache lines that share a place push each other
+/// out before the cache is full.
 const SHARE: f64 = 0.55;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 32;
@@ -62,7 +62,7 @@ pub struct BlockingShape {
 struct Tile {
     /// Lines of cells.
     lines: Range<u32>,
-    /// Their auxiliary unknowns: of the ranges of [`Blocking::auxiliaries`].
+    /// The tile's auxiliary unknowns, as indices into [`Blocking::auxiliaries`].
     auxiliaries: Range<u32>,
 }
 
@@ -83,7 +83,7 @@ pub struct Blocking {
     tiles: Vec<Tile>,
     /// Ranges of auxiliary unknowns, by number among them.
     auxiliaries: Vec<Range<u32>>,
-    /// Which tile goes on, and from which level.
+    /// The tile that goes on next, and the level it goes on from.
     order: Vec<(u32, u32)>,
     /// Where in `order` the ghosts of a level must have come, level by level.
     exchanges: Vec<usize>,

@@ -79,7 +79,7 @@ pub struct Bounds {
     /// Whether `V` has slopes.
     #[serde(skip)]
     pub forces: bool,
-    /// Of a higher degree than 0: bounds by axis.
+    /// Bounds by axis for elements; empty for the upwind scheme of degree 0.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
     /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
@@ -99,15 +99,21 @@ pub struct Bounds {
     pub stages: usize,
 }
 
-impl Bounds {
-    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow
-    /// are allowed; without weights a law that may grow has no such bound, nor has inflow with a
-    /// given `δ`, and [`f64::INFINITY`] stands until it is measured.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Formula`] where `V` is not finite.
-    pub fn new(case: &Case) -> Result<Self> {
-        // Some layers at a time, so that the whole potential is never kept.
+/// What the bounds depend on of `V`, from the whole space grid.
+struct PotentialScan<'a> {
+    /// Bound on the rate of the transport along the velocity axes.
+    force: f64,
+    /// Whether `V` jumps at faces across each axis.
+    jumps: [bool; MAX_DIMENSION],
+    /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
+    kinds: HashSet<[u64; 2 * MAX_DIMENSION]>,
+    /// Faces of elements.
+    faces: Option<ElementFaces<'a>>,
+}
+
+impl<'a> PotentialScan<'a> {
+    /// Evaluates `V` some layers at a time, so that the whole potential is never kept.
+    fn new(case: &'a Case) -> Result<Self> {
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let layer: usize = ranges[1..].iter().map(Range::len).product();
         let first = &case.space.x[0];
@@ -128,6 +134,35 @@ impl Bounds {
             ranges[0] = i..end;
             faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));
         }
+        Ok(Self { force, jumps, kinds, faces })
+    }
+}
+
+/// The growth that weights, of an interface law that `grows` without them, and inflow are allowed;
+/// infinite where there is no bound before it is measured.
+fn allowed_growth(case: &Case, grows: bool) -> f64 {
+    let weights = match (grows, case.warp.weights) {
+        (false, _) => 0.0,
+        (true, true) => WEIGHT_GROWTH,
+        (true, false) => f64::INFINITY,
+    };
+    let couplings = match (case.embeds(), case.warp.delta) {
+        (false, _) => 0.0,
+        (true, Delta::Planned) => INFLOW_GROWTH,
+        (true, _) => f64::INFINITY,
+    };
+    f64::max(weights, couplings) / case.duration()
+}
+
+impl Bounds {
+    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow
+    /// are allowed; without weights a law that may grow has no such bound, nor has inflow with a
+    /// given `δ`, and [`f64::INFINITY`] stands until it is measured.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Formula`] where `V` is not finite.
+    pub fn new(case: &Case) -> Result<Self> {
+        let PotentialScan { force, jumps, kinds, faces } = PotentialScan::new(case)?;
         // Through a jump a cell may be its own neighbour and particles move on all the same.
         let single: f64 = (0..case.space.dimension())
             .filter(|&a| jumps[a] && case.space.is_single(a))
@@ -150,17 +185,7 @@ impl Bounds {
         let jumps = jumps.contains(&true);
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
-        let weights = match (grows, case.warp.weights) {
-            (false, _) => 0.0,
-            (true, true) => WEIGHT_GROWTH,
-            (true, false) => f64::INFINITY,
-        };
-        let couplings = match (inflow, case.warp.delta) {
-            (false, _) => 0.0,
-            (true, Delta::Planned) => INFLOW_GROWTH,
-            (true, _) => f64::INFINITY,
-        };
-        let growth = f64::max(weights, couplings) / case.duration();
+        let growth = allowed_growth(case, grows);
         Ok(Self {
             rate,
             growth,

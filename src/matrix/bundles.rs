@@ -24,7 +24,7 @@ type Lanes = [f64; WIDTH];
 pub(crate) struct Bundles {
     /// Bundles of a layer of elements.
     in_layer: usize,
-    /// Which one each is like, layer by layer; or [`NONE`].
+    /// By layer, the bundle that each bundle repeats; or [`NONE`].
     like: Vec<u32>,
     /// `k` to the nodes of a line: row by row of a bundle, node by node.
     dense: Vec<Lanes>,
@@ -37,7 +37,7 @@ pub(crate) struct Bundles {
 }
 
 impl Bundles {
-    /// Those of `rows`; none where lines are single rows, or rows hardly repeat.
+    /// The bundles of `rows`; none where lines are single rows, or rows hardly repeat.
     pub fn of(rows: &Rows) -> Self {
         let Lines { nodes, stride, cells } = *rows.lines();
         let mut this = Self { offsets: vec![0], ..Self::default() };

@@ -14,14 +14,14 @@ pub struct ElementFaces<'a> {
     found: [BTreeMap<[Face; 2], f64>; MAX_DIMENSION],
     /// The jumps where the first axis closes on itself, in the order of the other cells.
     turn: Vec<JumpKind>,
-    /// By axis: fewest elements between two jumps, or a jump and an end of the axis.
+    /// By axis: the fewest elements between two jumps, or between a jump and an end of the axis.
     between: [usize; MAX_DIMENSION],
     /// By axis: the element above the last jump found on each line.
     last: [HashMap<[usize; MAX_DIMENSION], usize>; MAX_DIMENSION],
 }
 
 impl<'a> ElementFaces<'a> {
-    /// Of `case`; nothing found yet.
+    /// The faces of `case`, before any is added.
     pub fn new(case: &'a Case) -> Self {
         let between = std::array::from_fn(|a| case.space.x.get(a).map_or(0, Axis::elements));
         let (found, last) = Default::default();

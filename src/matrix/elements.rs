@@ -7,7 +7,7 @@ use std::ops::Range;
 /// An element of the grid: one of each axis.
 pub struct Element<'a> {
     space: &'a PhaseSpace,
-    /// Its number along each of the `2n` axes.
+    /// Number of the element along each of the `2n` axes.
     pub place: Cell,
 }
 

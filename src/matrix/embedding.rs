@@ -17,8 +17,8 @@
 //! scalar:          the root of λ = ¼ Σ κ_i²/(λ − c_i) above all c_i
 //! ```
 //!
-//! Of a degree above 0, what enters through a face may be spread over several rows, so that `g_i`
-//! is only what a row loses on its own account, and may be zero. Planned couplings are then `κ_i² =
+//! Of a degree above 0, the inflow through a face may be spread over several rows, so that `g_i` is
+//! only the loss of row `i` itself, and may be zero. Planned couplings are then `κ_i² =
 //! 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over
 //! the points at which something enters. Of an inflow that varies, `b` there is the largest over
 //! the stages.
@@ -92,16 +92,10 @@ impl BlockMatrix {
 
     /// The bound on `λ⁺` of the system that the inflow enlarges, for the certificate `γ` of the
     /// weights and couplings row by row of [`inflow`](Self::inflow). Collective over `space`.
-    pub fn coupled_growth(
-        &self,
-        space: &Group,
-        gamma: f64,
-        couplings: impl Iterator<Item = f64>,
-    ) -> f64 {
+    pub fn coupled_growth(&self, space: &Group, gamma: f64, couplings: &[f64]) -> f64 {
         let least = gamma.max(0.0);
-        let couplings: Vec<f64> = couplings.collect();
         let rows = || {
-            let coupled = self.inflow.iter().zip(&couplings).filter(|(_, k)| **k != 0.0);
+            let coupled = self.inflow.iter().zip(couplings).filter(|(_, k)| **k != 0.0);
             coupled.map(|(aux, k)| (gamma - 0.5 * aux.damping, k * k))
         };
         if self.shared && self.by_elements {

@@ -301,7 +301,7 @@ impl InstructionSet {
         }
     }
 
-    /// Its name.
+    /// Name of the instruction set.
     pub fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "avx512",

@@ -43,7 +43,7 @@ pub struct VelocityFactors {
 }
 
 impl VelocityFactors {
-    /// Those of the velocity cells of `space`.
+    /// The factors of the velocity cells of `space`.
     pub fn new(space: &PhaseSpace) -> Self {
         let mut each = Vec::with_capacity(space.velocity_cells());
         let ranges: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
@@ -81,7 +81,7 @@ impl VelocityFactors {
         std::array::from_fn(|m| self.each.iter().map(|q| q[m] * q[m]).sum::<f64>().sqrt())
     }
 
-    /// The sums over the velocity cells at each point of what `f` holds.
+    /// The sums over the velocity cells of `f` at each point.
     pub fn at_points<'a>(&'a self, f: &'a [f64]) -> impl Iterator<Item = [f64; MOMENTS]> + 'a {
         f.chunks_exact(self.cells()).map(|cells| self.sums(cells))
     }
@@ -222,9 +222,9 @@ pub struct Totals {
 /// Volumes of the cells of a share of the grid beside their mean: 1 of degree 0.
 #[derive(Clone, Debug)]
 pub struct CellVolumes {
-    /// Of each space cell of the share.
+    /// Relative volume of each space cell of the share.
     space: Vec<f64>,
-    /// Of each velocity cell.
+    /// Relative volume of each velocity cell.
     velocity: Vec<f64>,
     /// Mean volume of a space cell.
     mean_space: f64,
@@ -242,7 +242,7 @@ fn relative_volumes(axes: &[Axis], ranges: &[Range<usize>]) -> Vec<f64> {
 }
 
 impl CellVolumes {
-    /// Of the space cells `share` of `space`, with all velocities.
+    /// Volumes of the space cells `share` of `space`, with all velocities.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
         Self {

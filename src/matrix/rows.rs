@@ -34,8 +34,6 @@ pub struct Rows {
     distances: Vec<u32>,
     /// `[s, k]`.
     values: Vec<[f64; 2]>,
-    /// Entries over all rows.
-    entries: usize,
     /// Every column is below this.
     reach: usize,
 }
@@ -111,11 +109,6 @@ impl Rows {
     /// Number of rows.
     pub(crate) fn len(&self) -> usize {
         self.template.len() + self.lines.of_cells() * (self.lines.nodes - 1)
-    }
-
-    /// Entries over all rows.
-    pub fn entries(&self) -> usize {
-        self.entries
     }
 
     /// Rows that differ.
@@ -208,7 +201,6 @@ impl Rows {
             offsets: vec![0],
             distances: Vec::new(),
             values: Vec::new(),
-            entries: self.entries,
             reach: self.reach,
         };
         // The templates of a line's rows tell which line it is like.
@@ -292,7 +284,6 @@ impl Builder {
                 offsets: vec![0],
                 distances: Vec::new(),
                 values: Vec::new(),
-                entries: 0,
                 reach: 0,
             },
             seen: HashMap::default(),
@@ -303,7 +294,6 @@ impl Builder {
     pub fn push(&mut self, entries: &[Entry]) {
         let rows = &mut self.rows;
         let i = rows.template.len() as u32;
-        rows.entries += entries.len();
         for &(column, ..) in entries {
             rows.reach = rows.reach.max(column as usize + 1);
         }
@@ -368,7 +358,7 @@ mod tests {
         list.iter().for_each(|row| builder.push(row));
         let rows = builder.finish();
         // Rows 0, 1 and 4 are one; the sign of zero tells 5 from them.
-        assert_eq!((rows.len(), rows.templates(), rows.entries()), (6, 4, 10));
+        assert_eq!((rows.len(), rows.templates()), (6, 4));
         let back = |rows: &Rows| -> Vec<Vec<Entry>> {
             (0..rows.len())
                 .map(|i| rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect())

@@ -29,9 +29,9 @@ const BATCH: usize = 1024;
 pub struct Part<'a> {
     /// The block.
     pub block: &'a Block,
-    /// Its numbers of the cells.
+    /// Numbers of the sampled cells in the block.
     pub cells: Range<usize>,
-    /// Their space cells, one range an x-axis.
+    /// Space cells of the sample, one range an x-axis.
     pub ranges: &'a [Range<usize>],
 }
 

@@ -24,7 +24,7 @@ pub struct TermRows<'a> {
     pub dimension: usize,
     /// At how many times there are moments.
     pub times: usize,
-    /// Those to which the term adds.
+    /// The times to whose moments the term adds.
     pub active: Range<usize>,
     /// What it is multiplied by at each of these: its real parts, then its imaginary parts.
     pub weights: &'a [[f64; 2 * LANES]],

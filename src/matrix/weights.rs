@@ -23,7 +23,7 @@ use crate::problem::grid::{Axis, PhaseSpace};
 /// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to
 /// gain.
 const MOST_SWEEPS: f64 = 100.0;
-/// A certificate this fraction of what suffices is as good as zero.
+/// A certificate below this fraction of the sufficient one is as good as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
 /// Largest of the values; NaN if one is.
@@ -46,7 +46,7 @@ fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()
     Ok(())
 }
 
-/// `π` and what is known of it.
+/// The weights `π` and the bounds that they give.
 #[derive(Clone, Debug)]
 pub struct Weights {
     /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are

@@ -100,7 +100,7 @@ impl Mesh {
 pub struct Slab {
     /// The neighbouring block.
     pub neighbour: usize,
-    /// Its cells that are needed here.
+    /// The neighbour's cells that are needed here.
     ghost: Vec<Range<usize>>,
     /// The cells of this block that the neighbour needs.
     edge: Vec<Range<usize>>,

@@ -61,8 +61,7 @@ pub struct Candidate {
 /// What to ask for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
-    /// The meshes: that of a run which is not told another, then those that fit, the cheapest
-    /// first.
+    /// The meshes: the default one of a run, then the others that fit, the cheapest first.
     pub meshes: Vec<Candidate>,
     /// The node.
     pub node: Option<Node>,

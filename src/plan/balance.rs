@@ -4,7 +4,7 @@
 //! Where the lanes of a batch are independent, batches are cut from the modes in the order of
 //! falling work, each full but the last. No other choice has a cheaper batch anywhere: the `b − 1`
 //! costliest hold at most `(b − 1) B` modes, so the `b`-th of any choice costs at least as much as
-//! mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
+//! mode `(b − 1) B + 1` of that order. It remains to assign whole batches to groups.
 
 use crate::matrix::lanes::LANES;
 use crate::propagate::method::BatchCoupling;
@@ -50,7 +50,7 @@ pub fn share_out(
     let mut falling: Vec<usize> = (0..work.len()).filter(|l| !finished.contains(l)).collect();
     falling.sort_by_key(|&l| (Reverse(work[l]), l));
     let neighbours: Vec<usize> = (0..work.len()).collect();
-    // What is dealt as a whole.
+    // Pieces of work that stay together.
     let pieces: Vec<&[usize]> = match coupling {
         BatchCoupling::Independent => falling.chunks(LANES).collect(),
         // From the top, so that the block that is not full is the cheapest.

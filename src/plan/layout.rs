@@ -222,8 +222,8 @@ impl Layout {
         self.arrays.iter().map(|a| a.1).sum()
     }
 
-    /// Refuses what does not fit into the memory of `resources`, if that is known; `case`, `bounds`
-    /// and `warp` are what it was made for.
+    /// Refuses a plan, made for `case`, `bounds` and `warp`, that does not fit into the memory of
+    /// `resources`, if that is known.
     ///
     /// # Errors
     /// [`Error::Memory`].

@@ -375,8 +375,8 @@ pub(crate) fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
     case.times.iter().map(|t| each(t.fields)).sum()
 }
 
-/// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and what is sent
-/// and received.
+/// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and messages in
+/// both directions.
 pub(crate) fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
     let messages = if groups > 1 { 2 * most } else { 0 };
     16 * (modes + messages) + 8 * points
@@ -394,7 +394,7 @@ pub fn buffer_bytes(modes: u64, points: u64, cells: u64, most: u64, groups: u64)
     cell * cells_at_once(BUFFERS, cell, cells, groups) + line_bytes(points)
 }
 
-/// Bytes of a line in `p` and what its transform takes beside it.
+/// Bytes of a line in `p` and of the scratch of its transform.
 fn line_bytes(points: u64) -> u64 {
     4 * 16 * points
 }

@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 /// Largest degree of the polynomials in an element.
 pub const LARGEST_DEGREE: usize = 8;
 
-/// Which nodes an element has.
+/// The family of an element's nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Family {
     /// Gauss–Legendre: inside of the element.
@@ -40,7 +40,7 @@ pub struct Nodes {
 }
 
 impl Nodes {
-    /// Those of a space axis of degree `degree`.
+    /// The nodes of a space axis of degree `degree`.
     pub fn of_space(degree: usize) -> Self {
         match degree {
             0 => Self::default(),
@@ -48,7 +48,7 @@ impl Nodes {
         }
     }
 
-    /// Those of a velocity axis of degree `degree`.
+    /// The nodes of a velocity axis of degree `degree`.
     pub fn of_velocity(degree: usize) -> Self {
         Self { degree, family: Family::Gauss }
     }

@@ -24,24 +24,19 @@
 //! of a cell) the one of the lowest axis is crossed first.
 
 pub mod sheet;
+mod traced_grid;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Inflow};
-use crate::problem::element::Nodes;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::{Potential, region_edges};
+use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_space};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::problem::potential::Potential;
 
 /// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face
 /// reached so close to time zero is not crossed.
 const ROUND_OFF: f64 = 1e-13;
 /// Feet closer to a face than this fraction of a cell lie on it.
 const ON_FACE: f64 = 1e-11;
-/// An edge of a region so close to a face, as a fraction of an element, lies on it.
-const EDGE_ON_FACE: f64 = 1e-9;
-/// So many edges across an axis belong to boxes.
-const FEW_EDGES: usize = 8;
-/// Degree of elements in which it is seen whether `V` bends.
-const BENT: usize = 2;
 /// A particle that cannot get further from a face than this fraction of a cell, on either side,
 /// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
 const REST: f64 = 1e-12;
@@ -65,9 +60,8 @@ pub struct Followed {
     pub left: Option<f64>,
     /// Where it left; `None` if it did not, or was outside from the start.
     pub exit: Option<Exit>,
-    /// A number that is the same for particles that met the same jumps in the same order and did
-    /// the same there. In between, the point, and what it went around, depend continuously on where
-    /// it was started.
+    /// A hash of the jumps that the particle met, in order, and of whether they transmitted it.
+    /// Among particles with the same hash, the point depends continuously on the start.
     pub history: u64,
     /// How often it went around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
@@ -183,119 +177,6 @@ fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
         let speed_there = (w * w - 2.0 * push * behind).sqrt();
         (-(speed + speed_there) / push, -sign * speed_there, !up)
     }
-}
-
-/// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes
-/// and jumps.
-fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
-    let n = space.dimension();
-    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
-    let (mut cells, mut distance) = (Vec::new(), Vec::new());
-    for_each_cell(&ranges, |i| {
-        let free = (0..n).all(|a| {
-            potential.slope(i, a) == 0.0
-                && potential.jump_below(i, a) == 0.0
-                && potential.jump_above(i, a) == 0.0
-        });
-        cells.push(*i);
-        distance.push(if free { u32::MAX } else { 0 });
-    });
-    // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
-    // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
-    // and over their mirror images.
-    let mut before = Vec::new();
-    for_each_cell(&vec![0..3; n], |d| before.push(d.map(|d| d as i64 - 1)));
-    before.truncate(before.len() / 2);
-    let mut visit = |k: usize, sign: i64| {
-        for offset in &before {
-            let (mut neighbour, mut inside) = (0, true);
-            for (a, axis) in space.x.iter().enumerate() {
-                let (j, cells) = (cells[k][a] as i64 + sign * offset[a], axis.cells as i64);
-                inside &= (0..cells).contains(&j);
-                neighbour = neighbour * cells + j;
-            }
-            if inside {
-                distance[k] = distance[k].min(distance[neighbour as usize].saturating_add(1));
-            }
-        }
-    };
-    (0..cells.len()).for_each(|k| visit(k, 1));
-    (0..cells.len()).rev().for_each(|k| visit(k, -1));
-    distance.iter().map(|d| d.saturating_sub(1)).collect()
-}
-
-/// Cells of space in which a curved potential is traced at most.
-const MOST_TRACED_CELLS: usize = 1 << 21;
-/// Parts of an element along each axis: at most, ...
-const MOST_PARTS: usize = 64;
-/// ... more in one dimension, where edges are on faces then, up to so many cells, ...
-const MOST_CELLS_IN_LINE: usize = 8192;
-/// ... and, of degree 0, no more than give so many along the axis, in up to two dimensions.
-const ENOUGH_CELLS: usize = 512;
-
-/// The grid on which `V` is traced: linear in each cell, with jumps at faces. Its cells are the
-/// case's elements, cut into parts where `V` is curved in them, as many as `most` cells of space
-/// allow, and where an edge of a region lies inside of one, so that the edge is on a face.
-fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
-    let mut space = case.space.by_elements();
-    let (n, cells) = (space.dimension(), space.space_cells());
-    let room = |most: usize| {
-        let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
-        (parts as usize).clamp(1, MOST_PARTS)
-    };
-    let enough = room(most);
-    let is_curved = is_curved(case)?;
-    for (axis, edges) in space.x.iter_mut().zip(region_edges(case)) {
-        let least = match (is_curved, case.space.degree()) {
-            (false, _) => 1,
-            (true, 0) if n == MAX_DIMENSION => 1,
-            (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
-            (true, _) => enough,
-        };
-        let most = match n {
-            1 => MOST_CELLS_IN_LINE / axis.cells,
-            _ => room(MOST_TRACED_CELLS),
-        };
-        let parts = with_edges(axis, &edges.unwrap_or_default(), least, most);
-        if parts > 1 {
-            *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
-        }
-    }
-    Ok(space)
-}
-
-/// Whether `V` bends within an element.
-fn is_curved(case: &Case) -> Result<bool> {
-    if case.space.degree() >= BENT {
-        return Ok(Potential::whole(case)?.is_curved(&case.space));
-    }
-    let mut space = case.space.by_elements();
-    for axis in &mut space.x {
-        *axis = axis.clone().with_nodes(Nodes::of_space(BENT));
-    }
-    let case = Case { space, ..case.clone() };
-    Ok(Potential::whole(&case)?.is_curved(&case.space))
-}
-
-/// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on
-/// faces; where there is none, that up to [`MOST_PARTS`] with which they are nearest to faces, of
-/// few edges; many belong to a curve, which no faces follow.
-fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
-    let furthest = |parts: usize| {
-        let width = axis.width() / parts as f64;
-        let miss = |edge: &f64| {
-            let place = (edge - axis.lower) / width;
-            (place - place.round()).abs() * width
-        };
-        edges.iter().map(miss).fold(0.0, f64::max)
-    };
-    let near = EDGE_ON_FACE * axis.width();
-    let nearest = || {
-        let most = if edges.len() > FEW_EDGES { least } else { MOST_PARTS.min(most).max(least) };
-        let parts = least..=most;
-        parts.min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)))
-    };
-    (least..=most).find(|&parts| furthest(parts) <= near).or_else(nearest).unwrap_or(least)
 }
 
 impl<'a> Tracer<'a> {
@@ -560,8 +441,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The particle has arrived at its block's upper or lower face along `a`: transmission,
-    /// reflection or rest. The end of the phase-space box through which it thereby leaves.
+    /// Transmits, reflects or rests a particle that has arrived at its block's upper or lower face
+    /// along `a`. Returns the end of the phase-space box, if it leaves through one.
     fn cross(
         &self,
         particle: &mut Particle,

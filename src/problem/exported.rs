@@ -36,7 +36,7 @@ impl Kind {
     }
 }
 
-/// Whose export it is.
+/// The case that an export belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Owner {
     /// What it is.
@@ -79,7 +79,7 @@ impl Owner {
         Err(Error::Directory { path: directory.to_owned(), reason })
     }
 
-    /// Whose export lies in `directory`.
+    /// The case whose export lies in `directory`.
     fn read(directory: &Path) -> Option<Self> {
         serde_json::from_str(&disk::read_text(&directory.join(DESCRIPTION)).ok()?).ok()
     }

@@ -8,14 +8,20 @@
 //! points of the element, whose derivative at a node is the slope there. A table that is constant
 //! around its points is constant in an element: it has the value at the element's centre there.
 
+mod edges;
 pub mod oblique;
+mod pieces;
 pub mod written;
 
+pub use crate::problem::potential::edges::{
+    MOST_STRAY_EDGES, Overlooked, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,
+};
+
 use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, Region};
+use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
-use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
+use crate::problem::potential::pieces::{Piece, element_centre, piece, space_point};
 use std::collections::HashSet;
 use std::ops::Range;
 
@@ -56,66 +62,6 @@ impl JumpKind {
     pub fn jump(&self) -> f64 {
         f64::from_bits(self.bits)
     }
-}
-
-/// The region a space cell belongs to; or the condition that is undefined there.
-fn region<'r>(
-    regions: &'r [Region],
-    point: &[f64; 6],
-) -> std::result::Result<usize, &'r Expression> {
-    for (index, region) in regions.iter().enumerate() {
-        let Some(condition) = &region.condition else {
-            return Ok(index);
-        };
-        match condition.holds(point) {
-            Some(true) => return Ok(index),
-            Some(false) => {}
-            None => return Err(condition),
-        }
-    }
-    Ok(regions.len() - 1)
-}
-
-/// What gives `V` in an element.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Piece {
-    /// The region.
-    region: usize,
-    /// Its value all over the element, where it is a table that is constant around its points.
-    level: Option<f64>,
-}
-
-/// The piece of the element around `centre`; or the condition that is undefined there.
-fn piece<'r>(
-    regions: &'r [Region],
-    centre: &[f64; 6],
-) -> std::result::Result<Piece, &'r Expression> {
-    let region = region(regions, centre)?;
-    let value = &regions[region].value;
-    Ok(Piece { region, level: value.is_stepped().then(|| value.eval(centre)) })
-}
-
-/// Whether `V` is of one piece all over the grid.
-fn is_one_piece(case: &Case) -> bool {
-    case.potential.len() == 1 && !case.potential[0].value.is_stepped()
-}
-
-/// Centre of space cell `i`, its node, as formulas take it.
-fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
-    let mut point = [0.0; 6];
-    for (a, axis) in axes.iter().enumerate() {
-        point[a] = axis.centre(i[a] as i64);
-    }
-    point
-}
-
-/// Centre of the element that holds space cell `i`: of degree 0 that of the cell.
-fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
-    let mut point = [0.0; 6];
-    for (a, axis) in axes.iter().enumerate() {
-        point[a] = axis.at(axis.split(i[a] as i64).0, 0.0);
-    }
-    point
 }
 
 /// Values of a case's potential, and the first that is not finite.
@@ -289,8 +235,8 @@ impl Potential {
         self.jump[self.position(i)][axis]
     }
 
-    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what
-    /// is covered, unless that is all of a periodic axis.
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of the
+    /// covered cells, unless they are a whole periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
         self.face(i, axis, true).map_or(0.0, |at| self.jump[at][axis])
     }
@@ -399,283 +345,7 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     values
 }
 
-/// The largest `v²/2` of the box along an axis: what differences of `V` are small beside.
-fn energy_scale(space: &PhaseSpace) -> f64 {
-    let fastest = space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
-    fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
-}
-
-/// The elements of space, and lines through their centres.
-struct ElementLines {
-    /// The axes, by elements.
-    axes: Vec<Axis>,
-}
-
-impl ElementLines {
-    fn new(space: &PhaseSpace) -> Self {
-        Self { axes: space.x.iter().map(Axis::by_elements).collect() }
-    }
-
-    fn centre(&self, element: &[usize; MAX_DIMENSION]) -> [f64; 6] {
-        space_point(&self.axes, element)
-    }
-
-    /// All elements, or where there are more than `most` so many that are spread over the grid.
-    fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
-        /// The golden section, whose multiples fill `[0, 1)` evenly.
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let all: usize = self.axes.iter().map(|axis| axis.cells).product();
-        let index = move |k: usize| match all <= most {
-            true => k,
-            false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
-        };
-        (0..all.min(most)).map(index).map(|mut index| {
-            let mut element = [0; MAX_DIMENSION];
-            for (at, axis) in element.iter_mut().zip(&self.axes).rev() {
-                (*at, index) = (index % axis.cells, index / axis.cells);
-            }
-            element
-        })
-    }
-}
-
-/// How many elements wide a region of `V` is where it lies between others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RegionWidth {
-    /// Index of the region.
-    pub region: usize,
-    /// The space axis along which it is narrowest.
-    pub axis: usize,
-    /// Elements across it.
-    pub elements: usize,
-}
-
-/// The widths of the regions that lie between others. A line along an axis crosses a region once or
-/// more; its width on that line is the least of these, and along that axis the most of all lines,
-/// so that a disc is as wide as its diameter. Given is the axis along which that is least.
-pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
-    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    if case.potential.len() == 1 {
-        return Vec::new();
-    }
-    let mut regions = Vec::new();
-    for_each_cell(&ranges, |i| {
-        // Undefined conditions are an error elsewhere.
-        regions.push(region(&case.potential, &space_point(&axes, i)).unwrap_or(0));
-    });
-    let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
-    for (axis, along) in axes.iter().enumerate() {
-        let stride: usize = axes[axis + 1..].iter().map(|a| a.cells).product();
-        let mut widest = vec![0; least.len()];
-        for first in (0..regions.len()).filter(|k| (k / stride).is_multiple_of(along.cells)) {
-            let line = (0..along.cells).map(|i| regions[first + i * stride]).collect();
-            let mut narrow = vec![usize::MAX; least.len()];
-            for [region, elements] in inner_runs(line, case.space.is_periodic(axis)) {
-                narrow[region] = narrow[region].min(elements);
-            }
-            for (widest, narrow) in widest.iter_mut().zip(narrow) {
-                *widest = if narrow == usize::MAX { *widest } else { narrow.max(*widest) };
-            }
-        }
-        for (region, elements) in widest.into_iter().enumerate().filter(|(_, w)| *w > 0) {
-            let found = &mut least[region];
-            if found.is_none_or(|f| elements < f.elements) {
-                *found = Some(RegionWidth { region, axis, elements });
-            }
-        }
-    }
-    least.into_iter().flatten().collect()
-}
-
-/// `[region, elements]` of the runs of equal regions on a line, but for those at its ends.
-fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
-    if periodic {
-        // Begun at a change, and closed.
-        let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else {
-            return Vec::new();
-        };
-        line.rotate_left(change + 1);
-    }
-    let mut runs: Vec<[usize; 2]> = Vec::new();
-    for region in line {
-        match runs.last_mut() {
-            Some([last, elements]) if *last == region => *elements += 1,
-            _ => runs.push([region, 1]),
-        }
-    }
-    if !periodic {
-        runs.pop();
-        runs.drain(..runs.len().min(1));
-    }
-    runs
-}
-
 fn describe_space_point(n: usize, point: &[f64; 6]) -> String {
     let text = describe_point(n, point);
     text.split(", ").take(n).collect::<Vec<_>>().join(", ")
-}
-
-/// An edge of a piece of `V` that misses the faces of the grid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StrayEdge {
-    /// Axis along which it was found.
-    pub axis: usize,
-    /// Where it lies.
-    pub at: f64,
-    /// The face the scheme moves it to.
-    pub face: f64,
-}
-
-/// So many edges that miss faces are looked for: a curved one misses some in every cell.
-pub const MOST_STRAY_EDGES: usize = 256;
-
-/// What the grid does not see of the regions.
-#[derive(Clone, Debug, Default)]
-pub struct Overlooked {
-    /// Edges inside cells, one a distinct place, [`MOST_STRAY_EDGES`] at most. The scheme treats
-    /// them as lying on the nearest face, a change of the problem by that distance.
-    pub edges: Vec<StrayEdge>,
-    /// Regions, by index, that hold at no cell's centre.
-    pub empty: Vec<usize>,
-}
-
-/// Points along each axis between which edges are looked for at least, by dimension.
-const SCANNED: [usize; 3] = [4096, 256, 48];
-
-/// Where along each space axis the piece of `V` changes: the region, or the value of a table that
-/// is constant around its points; `None` for an axis along which it does so at more than some
-/// dozens of places, as a curved edge does. Of pieces narrower than an element those count that are
-/// wider than a few thousandths of the axis in two dimensions, less in one and more in three.
-pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
-    const MOST: usize = 64;
-    let scanned = SCANNED[case.space.dimension() - 1];
-    let finer = |axis: &Axis| {
-        let elements = axis.elements();
-        Axis::new(axis.lower, axis.upper, elements * scanned.div_ceil(elements).max(1))
-    };
-    let axes: Vec<Axis> = case.space.x.iter().map(finer).collect();
-    let axes = &axes;
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
-    if is_one_piece(case) {
-        return found;
-    }
-    // Undefined conditions are an error elsewhere.
-    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
-    for_each_cell(&ranges, |i| {
-        let centre = space_point(axes, i);
-        let own = at(&centre);
-        for (a, axis) in axes.iter().enumerate() {
-            let mut point = centre;
-            point[a] = axis.centre(i[a] as i64 + 1);
-            if i[a] + 1 == axis.cells || found[a].is_none() || at(&point) == own {
-                continue;
-            }
-            let (mut inside, mut outside) = (centre[a], point[a]);
-            for _ in 0..60 {
-                point[a] = 0.5 * (inside + outside);
-                if at(&point) == own {
-                    inside = point[a];
-                } else {
-                    outside = point[a];
-                }
-            }
-            if let Some(edges) = &mut found[a]
-                && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
-            {
-                edges.push(inside);
-                if edges.len() > MOST {
-                    found[a] = None;
-                }
-            }
-        }
-    });
-    found
-}
-
-/// Looks for edges of regions and of tables along lines through cell centres, and for regions
-/// between the centres.
-pub fn overlooked(case: &Case) -> Overlooked {
-    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
-    let axes = &axes;
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    let mut found: Vec<StrayEdge> = Vec::new();
-    let mut used = vec![false; case.potential.len()];
-    if is_one_piece(case) {
-        return Overlooked::default();
-    }
-    // Undefined conditions are an error elsewhere.
-    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
-    for_each_cell(&ranges, |i| {
-        let centre = space_point(axes, i);
-        let own = at(&centre);
-        used[own.map_or(0, |piece| piece.region)] = true;
-        for (a, axis) in axes.iter().enumerate() {
-            for side in [0, 1] {
-                let face = axis.face((i[a] + side) as i64);
-                let mut inside = centre[a];
-                // Just inside the face, so that an edge on the face itself is not found.
-                let mut outside = face + (centre[a] - face) * 1e-6;
-                let probe = |x: f64| {
-                    let mut point = centre;
-                    point[a] = x;
-                    at(&point) == own
-                };
-                if found.len() >= MOST_STRAY_EDGES || probe(outside) {
-                    continue;
-                }
-                for _ in 0..60 {
-                    let middle = 0.5 * (inside + outside);
-                    if probe(middle) {
-                        inside = middle;
-                    } else {
-                        outside = middle;
-                    }
-                }
-                let at = 0.5 * (inside + outside);
-                let known = |e: &StrayEdge| e.axis == a && (e.at - at).abs() < 1e-6 * axis.width();
-                if !found.iter().any(known) {
-                    found.push(StrayEdge { axis: a, at, face });
-                }
-            }
-        }
-    });
-    Overlooked { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn runs_between_others() {
-        let line = || vec![0, 0, 1, 2, 2, 0];
-        assert_eq!(inner_runs(line(), false), [[1, 1], [2, 2]]);
-        assert_eq!(inner_runs(line(), true), [[1, 1], [2, 2], [0, 3]]);
-        assert!(inner_runs(vec![1; 4], true).is_empty());
-        assert!(inner_runs(vec![1; 4], false).is_empty());
-        assert!(inner_runs(vec![1, 0], false).is_empty());
-    }
-
-    #[test]
-    fn a_disc_is_as_wide_as_its_diameter_and_a_slab_as_its_thickness() {
-        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 20 }\n\
-                    v = { lower = -1, upper = 1, cells = 4 }\n";
-        let case = |condition: &str| {
-            let text = format!(
-                "{}[[potential]]\nwhere = \"{condition}\"\nvalue = \"1\"\n\
-                 [[potential]]\nvalue = \"x\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n",
-                axis.repeat(2)
-            );
-            Case::parse("disc", &text, &[]).expect("a case")
-        };
-        let widths = |condition: &str| region_widths(&case(condition));
-        let width = |axis, elements| [RegionWidth { region: 0, axis, elements }];
-        assert_eq!(widths("x^2 + y^2 < 0.25"), width(0, 10));
-        assert_eq!(widths("abs(y) < 0.2"), width(1, 4));
-        assert!(widths("x < 0").is_empty());
-        let values = nodal_values(&case("x < 0"), &[9..11, 0..1]);
-        assert_eq!(values, [1.0, case("x < 0").space.x[0].centre(10)]);
-    }
 }

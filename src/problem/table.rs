@@ -16,11 +16,11 @@ const HALF_WAY: f64 = 1e-9;
 /// An axis of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableAxis {
-    /// Its name.
+    /// Name of the axis.
     pub name: String,
-    /// Which of the coordinates `[x, y, z, vx, vy, vz, t]` it is.
+    /// Position of the axis among the coordinates `[x, y, z, vx, vy, vz, t]`.
     pub position: usize,
-    /// Its points, ascending.
+    /// Points of the axis, ascending.
     pub points: Vec<f64>,
 }
 
@@ -90,12 +90,12 @@ impl Table {
         self.interpolation == Interpolation::Constant
     }
 
-    /// Its axes.
+    /// The axes of the table.
     pub fn axes(&self) -> &[TableAxis] {
         &self.axes
     }
 
-    /// Its values.
+    /// The values, row-major over the axes.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -212,7 +212,7 @@ impl Table {
         })
     }
 
-    /// Its numbers of points: `64 x 32`.
+    /// The numbers of points along the axes: `64 x 32`.
     pub fn shape_text(&self) -> String {
         let counts = self.axes.iter().map(|axis| axis.points.len().to_string());
         counts.collect::<Vec<_>>().join(" x ")

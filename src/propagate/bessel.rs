@@ -38,7 +38,7 @@ pub fn bessel_series(out: &mut Vec<f64>, tau: f64, tail: f64) -> f64 {
     cut(out, tail)
 }
 
-/// Shortens a series as long as what is left out adds up to at most `tail`; returns that sum.
+/// Cuts a series where the terms left out add up to at most `tail`; returns their sum.
 fn cut(out: &mut Vec<f64>, tail: f64) -> f64 {
     let mut left = 0.0;
     let mut degree = out.len() - 1;

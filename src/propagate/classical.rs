@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
 pub const EXACT: f64 = 1e-18;
-/// And where three digits do.
+/// Poisson probabilities below this are left out where three digits do.
 pub const ROUGH: f64 = 1e-5;
 
 /// `ln(k!)`.
@@ -117,7 +117,7 @@ pub struct Classical<'a> {
     held: Vec<f64>,
     /// An inflow that varies, and `√π_i` of its rows.
     source: Option<(&'a Field, Vec<f64>)>,
-    /// The time at which a state begins, of what varies.
+    /// The time at which a state begins, for an inflow that depends on time.
     begin: f64,
     progress: Progress,
 }

@@ -47,8 +47,8 @@ pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stage
 impl<'a> CommutatorFree<'a> {
     /// Scratch for vectors of `matrix` and batches whose modes take at most `largest_work`.
     pub fn new(matrix: &BlockMatrix, largest_work: usize, schedule: &'a Schedule) -> Self {
-        // A stage's series is shorter than that of the whole run, but for what its smaller error
-        // takes.
+        // A stage's series is shorter than that of the whole run, but for the terms that its
+        // smaller error takes.
         let largest = largest_work + 60;
         Self {
             chebyshev: Chebyshev::new(matrix, largest),

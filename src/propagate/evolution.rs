@@ -1,4 +1,4 @@
-//! What is propagated: the system, its state, a batch of modes.
+//! The system that is propagated, its state, and a batch of modes.
 
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -10,7 +10,7 @@ use crate::problem::case::Case;
 use crate::propagate::interruption::Interruption;
 use std::ops::Range;
 
-/// What is propagated: the matrix on this rank, how its ranks exchange, and what is known of it.
+/// The system that is propagated: the matrix on this rank, the exchange of ghosts, the bounds.
 pub struct Evolution<'a> {
     /// The rows of `(S, K)`.
     pub matrix: &'a BlockMatrix,
@@ -18,7 +18,7 @@ pub struct Evolution<'a> {
     pub exchange: &'a mut GhostExchange,
     /// The ranks that split space.
     pub space: &'a Group,
-    /// Bounds of its spectrum.
+    /// Bounds of the spectrum.
     pub bounds: &'a Bounds,
     /// `T`.
     pub time: f64,
@@ -57,6 +57,16 @@ impl Evolution<'_> {
         self.space.sum_integers(&mut totals);
         std::array::from_fn(|l| fixed[l].join([totals[2 * l], totals[2 * l + 1]]))
     }
+
+    /// Norms of the lanes of `state`, whose squares are at most `squares`. Collective over the
+    /// space group; allocates nothing.
+    pub fn lane_norms(&self, squares: &[f64; LANES], state: &[Lanes]) -> [f64; LANES] {
+        let square = |i: usize| {
+            let Lanes(w) = &state[i];
+            std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+        };
+        self.lane_sums(squares, square).map(f64::sqrt)
+    }
 }
 
 /// The rows that are always together on a rank: the velocities at each point of space, then each
@@ -67,7 +77,7 @@ pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>>
     points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
 }
 
-/// This rank's rows of what is propagated.
+/// This rank's rows of the state that is propagated.
 #[derive(Clone, Copy)]
 pub enum Start<'a> {
     /// A real vector, the same in every mode.
@@ -95,7 +105,7 @@ impl Start<'_> {
 pub struct Initial<'a> {
     /// The state.
     pub state: Start<'a>,
-    /// By lane, its norm over all ranks of the space group, or a bound on it.
+    /// Norm of each lane over all ranks of the space group, or a bound on it.
     pub norms: [f64; LANES],
 }
 

@@ -294,7 +294,7 @@ impl Krylov {
             });
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
-                // A space that closes is exact: what is left of the recurrence is round-off.
+                // A space that closes is exact: the rest of the recurrence is round-off.
                 let beta = square[l].max(0.0).sqrt();
                 let closed = beta <= f64::EPSILON * sizes[l];
                 self.beta[j][l] = if closed { 0.0 } else { beta };
@@ -333,6 +333,35 @@ impl Krylov {
             m = m.max(dimension(series, h * steps[l], slope * steps[l]));
         }
         (steps, m)
+    }
+
+    /// The step of lane `l` in the space of dimension `m` and the bound of its error: as long as
+    /// the error that is followed allows, from the guaranteed `step` to `most`. The given
+    /// `tolerance` is that of the whole `time`.
+    fn followed(
+        &mut self,
+        l: usize,
+        m: usize,
+        step: f64,
+        most: f64,
+        tolerance: f64,
+        time: f64,
+    ) -> (f64, f64) {
+        let (alpha, beta) = (&self.alpha, &self.beta);
+        let found = self.projected.decompose(m, |j| (alpha[j][l], beta[j][l]));
+        let (mut tau, mut error) = (step, tolerance * step / time);
+        if found && tau > 0.0 {
+            let (piece, last) = (tau / PIECES, self.beta[m - 1][l]);
+            let (reach, bound) = self.projected.follow(m, last, piece, most, tolerance / time);
+            if reach >= tau {
+                (tau, error) = (reach.min(most), bound);
+            }
+            // All the time that is left, but for round-off.
+            if most - tau <= 1e-12 * time {
+                tau = most;
+            }
+        }
+        (tau, error)
     }
 
     /// `w ← Σ_j c_j u_j`.
@@ -386,34 +415,14 @@ impl Propagator for Krylov {
         while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
             let (steps, m) = self.guaranteed(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
-            let norms = system.lane_sums(&squares, |i| {
-                let Lanes(w) = &self.state[i];
-                std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
-            });
-            let norms = norms.map(f64::sqrt);
+            let norms = system.lane_norms(&squares, &self.state);
             self.build(system, &mut constants, &norms, m, &sizes);
             report.applications += batch.modes * m;
 
             let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
             for l in 0..LANES {
-                let (alpha, beta) = (&self.alpha, &self.beta);
-                let found = self.projected.decompose(m, |j| (alpha[j][l], beta[j][l]));
-                let mut tau = steps[l];
-                let mut error = batch.tolerances[l] * tau / time;
                 let most = self.step.unwrap_or(time).min(left[l]);
-                if found && tau > 0.0 {
-                    let slope = batch.tolerances[l] / time;
-                    let piece = tau / PIECES;
-                    let last = self.beta[m - 1][l];
-                    let (reach, bound) = self.projected.follow(m, last, piece, most, slope);
-                    if reach >= tau {
-                        (tau, error) = (reach.min(most), bound);
-                    }
-                    // The whole of what is left, but for round-off.
-                    if most - tau <= 1e-12 * time {
-                        tau = most;
-                    }
-                }
+                let (tau, error) = self.followed(l, m, steps[l], most, batch.tolerances[l], time);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);

@@ -64,10 +64,10 @@ enum Beyond {
 /// A face with a jump, or at an end of the box.
 #[derive(Clone, Debug)]
 struct Face {
-    /// Its sources in `shares`.
+    /// The first of the face's sources in `shares`.
     first: u32,
     count: u32,
-    /// Weight of what lies off the grid, and its contribution.
+    /// Weight of the sources off the grid, and their contribution.
     outside: f64,
     entering: f64,
     /// Whether `f` behind it is known.
@@ -88,7 +88,7 @@ struct Share {
 struct Transport {
     /// `v/Δx`, by velocity cell.
     speed: Vec<f64>,
-    /// By space cell, below and above.
+    /// What lies below and above each space cell.
     beyond: Vec<[Beyond; 2]>,
     faces: Vec<Face>,
     shares: Vec<Share>,
@@ -210,28 +210,33 @@ impl Transport {
                     if speed != 0.0 {
                         scheme.neighbour(row, &space.cell(first + v), axis, above);
                     }
+                    let shares = row.entries.iter().filter_map(|&(column, weight)| {
+                        let same = column / nv == first / nv;
+                        Some(Share { column: local(column)?, same, weight })
+                    });
                     // What leaves the grid through this face is not what enters there.
                     let leaves = (speed > 0.0) == above;
-                    let start = this.shares.len();
-                    this.shares.extend(row.entries.iter().filter_map(|&(column, weight)| {
-                        Some(Share {
-                            column: local(column)?,
-                            same: column / nv == first / nv,
-                            weight,
-                        })
-                    }));
-                    this.faces.push(Face {
-                        first: start as u32,
-                        count: (this.shares.len() - start) as u32,
-                        outside: row.draw,
-                        entering: row.inflow[field],
-                        known: speed != 0.0 && !(leaves && row.draw > 0.0),
-                    });
+                    let known = speed != 0.0 && !(leaves && row.draw > 0.0);
+                    this.add_face(shares, known, row.draw, row.inflow[field]);
                 }
             }
             this.beyond.push(beyond);
         });
         this
+    }
+
+    /// Adds the face of the next velocity cell, with its `shares` of cells and of the inflow.
+    fn add_face(
+        &mut self,
+        shares: impl Iterator<Item = Share>,
+        known: bool,
+        outside: f64,
+        entering: f64,
+    ) {
+        let first = self.shares.len();
+        self.shares.extend(shares);
+        let count = (self.shares.len() - first) as u32;
+        self.faces.push(Face { first: first as u32, count, outside, entering, known });
     }
 
     fn shares(&self, face: &Face) -> &[Share] {

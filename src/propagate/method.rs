@@ -30,7 +30,7 @@ pub struct BatchReport {
 }
 
 impl BatchReport {
-    /// Of a method that keeps the norm, with nothing counted yet.
+    /// The report of a method that keeps the norm, before anything is counted.
     pub(super) fn unitary(phases: [Complex64; LANES]) -> Self {
         Self { phases, tails: [0.0; LANES], unitary: true, applications: 0, solves: 0 }
     }
@@ -51,7 +51,7 @@ pub trait Propagator {
         initial: &Initial<'_>,
     ) -> Result<BatchReport>;
 
-    /// The same, and the moments at the times that `passed` has been told, into it. Collective over
+    /// Propagates `initial`, and puts the moments at the times of `passed` into it. Collective over
     /// the space group.
     ///
     /// # Errors

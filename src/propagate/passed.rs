@@ -28,17 +28,17 @@ pub struct PassedMoments<'a> {
     scales: Vec<f64>,
     /// The times of the leg, since its beginning.
     times: Vec<f64>,
-    /// By time: what each lane is multiplied by.
+    /// Factor of each lane at each time.
     weights: Vec<[Complex64; LANES]>,
-    /// By time: how many terms there are.
+    /// Number of terms at each time.
     lengths: Vec<usize>,
-    /// By time, term and lane: `J_0`, `2J_k`.
+    /// Coefficients `J_0`, `2J_k` by time, term and lane.
     coefficients: Vec<f64>,
     /// Terms that there is room for.
     most_terms: usize,
-    /// By term and time: what the terms of a trip are multiplied by.
+    /// Factors of the terms of a trip, by term and time.
     of_terms: Vec<[f64; 2 * LANES]>,
-    /// By point of space, time and moment.
+    /// Sums by point of space, time and moment.
     values: Vec<[f64; LANES]>,
     /// The sum of the terms.
     pub(crate) sum: Vec<Lanes>,
@@ -173,7 +173,7 @@ pub(crate) struct TermReader<'r> {
 }
 
 impl TermReader<'_> {
-    /// These terms are the next.
+    /// Announces the terms that come next.
     pub(crate) fn expect(&mut self, terms: Range<usize>) {
         // Later times take more terms.
         let ended = self.lengths.iter().take_while(|length| **length <= terms.start).count();

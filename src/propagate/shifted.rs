@@ -352,40 +352,9 @@ impl Gmres {
             local.precondition(&mut self.moved[..rows]);
             local.apply(system, &mut future[..stride], &mut self.moved);
             used = j + 1;
-            // Gram and Schmidt, twice. ‖M P⁻¹ v‖ ≤ ‖M‖, as ‖P⁻¹‖ ≤ 1.
-            let column = j * restart;
-            self.upper[column..=column + j].fill(Complex64::ZERO);
-            for _ in 0..2 {
-                self.project(system, j + 1, 2.0 * size);
-                for k in 0..=j {
-                    let product = self.products[k];
-                    self.upper[column + k] += product;
-                    let (past, last) = self.basis.split_at_mut((j + 1) * stride);
-                    for (q, v) in last[..rows].iter_mut().zip(&past[k * stride..]) {
-                        *q -= product * v;
-                    }
-                }
-            }
-            let below = length(system, &self.basis[(j + 1) * stride..(j + 2) * stride]);
-            // The rotations that made the earlier columns triangular, then a new one.
-            for k in 0..j {
-                let (c, s) = self.rotations[k];
-                let (a, b) = (self.upper[column + k], self.upper[column + k + 1]);
-                self.upper[column + k] = c * a + s * b;
-                self.upper[column + k + 1] = c * b - s.conj() * a;
-            }
-            let a = self.upper[column + j];
-            let radius = a.norm().hypot(below);
+            let below = self.orthogonalise(system, j, size);
+            self.rotate(j, below);
             let closed = below <= f64::EPSILON * size;
-            let (c, s) = match a.norm() {
-                0.0 => (0.0, Complex64::ONE),
-                length => (length / radius, a / length * (below / radius)),
-            };
-            self.rotations[j] = (c, s);
-            self.upper[column + j] = c * a + s * below;
-            let g = self.right[j];
-            self.right[j] = c * g;
-            self.right[j + 1] = -s.conj() * g;
             if closed || self.right[j + 1].norm() <= 0.5 * goal {
                 break;
             }
@@ -393,13 +362,7 @@ impl Gmres {
                 *q /= below;
             }
         }
-        for k in (0..used).rev() {
-            let mut y = self.right[k];
-            for j in k + 1..used {
-                y -= self.upper[j * restart + k] * self.right[j];
-            }
-            self.right[k] = y / self.upper[k * restart + k];
-        }
+        self.substitute_back(used);
         self.moved[..rows].fill(Complex64::ZERO);
         for k in 0..used {
             let y = self.right[k];
@@ -412,5 +375,59 @@ impl Gmres {
             *z += d;
         }
         used
+    }
+
+    /// Makes vector `j + 1` of the basis, which is `M P⁻¹ v_j`, orthogonal to those before by Gram
+    /// and Schmidt, twice; the products go to column `j`. Returns its norm. As `‖P⁻¹‖ ≤ 1`,
+    /// `‖M P⁻¹ v‖ ≤ ‖M‖`, which is at most `size`. Collective over the space group.
+    fn orthogonalise(&mut self, system: &Evolution<'_>, j: usize, size: f64) -> f64 {
+        let (rows, stride, column) = (system.matrix.rows(), self.length, j * self.restart);
+        self.upper[column..=column + j].fill(Complex64::ZERO);
+        for _ in 0..2 {
+            self.project(system, j + 1, 2.0 * size);
+            for k in 0..=j {
+                let product = self.products[k];
+                self.upper[column + k] += product;
+                let (past, last) = self.basis.split_at_mut((j + 1) * stride);
+                for (q, v) in last[..rows].iter_mut().zip(&past[k * stride..]) {
+                    *q -= product * v;
+                }
+            }
+        }
+        length(system, &self.basis[(j + 1) * stride..(j + 2) * stride])
+    }
+
+    /// Makes column `j`, with `below` under its diagonal, upper triangular: by the rotations of the
+    /// columns before and a new one, which turns the right-hand side too.
+    fn rotate(&mut self, j: usize, below: f64) {
+        let column = j * self.restart;
+        for k in 0..j {
+            let (c, s) = self.rotations[k];
+            let (a, b) = (self.upper[column + k], self.upper[column + k + 1]);
+            self.upper[column + k] = c * a + s * b;
+            self.upper[column + k + 1] = c * b - s.conj() * a;
+        }
+        let a = self.upper[column + j];
+        let radius = a.norm().hypot(below);
+        let (c, s) = match a.norm() {
+            0.0 => (0.0, Complex64::ONE),
+            length => (length / radius, a / length * (below / radius)),
+        };
+        self.rotations[j] = (c, s);
+        self.upper[column + j] = c * a + s * below;
+        let g = self.right[j];
+        self.right[j] = c * g;
+        self.right[j + 1] = -s.conj() * g;
+    }
+
+    /// Solves the triangular system of the first `used` columns, in place of its right-hand side.
+    fn substitute_back(&mut self, used: usize) {
+        for k in (0..used).rev() {
+            let mut y = self.right[k];
+            for j in k + 1..used {
+                y -= self.upper[j * self.restart + k] * self.right[j];
+            }
+            self.right[k] = y / self.upper[k * self.restart + k];
+        }
     }
 }

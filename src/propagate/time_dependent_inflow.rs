@@ -140,7 +140,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     Ok(largest)
 }
 
-/// `‖f‖`, the weights undone, of what `f` gives row by row of the block's cells. Collective over
+/// `‖f‖` of the weighted values `f(row)` on the block's cells, the weights undone. Collective over
 /// the space group.
 fn norm(
     communicator: &Communicator,
@@ -223,7 +223,7 @@ impl Search<'_> {
         Ok(Run { values, state })
     }
 
-    /// `‖f‖` of what `f` gives in weighted unknowns. Collective over the space group.
+    /// `‖f‖` of the weighted unknowns `f(row)`. Collective over the space group.
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
         // Of a degree above 0 the weights are volumes, which the norm has.
         let unweighted = |i: usize| match self.matrix.by_elements {

@@ -247,13 +247,13 @@ pub struct LargestEntries {
 }
 
 impl LargestEntries {
-    /// Of these `(|S_ij|, |K_ij|)` and so many nonzeros of the fullest row.
+    /// The largest of these `(|S_ij|, |K_ij|)`, with so many nonzeros in the fullest row.
     pub fn new(mut pairs: Vec<[f64; 2]>, nonzeros: usize) -> Self {
         keep_outermost(&mut pairs);
         Self { pairs, nonzeros, extrapolated: None }
     }
 
-    /// Of `matrix`, over the ranks of `space`. Collective.
+    /// The largest entries of `matrix`, over the ranks of `space`. Collective.
     pub fn of(matrix: &BlockMatrix, space: &Group) -> Self {
         /// So many more are looked at before those that others exceed are left out.
         const AT_ONCE: usize = 4096;

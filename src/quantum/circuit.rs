@@ -68,7 +68,7 @@ pub struct Choice {
     pub columns: usize,
 }
 
-/// A circuit and what it is.
+/// A circuit and its description.
 pub struct Compiled {
     /// The circuit.
     pub circuit: Circuit,

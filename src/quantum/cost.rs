@@ -32,9 +32,9 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Access {
-    /// By oracles of its rows.
+    /// Sparse access, by oracles of the rows of `H`.
     Sparse,
-    /// By a compiled circuit with this register of levels.
+    /// A compiled circuit with this register of levels.
     Circuit(Levels),
 }
 
@@ -61,7 +61,7 @@ pub struct Cost {
     pub steps: Figure,
     /// Toffoli gates of a call and its reflection.
     pub toffoli_a_step: Figure,
-    /// Those of an evolution.
+    /// Toffoli gates of an evolution.
     pub toffoli: Figure,
     /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
     pub t: Figure,
@@ -69,7 +69,7 @@ pub struct Cost {
     pub rotations: Figure,
     /// All qubits.
     pub qubits: Figure,
-    /// Of them, those that are zero before and after.
+    /// Ancillas among the qubits, which are zero before and after.
     pub ancillas: Figure,
     /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
     pub until_measured: [Figure; 2],
@@ -96,7 +96,7 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// Of the unitary scheme: one mode, and no register of `p`.
+    /// The demand of the unitary scheme: one mode, and no register of `p`.
     pub fn unitary(tolerance: f64) -> Self {
         Self { highest: 0.0, points: 1, period: 1.0, tolerance }
     }
@@ -105,7 +105,7 @@ impl Demand {
 /// What the accesses to a case's `H` depend on.
 pub struct Accesses {
     time: f64,
-    /// Of `(S, K)`.
+    /// The largest entries of `(S, K)`.
     entries: LargestEntries,
     /// Qubits that number the unknowns.
     qubits: usize,
@@ -113,7 +113,7 @@ pub struct Accesses {
     skew: bool,
     /// In whole numbers, for a circuit; or why there is none.
     transport: Result<Transport, String>,
-    /// Of controlled circuits, by the qubits of `p`.
+    /// Counts of controlled circuits, by the qubits of `p`.
     counts: RefCell<HashMap<(usize, Levels), Counts>>,
 }
 
@@ -153,7 +153,7 @@ impl Accesses {
         std::iter::once(sparse).chain(self.by_circuits(demand, evolutions)).collect()
     }
 
-    /// Those of all circuits; none where there are none.
+    /// Costs by all circuits; none where no circuit is compiled.
     fn by_circuits(&self, demand: &Demand, evolutions: &[Figure; 2]) -> impl Iterator<Item = Cost> {
         self.transport.iter().flat_map(move |transport| {
             [Levels::Hadamard, Levels::Uniform]
@@ -244,7 +244,7 @@ impl Accesses {
 pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
 
 impl CostTable<'_> {
-    /// Its columns, a row a cost.
+    /// The columns of the table, a row for each cost.
     pub fn columns(&self) -> Vec<Values> {
         let figures = |name: &str, figure: fn(&Cost) -> &Figure| {
             Figure::column(name, self.0.iter().map(|(_, cost)| figure(cost)))

@@ -58,14 +58,14 @@ const TOLERANCE: f64 = 1e-14;
 /// What the files mean.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Description {
-    /// Whose it is.
+    /// The case that the files belong to.
     #[serde(flatten)]
     pub owner: Owner,
     /// Title of the case.
     pub title: String,
     /// Qubits of the p-register, `n_p`.
     pub qubits_p: usize,
-    /// Of each axis, `(x1..xn, v1..vn)`.
+    /// Qubits of each axis, `(x1..xn, v1..vn)`.
     pub qubits_phase_space: Vec<usize>,
     /// 1 where something enters: the label.
     pub qubits_label: usize,
@@ -200,14 +200,14 @@ fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
 /// Qubits of each register.
 struct Registers {
     p: usize,
-    /// By axis, `(x1..xn, v1..vn)`.
+    /// Qubits of each axis, `(x1..xn, v1..vn)`.
     phase_space: Vec<usize>,
     /// 1 where something enters.
     label: usize,
 }
 
 impl Registers {
-    /// Of `case` with `points` points in `p` and `rows` unknowns.
+    /// The registers of `case` with `points` points in `p` and `rows` unknowns.
     ///
     /// # Errors
     /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits.
@@ -329,7 +329,7 @@ impl Reading {
 }
 
 impl Export {
-    /// Of a case whose whole grid is on this rank.
+    /// The export of a case whose whole grid is on this rank.
     ///
     /// # Errors
     /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power

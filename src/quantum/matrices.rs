@@ -27,7 +27,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Which entries of a matrix a file lists.
+/// The entries of a matrix that a file lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Symmetry {
     General,

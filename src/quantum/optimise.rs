@@ -13,9 +13,9 @@
 //! **The scheme** is the conservative interface where the degree is 0: it needs no weights, whose
 //! table as large as phase space no query could compute ([`scheme_of`]).
 
+pub mod ranking;
+
 use crate::base::error::{Error, Result};
-use crate::base::table::Values;
-use crate::base::text::shortened;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{
@@ -33,7 +33,6 @@ use crate::schrodingerization::profile::series::{Series, points};
 use crate::solve::system::StateNorms;
 use serde::Serialize;
 use std::f64::consts::TAU;
-use std::fmt;
 
 /// Profiles as a run takes them when nothing else is asked for, to compare with.
 const DEFAULTS: [ProfileChoice; 8] = [
@@ -179,7 +178,7 @@ pub struct System<'a> {
     pub world: Option<&'a Group>,
     /// The case with that `δ`.
     pub case: &'a Case,
-    /// Its bounds.
+    /// Bounds of the case.
     pub bounds: &'a Bounds,
     /// `‖u(0)‖/‖f(T)‖` planned for.
     pub ratio: f64,
@@ -205,8 +204,8 @@ impl Candidate {
     }
 }
 
-/// `case` with a candidate, without what is given by hand. One reading: what a second one tells is
-/// for emulations.
+/// `case` with a candidate, without settings given by hand. It has one reading: a second one only
+/// estimates the error of an emulation.
 fn candidate_case(case: &Case, bounds: &Bounds, candidate: &Candidate) -> Case {
     let mut case = case.clone();
     let growth = bounds.growth * case.duration();
@@ -458,123 +457,11 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
     }
 }
 
-/// All choices, the cheapest first, by repetition or amplitude amplification; those without a
-/// number last.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Ranking(pub Vec<Choice>);
-
-impl Ranking {
-    /// Sorted.
-    pub fn new(mut choices: Vec<Choice>) -> Self {
-        choices.sort_by(|a, b| a.least_cost().total_cmp(&b.least_cost()));
-        Self(choices)
-    }
-
-    /// The cheapest; none where nothing could be planned.
-    pub fn first(&self) -> Option<&Choice> {
-        self.0.first().filter(|choice| choice.least_cost().is_finite())
-    }
-}
-
-impl Ranking {
-    /// Its columns, a row a choice.
-    pub fn columns(&self) -> Vec<Values> {
-        let words = |name: &str, word: fn(&Choice) -> Option<String>| {
-            Values::new(name, self.0.iter().map(|choice| word(choice).into()))
-        };
-        let figures = |name: &str, figure: fn(&Choice) -> &Figure| {
-            Figure::column(name, self.0.iter().map(figure))
-        };
-        let columns = [
-            words("profile", |choice| Some(parameters(&choice.profile))),
-            words("delta", |choice| choice.delta.map(delta_text)),
-            figures("recovery", |choice| &choice.recovery),
-            figures("points", |choice| &choice.points),
-            words("access", |choice| choice.access.map(|access| access.to_string())),
-            figures("walk_steps", |choice| &choice.walk_steps),
-            figures("probability", Choice::nearest),
-            figures("until_measured_repeated", |choice| &choice.cost[0]),
-            figures("until_measured_amplified", |choice| &choice.cost[1]),
-            words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
-        ];
-        columns.into_iter().filter(|column| !column.is_empty()).collect()
-    }
-}
-
-/// A `δ` in a table.
-fn delta_text(delta: Delta) -> String {
-    match delta {
-        Delta::Planned => "planned".to_owned(),
-        Delta::Largest => "max".to_owned(),
-        Delta::Given(delta) => format!("{delta:.2e}"),
-    }
-}
-
-impl fmt::Display for Ranking {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Width of a profile: rows have 100 columns.
-        const PROFILE: usize = 25;
-        writeln!(
-            f,
-            "{:<PROFILE$}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
-            "profile", "delta", "p", "N_p", "access", "steps", "P", "repeated", "amplified"
-        )?;
-        let number =
-            |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
-        for choice in &self.0 {
-            let delta = choice.delta.map_or("-".to_owned(), delta_text);
-            let mut profile = parameters(&choice.profile);
-            if profile.chars().count() > PROFILE {
-                profile = shortened(&profile, PROFILE - 1);
-            }
-            if let Some(because) = choice.why_not() {
-                writeln!(f, "{profile:<PROFILE$}{delta:>8}   unavailable: {because}")?;
-                continue;
-            }
-            writeln!(
-                f,
-                "{profile:<PROFILE$}{delta:>8}{:>6.2}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
-                choice.recovery.value().unwrap_or(f64::NAN),
-                choice.points.value().unwrap_or(f64::NAN),
-                choice.access.map_or(String::new(), |access| access.to_string()),
-                number(&choice.walk_steps),
-                number(choice.nearest()),
-                number(&choice.cost[0]),
-                number(&choice.cost[1]),
-            )?;
-        }
-        writeln!(
-            f,
-            "steps: calls of the block encoding in one evolution. P: of the window, or of the \
-             slice where there is none. repeated: Toffoli gates until the field is found. \
-             amplified: the same by amplitude amplification. Gates of circuits are emitted, those \
-             of sparse access a model's; probabilities are estimates."
-        )
-    }
-}
-
-/// A profile's name and parameter.
-fn parameters(profile: &ProfileChoice) -> String {
-    match profile {
-        ProfileChoice::Planned => "one mode, S = 0".to_owned(),
-        ProfileChoice::Designed => "designed".to_owned(),
-        ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),
-        ProfileChoice::Gaussian { sigma: Some(sigma) } => format!("gaussian, sigma {sigma:.4}"),
-        ProfileChoice::Exponential { alpha: Alpha::Constant(alpha) } if *alpha >= 10.0 => {
-            format!("exponential, alpha {alpha:.2}")
-        }
-        ProfileChoice::Exponential { alpha } => format!("exponential, alpha {alpha:.4}"),
-        ProfileChoice::Smooth { order } => format!("smooth, order {order}"),
-        ProfileChoice::LowSomma { c: None } => "low-somma, planned c".to_owned(),
-        ProfileChoice::LowSomma { c: Some(c) } => format!("low-somma, c {c:.4}"),
-        ProfileChoice::Acl { beta } => format!("acl, beta {beta:.4}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::quantum::access::LargestEntries;
+    use crate::quantum::optimise::ranking::Ranking;
 
     /// Example 1 on 8² cells, with norms as of a run.
     fn case() -> Case {

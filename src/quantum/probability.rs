@@ -65,9 +65,9 @@ pub struct Probabilities {
     /// Bound on the error of the field over the whole window, in units of the tolerance that the
     /// profile is planned for; where it is below 1, nothing is wrong.
     pub window_error: Option<f64>,
-    /// Of the slice at `p◇`. Halves with every doubling of `N_p`.
+    /// Probabilities of the slice at `p◇`; they halve with every doubling of `N_p`.
     pub at_slice: Chain,
-    /// Of the window.
+    /// Probabilities of the window.
     pub in_window: Chain,
     /// `C_f` from the probability of the slice: the norm of the field as a quantum computer finds
     /// it.
@@ -84,19 +84,19 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
-/// How far a series is from `e^{−p}`, sampled upwards from where what is read at a point comes
-/// from.
+/// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
+/// dependence of a reading.
 pub struct Deviation {
     /// Where the samples begin: `p◇ − Λ⁺`.
     lower: f64,
-    /// Their distance.
+    /// Distance of two points.
     step: f64,
     /// `|g(p) − e^{−p}|`.
     sizes: Vec<f64>,
 }
 
 impl Deviation {
-    /// Of `series` from `lower` on, over its period.
+    /// The deviation of `series` from `lower` on, over its period.
     pub fn new(series: &Series, lower: f64) -> Self {
         /// Samples of the shortest wave, about.
         const SAMPLES: usize = 8;
@@ -115,7 +115,7 @@ impl Deviation {
     /// The end of the window that begins at `point`: with `Λ⁻ = decay`, the field is read within
     /// `tolerance` from every `p` in it. `None` where not even `point` is such a place.
     pub fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
-        /// Beyond this length the window adds nothing visible to the probability.
+        /// A longer window adds nothing visible to the probability.
         const LONGEST: f64 = 12.0;
         let Self { lower, step, sizes } = self;
         // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
@@ -149,7 +149,7 @@ impl Deviation {
 
 /// The fewest rounds of amplitude amplification that reach amplitude 1 from `√probability`.
 pub fn amplification_rounds(probability: f64) -> f64 {
-    /// Of a probability of 1, round-off must not make a round.
+    /// Round-off below a probability of 1 must not add a round.
     const ROUND_OFF: f64 = 1e-9;
     let angle = probability.sqrt().min(1.0).asin();
     (std::f64::consts::FRAC_PI_4 / angle - 0.5 - ROUND_OFF).ceil().max(0.0)
@@ -253,8 +253,8 @@ impl Probabilities {
         }
     }
 
-    /// Probabilities of a planned state with these norms. `label` makes figures of what follows
-    /// from the norms, which is as accurate as they are.
+    /// Probabilities of a planned state with these norms. `label` makes figures of numbers that
+    /// follow from the norms and are as accurate as they are.
     pub fn new(
         planned: &PlannedState<'_>,
         norms: StateNorms,
@@ -314,7 +314,7 @@ impl Probabilities {
 mod tests {
     use super::*;
 
-    /// Amplitudes of what is wanted and of the rest after `rounds` rounds, reflection by
+    /// Amplitudes of the wanted state and of the rest after `rounds` rounds, reflection by
     /// reflection.
     fn amplified(wanted: f64, rounds: u32) -> f64 {
         let start = [wanted, (1.0 - wanted * wanted).sqrt()];

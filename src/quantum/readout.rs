@@ -53,7 +53,7 @@ use crate::quantum::readout::reader::{Reader, Source};
 use crate::quantum::readout::row::{Observable, Row};
 use serde::Serialize;
 
-/// What is read, and what it takes.
+/// The readout: estimates, bounds, and the evolutions that they take.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Readout {
     /// Probability with which the bound of each measurement holds, at least.
@@ -74,7 +74,7 @@ pub struct Readout {
     pub rows: Vec<Row>,
 }
 
-/// Why the moments of measure-valued data are no overlaps, and what has the same moments.
+/// Why the moments of measure-valued data are no overlaps, and which data have the same moments.
 pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitudes: phi and psi \
      are in separate states, and the density, the integral of phi delta(psi) over v, is not linear \
      in them; initial.f = density * a smooth delta function of v - velocity, of a width above some \

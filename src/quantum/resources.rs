@@ -83,7 +83,7 @@ impl From<&WarpPlan> for Preparation {
 pub struct Setup {
     /// The profile.
     pub profile: ProfileChoice,
-    /// It, as planned.
+    /// The planned profile, in words.
     pub planned: String,
     /// `δ`; none where nothing enters.
     pub delta: Option<Delta>,
@@ -91,6 +91,20 @@ pub struct Setup {
     pub modes: usize,
     /// The largest `μ_l` of them.
     pub highest_wavenumber: f64,
+}
+
+impl Setup {
+    /// The choices of `case` with the `series` of its profile, which is `planned` so.
+    fn new(case: &Case, series: &Series, planned: String) -> Self {
+        let modes = series.modes();
+        Self {
+            profile: case.warp.profile.clone(),
+            planned,
+            delta: case.enters().then_some(case.warp.delta),
+            modes,
+            highest_wavenumber: series.wavenumber(modes - 1),
+        }
+    }
 }
 
 /// What dissipative weights `π` cost, which cannot be computed from the number of a cell.
@@ -209,7 +223,7 @@ pub struct Comparison {
     pub cheapest: Record,
     /// As the case file has it, or as it is planned to be emulated.
     pub own: Record,
-    /// Of the same grid, where there is one.
+    /// The unitary scheme on the same grid, where there is one.
     pub unitary: Option<Unitary>,
     /// Why there is no such scheme; none where there is.
     pub not_unitary: Option<String>,
@@ -274,8 +288,7 @@ impl Record {
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
         // A register has a power of two of points.
         let points = points(&series).next_power_of_two();
-        let modes = series.modes();
-        let highest = series.wavenumber(modes - 1);
+        let highest = series.wavenumber(series.modes() - 1);
         let largest = accesses.largest_entry(highest);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.duration(), case.tolerance);
@@ -291,6 +304,9 @@ impl Record {
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
         let [location, value, both] =
             [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
+        let weights_table = bounds.weighted.then(|| {
+            WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
+        });
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -299,13 +315,7 @@ impl Record {
             tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
-            setup: Setup {
-                profile: case.warp.profile.clone(),
-                planned,
-                delta: case.enters().then_some(case.warp.delta),
-                modes,
-                highest_wavenumber: highest,
-            },
+            setup: Setup::new(case, &series, planned),
             points,
             period: series.period,
             walk_tolerance: estimate(fine),
@@ -315,22 +325,14 @@ impl Record {
             degree: evolution.degree,
             walk_steps: evolution.steps,
             value_bits: estimate(bits),
-            gates_factor: Figure::model(
-                gates_factor(qubits.total as f64, bits),
-                "O(n + m polylog m) as n + m log2(m)^2, m bits of a value",
-            ),
-            transform_gates: Figure::model(
-                2.0 * qubits.p as f64 * (qubits.p as f64).log2().max(1.0),
-                "O(n_p log n_p) for each of two approximate transforms, constants 1",
-            ),
+            gates_factor: qubits.gates_factor(bits),
+            transform_gates: qubits.transform_gates(),
             costs: accesses.costs(
                 &Demand { highest, points, period: series.period, tolerance: fine },
                 &probabilities.evolutions(),
             ),
             no_circuit: accesses.no_circuit().map(str::to_owned),
-            weights_table: bounds.weighted.then(|| {
-                WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
-            }),
+            weights_table,
             qubits,
             classical_operations: Figure::exact(operations),
             queries_until_measured: probabilities.evolutions().map(|n| n.times(&both)),
@@ -346,7 +348,7 @@ impl Record {
 }
 
 impl WeightsTable {
-    /// Of so many cells, read in every one of the `queries`.
+    /// A table for so many cells, read in every one of the `queries`.
     fn new(entries: usize, queries: &Figure, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
         let each = 2.0 * (entries as f64 - 1.0);
@@ -362,6 +364,19 @@ impl WeightsTable {
 }
 
 impl Registers {
+    /// Other gates for each query, of values of so many `bits`.
+    fn gates_factor(&self, bits: f64) -> Figure {
+        const WHY: &str = "O(n + m polylog m) as n + m log2(m)^2, m bits of a value";
+        Figure::model(gates_factor(self.total as f64, bits), WHY)
+    }
+
+    /// Gates of the two transforms in `p`.
+    fn transform_gates(&self) -> Figure {
+        const WHY: &str = "O(n_p log n_p) for each of two approximate transforms, constants 1";
+        let p = self.p as f64;
+        Figure::model(2.0 * p * p.log2().max(1.0), WHY)
+    }
+
     /// For `unknowns` of the system, `points` in `p`, and values of `bits` bits.
     fn new(case: &Case, unknowns: usize, points: usize, bits: u32) -> Self {
         const WITHOUT: &str = "dp = eps on an interval of length 1";

@@ -157,9 +157,9 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
 /// Nonzeros of `A` by parts on this rank: transport axis by axis, then force (part `n`), then all.
 struct Parts {
     dimension: usize,
-    /// By part.
+    /// The fullest row of each part.
     rows: Vec<Fullest>,
-    /// By part, then by cell of the block.
+    /// Nonzeros of each column, by part, then by cell of the block.
     columns: Vec<Vec<u16>>,
     /// Global numbers of the cells of the block.
     globals: Vec<usize>,

@@ -27,7 +27,7 @@ pub enum Over {
 /// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
-    /// Its name.
+    /// Name of the dataset.
     pub name: &'static str,
     /// What it runs over.
     pub over: Over,
@@ -87,7 +87,7 @@ pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY, MOMENTUM, VELOCITY], moments)
 }
 
-/// Those of the exact solution.
+/// The moments of the exact solution.
 pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
 }
@@ -146,7 +146,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Of `share`, one range a space axis, and all velocities of `space`.
+    /// The layout of `share`, one range a space axis, with all velocities of `space`.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let velocities = space.v.iter().map(|axis| 0..axis.cells);
         Self {

@@ -30,11 +30,11 @@ pub enum Scale {
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What stands beside it.
+    /// Label of the axis.
     pub label: String,
-    /// Its scale.
+    /// Scale of the axis.
     pub scale: Scale,
-    /// Its ends, lower first; by default those of the data.
+    /// Ends of the axis, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
     /// Names at 0, 1, … instead of numbers.
     pub names: Vec<String>,
@@ -54,7 +54,7 @@ impl Axis {
         }
     }
 
-    /// By logarithms.
+    /// A logarithmic axis.
     pub fn log(label: impl Into<String>) -> Self {
         Self { scale: Scale::Log, ..Self::linear(label) }
     }
@@ -64,7 +64,7 @@ impl Axis {
         Self { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Self::linear(label) }
     }
 
-    /// Of whole numbers.
+    /// The same axis with ticks at whole numbers only.
     pub fn whole(mut self) -> Self {
         self.whole = true;
         self

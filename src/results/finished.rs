@@ -104,9 +104,9 @@ fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
     Ok(differing_setting(&found.settings, &case.settings))
 }
 
-/// Refuses to replace what is in `directory`: results of a finished run, and files with the names
-/// of results that no run wrote. A run that is to `resume` may replace those of the same case,
-/// which are damaged if it is not finished, and goes on from a checkpoint whatever is beside it.
+/// Refuses to replace files in `directory`: results of a finished run, and files with the names of
+/// results that no run wrote. A run that is to `resume` may replace results of the same case, which
+/// are damaged if that run is not finished; beside a checkpoint it may replace any.
 /// Collective over `world`.
 ///
 /// # Errors

@@ -97,7 +97,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     Ok(())
 }
 
-/// The times at which a grid is shown, and what is shown then.
+/// The times at which a grid is shown, with the datasets shown then.
 fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
     let shown = |step: &'a Step| {
         let grid = step.grids.iter().find(|grid| grid.name == name)?;

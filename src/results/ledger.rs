@@ -28,7 +28,7 @@ pub struct Ledger {
     pub jumps: Vec<Jump>,
     /// The regions of `V` that lie between others.
     pub regions: Vec<Region>,
-    /// What could not be told, and why.
+    /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
 }
 
@@ -37,9 +37,9 @@ pub struct Ledger {
 pub struct Mass {
     /// Integral of the formula of the initial data over the phase-space box.
     pub formula: Option<f64>,
-    /// Its standard error.
+    /// Standard error of that integral.
     pub formula_error: Option<f64>,
-    /// Integral of `|f|` at time zero and of what enters: what shares are relative to.
+    /// Integral of `|f|` at time zero and of the inflow, to which shares are relative.
     pub absolute: Option<f64>,
     /// Integral of the formula over velocities beyond the box, up to half its width on each side.
     pub beyond: Option<f64>,
@@ -114,7 +114,7 @@ pub struct Jump {
 /// A region of `V` between others.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Region {
-    /// Its index in `[[potential]]`.
+    /// Index of the region in `[[potential]]`.
     pub potential: usize,
     /// The axis along which it is narrowest.
     pub axis: String,
@@ -292,7 +292,7 @@ impl Ledger {
         self.ends.iter().filter(lost).map(warning).collect()
     }
 
-    /// Jumps that the data hardly feel.
+    /// Warnings of jumps that are small beside the energies of the data.
     fn jump_warnings(&self) -> impl Iterator<Item = String> + '_ {
         self.jumps.iter().filter_map(|jump| {
             let mean = jump.mean_energy.unwrap_or(jump.largest_energy);
@@ -315,7 +315,7 @@ impl Ledger {
         format!("ledger\n{}", lines.collect::<String>())
     }
 
-    /// Its lines; what is not known is not there.
+    /// The lines of the ledger, without those whose numbers are unknown.
     pub fn lines(&self) -> Vec<String> {
         let mut lines: Vec<String> =
             [self.start_line(), self.balance_line()].into_iter().flatten().collect();

@@ -25,7 +25,7 @@ const MOST_SAID: u64 = 400;
 /// The files of a movie.
 #[derive(Default)]
 pub struct Movie {
-    /// Its files.
+    /// Paths of the files.
     pub files: Vec<PathBuf>,
     /// The name of a file that is missing, and why.
     pub left_out: Option<(String, String)>,

@@ -104,7 +104,7 @@ const MEMORY: [(&str, &str); 2] = [
     ("memory_peak_bytes_per_rank", "memory a rank, measured"),
 ];
 
-/// The chain of what is postselected.
+/// The chain of postselected conditions.
 const PROBABILITIES: [(&str, &str); 7] = [
     ("in_p", "p is found there"),
     ("field_given_p", "and not the auxiliary unknowns of the inflow"),
@@ -121,7 +121,7 @@ pub struct Report<'a> {
     pub run: &'a Stored,
     /// `summary.json`.
     pub summary: &'a Value,
-    /// Its pictures.
+    /// Pictures of the run.
     pub album: &'a Album,
     /// Phase space and density at several times, where there are some.
     pub times: Option<&'a Times>,

@@ -41,7 +41,7 @@ use crate::results::writer::{Outcome, Writer, attribute, text};
 use crate::results::{averages, grids, history, readback, views};
 use std::path::Path;
 
-/// Writes `directory/result.h5`; gives what is to be shown of its grids. Collective over
+/// Writes `directory/result.h5`; returns the grids and datasets to be shown. Collective over
 /// `world`.
 ///
 /// # Errors

@@ -18,7 +18,7 @@ const SAME: f64 = 1e-12;
 /// What a file holds, or what is wrong with it.
 type Found<T> = std::result::Result<T, String>;
 
-/// What the file `start` says of itself, where it holds `f` on the grid of `case` at its
+/// The origin that the file `start` names, where it holds `f` on the grid of `case` at its
 /// `time.start`. Collective over `world`.
 ///
 /// # Errors

@@ -45,9 +45,9 @@ const LARGEST: f64 = 1e150;
 /// What this process does with files that are not trusted.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
-    /// It has a subprocess inspect them first.
+    /// The process that reads files, after a subprocess has inspected them.
     Parent,
-    /// It is that subprocess.
+    /// The subprocess that inspects files.
     Child,
 }
 
@@ -56,7 +56,7 @@ static ROLE: OnceLock<Role> = OnceLock::new();
 /// What is read of a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
-    /// Which datasets there are, and their shapes.
+    /// The names and shapes of the datasets.
     Shapes,
     /// As well the values of a share of them.
     Values(Share),

@@ -20,7 +20,7 @@ use std::ops::Range;
 /// Cells along three axes, and datasets over them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// Its name.
+    /// Name of the grid.
     pub name: String,
     /// Axes that it is drawn on: two or three.
     pub dimension: usize,
@@ -42,7 +42,7 @@ pub struct Grid {
 pub struct Step {
     /// The time.
     pub time: f64,
-    /// Its grids.
+    /// Grids at that time.
     pub grids: Vec<Grid>,
 }
 
@@ -60,11 +60,11 @@ pub struct Moment {
 pub struct View {
     /// The name it is shown by.
     pub name: String,
-    /// Its path.
+    /// Path of the dataset.
     pub dataset: String,
     /// Whether it has three components, as its last index.
     pub vector: bool,
-    /// Which time of it is shown; all of it where it has none.
+    /// The time that is shown; none where the dataset has no times.
     pub moment: Option<Moment>,
 }
 
@@ -264,7 +264,7 @@ struct Copied<'a> {
     axes: Vec<&'a str>,
     /// Where it lies.
     ranges: Vec<Range<usize>>,
-    /// Its values.
+    /// Values of the field.
     values: Vec<f64>,
 }
 
@@ -331,7 +331,7 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
 
 /// The part of a plane (x_a, v_a) that a rank holds: all of its velocities, or none.
 struct PlanePart {
-    /// Its cells along x_a.
+    /// Cells of the part along x_a.
     cells: Range<usize>,
     /// Where it begins in the rank's fields.
     base: usize,

@@ -27,7 +27,7 @@ pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
 
 /// A dimension scale.
 struct Scale {
-    /// Its length.
+    /// Length of the scale.
     length: usize,
     /// Cells of a chunk along it, where the user says.
     chunk: Option<usize>,
@@ -40,8 +40,8 @@ pub struct Writer<'a> {
     storage: &'a Storage,
     /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
     file: ManuallyDrop<File>,
-    /// The first failure of what rank 0 writes alone, while the others go on to the next step of
-    /// all.
+    /// The first failure of a write of rank 0 alone, while the others go on to the next collective
+    /// step.
     trouble: RefCell<Option<hdf5::Error>>,
     scales: BTreeMap<&'static str, Scale>,
 }
@@ -63,9 +63,9 @@ pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()>
 impl<'a> Writer<'a> {
     /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.
     ///
-    /// Space is reserved before anything is written, where the file system can: a disk that is full
-    /// is told by one call on one rank, not in the middle of what ranks do together, where HDF5
-    /// leaves the others waiting.
+    /// Space is reserved before anything is written, where the file system can: a full disk is then
+    /// an error of one call on one rank, and not of a collective call, in which HDF5 would leave
+    /// the other ranks waiting.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`] here and in all that follows, the same on all ranks.

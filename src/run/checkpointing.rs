@@ -1,4 +1,4 @@
-//! The checkpoints of a run: where they are, and the one that it goes on from.
+//! The checkpoints of a run: where they are, and the one that it continues from.
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
@@ -15,7 +15,7 @@ use std::time::Instant;
 pub(crate) struct Checkpointing {
     /// Where they are.
     pub store: Store,
-    /// The one to go on from, until it is read.
+    /// The checkpoint to continue from, until it is read.
     pub generation: Option<Generation>,
     /// When they are made.
     pub times: Times,

@@ -11,7 +11,7 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::Found;
+use crate::run::files::{Found, Unread};
 use crate::solve::prepared::Prepared;
 
 /// How a state is integrated over a leg.
@@ -51,7 +51,7 @@ pub(crate) fn classically(
     prepared: &mut Prepared,
     speaks: bool,
     summary: &mut Summary,
-) -> Result<Found> {
+) -> Result<Found<Unread>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);

@@ -82,7 +82,7 @@ struct ElementSums<'a> {
     case: &'a Case,
     /// Points of each axis.
     points: Vec<Vec<f64>>,
-    /// Their weights times half the element's width.
+    /// Weights of the points times half the element's width.
     weights: Vec<Vec<f64>>,
     /// Interpolation from nodes to points, by axis.
     matrices: Vec<Vec<Vec<f64>>>,

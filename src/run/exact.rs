@@ -20,7 +20,7 @@ use crate::solve::place::Place;
 /// The exact density is averaged over at most so many points of phase space, where the cells
 /// themselves are no more.
 pub const MOST_POINTS: usize = 200_000;
-/// And over so many along an axis of each cell.
+/// A cell is cut into at most so many parts along an axis for that average.
 const MOST_PARTS: usize = 8;
 
 /// The exact solution of a run on a rank's share.
@@ -28,7 +28,7 @@ const MOST_PARTS: usize = 8;
 pub struct ExactRun {
     /// At the end.
     pub exact: Option<ExactSolution>,
-    /// Its moments at the output times before the end, then at the end.
+    /// Moments at the output times before the end, then at the end.
     pub moments: Vec<Moments>,
 }
 
@@ -129,7 +129,7 @@ pub enum Exactly<'a> {
 }
 
 impl<'a> Exactly<'a> {
-    /// That of `case`, which `exact` says. Collective.
+    /// The solution of `case` that `exact` names. Collective.
     ///
     /// # Errors
     /// Where `V` is not finite.

@@ -4,6 +4,7 @@ use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::problem::exact::sheet::ExactMoments;
 use crate::problem::grid::for_each_cell;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, ExactSolution, slices};
@@ -75,10 +76,9 @@ pub(crate) fn expand(
     match (&exact.exact, exact.moments.last()) {
         (None, _) | (_, None) => {}
         (Some(ExactSolution::Field(exact)), Some(exact_moments)) => {
+            let share = &shown.share(share);
             let errors = match (&case.exact, case.space.degree()) {
-                (Some(kind), 1..) => {
-                    errors::by_elements(world, case, kind, &shown.share(share), &fields[0])?
-                }
+                (Some(kind), 1..) => errors::by_elements(world, case, kind, share, &fields[0])?,
                 _ => {
                     let field = field_errors(&norms(&fields[0]), &norms(exact), volumes.mean());
                     errors::by_cells(world, &volumes, field, &moments, exact_moments)
@@ -87,12 +87,7 @@ pub(crate) fn expand(
             summary.set_errors(&errors);
         }
         (Some(ExactSolution::Moments(exact)), _) => {
-            let [density, velocity] = moment_errors(world, &volumes, &moments, exact);
-            let pair = (&moments.density, &exact.density);
-            let norms = errors::over_space(world, &volumes, &[pair]);
-            let density = ErrorNorms { l1: density, ..norms };
-            summary.set_errors(&GridErrors { field: None, density, momentum: None });
-            summary.error_velocity_l1 = Some(velocity);
+            set_moment_errors(world, &volumes, &moments, exact, summary);
         }
     }
     if case.accuracy.is_some() {
@@ -101,6 +96,21 @@ pub(crate) fn expand(
     }
     let exact_seconds = began.elapsed().as_secs_f64();
     Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
+}
+
+/// Distances of the moments of measure-valued data to the exact ones, into `summary`. Collective.
+fn set_moment_errors(
+    world: &Group,
+    volumes: &CellVolumes,
+    moments: &Moments,
+    exact: &ExactMoments,
+    summary: &mut Summary,
+) {
+    let [density, velocity] = moment_errors(world, volumes, moments, exact);
+    let norms = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);
+    let density = ErrorNorms { l1: density, ..norms };
+    summary.set_errors(&GridErrors { field: None, density, momentum: None });
+    summary.error_velocity_l1 = Some(velocity);
 }
 
 /// Relative L1 distance of the density on this rank's `share` to the averages of the exact one over

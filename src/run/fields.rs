@@ -1,4 +1,4 @@
-//! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or
+//! From the semi-discrete system to the fields at `T` and at the output times before: by modes, or
 //! classically.
 
 use crate::base::error::Result;
@@ -7,11 +7,11 @@ use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
-use crate::run::files::{Files, SolvedFields};
+use crate::run::files::{Files, SolvedFields, Unread};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
-/// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into
+/// Every field at `T` and at the output times before, by the plan of `prepared`; counts go into
 /// `summary`. Without console output where no `files` are written. Collective.
 ///
 /// # Errors
@@ -36,7 +36,7 @@ pub(crate) fn solve(
 
 /// Moments and fields at the output times, from what was recovered there: `[field][time]`.
 /// Collective.
-fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
+fn history(prepared: &Prepared, mut recovered: Unread) -> Vec<Early> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     let potential = nodal_values(case, &prepared.place.share);

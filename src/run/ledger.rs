@@ -34,7 +34,7 @@ const REPLICATES: usize = 16;
 const POINTS_PER_CELL: usize = 4;
 const LEAST_POINTS: usize = 1 << 14;
 const MOST_POINTS: usize = 1 << 17;
-/// Particles of a replicate that are followed, of the initial data and of what enters.
+/// Particles of a replicate that are followed, of the initial data and of the inflow.
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Most nodes at which the initial data are looked for.
 const MOST_NODES: usize = 1 << 19;
@@ -159,7 +159,7 @@ impl Sources {
         found.map_or(0.0, |(_, found)| found.mean.mass)
     }
 
-    /// Standard error of what enters.
+    /// Standard error of the mass that enters.
     fn error_of_entering(&self) -> f64 {
         let squares = self.entering.iter().map(|(_, found)| found.error.mass * found.error.mass);
         squares.sum::<f64>().sqrt()

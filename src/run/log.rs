@@ -36,7 +36,7 @@ impl RunLog {
         }
     }
 
-    /// The warnings of a plan, and a line of what is to be done.
+    /// Prints the warnings of a plan, and a line that describes the run.
     pub fn open(&mut self, plan: &Plan) {
         let planned = plan.warp.as_ref();
         for warning in planned.map_or(&[][..], |warp| &warp.warnings) {

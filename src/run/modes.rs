@@ -5,32 +5,32 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::Communicator;
 use crate::plan::Plan;
-use crate::plan::balance::cost;
+use crate::plan::balance::{Batch, cost};
 use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, WarpedStart};
 use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, Initial};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::propagator;
+use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::About;
 use crate::results::summary::Summary;
 use crate::results::warped;
 use crate::results::warped::given::{Domain, Given, Read};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{Files, Found};
+use crate::run::files::{Files, Found, Unread, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
-use crate::solve::modes::{Keeping, Recovered, RunHooks, Task};
+use crate::solve::modes::RunHooks;
 use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
+use crate::solve::stage::{Keeping, Recovered, Task};
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -46,28 +46,21 @@ pub(crate) fn by_modes(
     prepared: &mut Prepared,
     files: Option<Files<'_>>,
     summary: &mut Summary,
-) -> Result<Found> {
+) -> Result<Found<Unread>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let speaks = communicator.world.rank() == 0 && files.is_some();
-    let mut warped = (files.as_ref()).map(|files| WarpedFiles::new(case, plan, warp, files));
+    let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, took: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
-    let legs = &warp.legs;
-    let stages = system.states.len() * warp.points.map_or(1, |_| legs.len());
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resumed(found, plan, communicator, place));
-    let batches = &plan.layout.groups[communicator.modes.rank()];
-    // Stages before the one to go on with are finished, of that one some batches.
-    let left = resumed.as_ref().map_or(stages * cost(batches), |r| {
-        (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches)
-    });
-    let mut progress = Progress::new(speaks, "modes", left * system.states.len() / stages);
+    summary.resumed = resumed.is_some();
+    let fields = system.states.len();
+    let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
+    let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
+    let mut progress = Progress::new(speaks, "modes", left * fields / stages);
 
-    // What the modes start from: the fields at time zero, or the modes of a file.
     let modes: Vec<Vec<usize>> = plan.layout.modes();
-    let rows = system.matrix.rows();
-    let mut kept =
-        (warp.points).map(|_| KeptModes::new(rows, modes[communicator.modes.rank()].clone()));
     let spread = Spread {
         communicator,
         space: &case.space,
@@ -76,39 +69,13 @@ pub(crate) fn by_modes(
         pi: &system.weights.pi[..place.block.cells()],
         buffers: BUFFERS,
     };
-    let (mut largest, mut warning) = (None, None);
-    if let (Some(start), Some(kept)) = (&case.start, &mut kept) {
-        let read = begin(start, plan, case, &spread, system, kept)?;
-        largest = Some(read.largest_norm);
-        warning = read.warning;
-        if let Some(checkpointing) = &mut checkpointing {
-            let generation = resumed.as_ref().map(|r| &r.generation);
-            (checkpointing.store).begins_with(read.checksum, generation)?;
-        }
+    let mut start = ModeStart::new(case, plan, &spread, system)?;
+    if let (Some(checksum), Some(checkpointing)) = (start.checksum, &mut checkpointing) {
+        let generation = resumed.as_ref().map(|r| &r.generation);
+        checkpointing.store.begins_with(checksum, generation)?;
     }
-    let of_state = |state: &Vec<f64>| system.norm(communicator, state, false);
-    let initial: Vec<Initial<'_>> = (system.states.iter())
-        .map(|state| Initial::real(&state[..rows], largest.unwrap_or_else(|| of_state(state))))
-        .collect();
-
-    let setting = plan.propagator_setting(warp);
-    let made = propagator(&setting, system.schedule.as_ref(), &system.matrix);
-    let mut propagator = communicator.world.agree(made)?;
-    let factors = VelocityFactors::new(&case.space);
-    let moments = MomentsOf {
-        factors: &factors,
-        pi: spread.pi,
-        least: case.space.least_relative_volume().min(1.0),
-    };
-    let task = Task {
-        communicator,
-        warp,
-        legs,
-        batches,
-        initial: &initial,
-        shares: &place.ranges,
-        moments: Some(&moments),
-    };
+    let rows = system.matrix.rows();
+    let initial = start.states(&system.states, rows);
     let stop = checkpointing.as_ref().map(|c| Arc::clone(&c.times.stop));
     let mut evolution = Evolution {
         matrix: &system.matrix,
@@ -117,31 +84,169 @@ pub(crate) fn by_modes(
         bounds: &plan.bounds,
         time: case.duration(),
         terms: system.terms,
-        interruption: Interruption::new(&communicator.space, system.matrix.rows(), stop),
+        interruption: Interruption::new(&communicator.space, rows, stop),
     };
-    let mut write = |field: usize, leg: usize, kept: &KeptModes| match &mut warped {
-        Some(warped) => warped.write(field, leg, &spread, kept),
-        None => Ok(()),
-    };
-    let mut keeping =
-        kept.as_mut().map(|kept| Keeping { kept, begun: case.start.is_some(), after: &mut write });
-    summary.resumed = resumed.is_some();
-    let size = RunSize { modes: warp.modes, stages };
     let mut checkpoints = checkpointing.map(|c| {
+        let size = RunSize { modes: warp.modes, stages };
         let mesh = &plan.layout.mesh;
         Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
     });
-    let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints: checkpoints.as_mut() };
-    let recovered = modes::run(&task, &mut evolution, &mut *propagator, &mut progress, hooks)?;
+    let schedule = system.schedule.as_ref();
+    let pass = Pass { case, plan, spread: &spread, place, schedule, initial: &initial };
+    let kept = start.kept.as_mut().map(|kept| (kept, warped.as_mut()));
+    let recovered = pass.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     count(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.took);
-    drop((propagator, kept));
-    Ok(Found { warped_seconds, warning, ..unweighted(prepared, recovered, summary) })
+    drop(start.kept);
+    Ok(Found { warped_seconds, warning: start.warning, ..unweighted(prepared, recovered, summary) })
 }
 
-/// What a run goes on from, with the batches that are left of it.
+/// Work of this rank's `batches` over all `stages` that is left: of a run that goes on, stages
+/// before that of the checkpoint are finished, and some batches of that one.
+fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) -> usize {
+    match resumed {
+        Some(r) => (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches),
+        None => stages * cost(batches),
+    }
+}
+
+/// What the modes start from: the fields at time zero, or the modes of a file.
+struct ModeStart {
+    /// Norm of the modes of each field, or a bound on it.
+    norms: Vec<f64>,
+    /// The modes of this rank, where the run keeps them; read already where a file has them.
+    kept: Option<KeptModes>,
+    /// Checksum of the `/w` of that file.
+    checksum: Option<u64>,
+    /// How far `f` may be off, where that is more than the tolerance.
+    warning: Option<String>,
+}
+
+impl ModeStart {
+    /// Reads `initial.warped` where the case has it. Collective.
+    ///
+    /// # Errors
+    /// As [`begin`].
+    fn new(case: &Case, plan: &Plan, spread: &Spread<'_>, system: &DiscreteSystem) -> Result<Self> {
+        let warp = plan.warp.as_ref().expect("a plan by modes");
+        let communicator = spread.communicator;
+        let own = &spread.modes[communicator.modes.rank()];
+        let mut kept = (warp.points).map(|_| KeptModes::new(system.matrix.rows(), own.clone()));
+        let begun = match (&case.start, &mut kept) {
+            (Some(start), Some(kept)) => Some(begin(start, plan, case, spread, system, kept)?),
+            _ => None,
+        };
+        let norm = |state: &Vec<f64>| match &begun {
+            Some(begun) => begun.largest_norm,
+            None => system.norm(communicator, state, false),
+        };
+        Ok(Self {
+            norms: system.states.iter().map(norm).collect(),
+            kept,
+            checksum: begun.as_ref().map(|begun| begun.checksum),
+            warning: begun.and_then(|begun| begun.warning),
+        })
+    }
+
+    /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
+    fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<Initial<'a>> {
+        let modes = states.iter().zip(&self.norms);
+        modes.map(|(state, &norm)| Initial::real(&state[..rows], norm)).collect()
+    }
+}
+
+/// All modes of a run, from their start to what is recovered of them.
+struct Pass<'a> {
+    case: &'a Case,
+    plan: &'a Plan,
+    spread: &'a Spread<'a>,
+    place: &'a Place,
+    schedule: Option<&'a Schedule>,
+    initial: &'a [Initial<'a>],
+}
+
+impl Pass<'_> {
+    /// Propagates the modes and recovers the fields; of a run that keeps the modes, with them and
+    /// their files. Collective.
+    ///
+    /// # Errors
+    /// As [`crate::solve::modes::run`]; a propagator without room for its scratch.
+    fn run(
+        &self,
+        evolution: &mut Evolution<'_>,
+        progress: &mut Progress,
+        kept: Option<(&mut KeptModes, Option<&mut WarpedFiles<'_>>)>,
+        checkpoints: Option<&mut Checkpoints<'_>>,
+    ) -> Result<Recovered> {
+        let Self { plan, spread, place, .. } = self;
+        let (communicator, space) = (spread.communicator, spread.space);
+        let warp = plan.warp.as_ref().expect("a plan by modes");
+        let setting = plan.propagator_setting(warp);
+        let made = propagator(&setting, self.schedule, evolution.matrix);
+        let mut propagator = communicator.world.agree(made)?;
+        let factors = VelocityFactors::new(space);
+        let moments = MomentsOf {
+            factors: &factors,
+            pi: spread.pi,
+            least: space.least_relative_volume().min(1.0),
+        };
+        let task = Task {
+            communicator,
+            warp,
+            legs: &warp.legs,
+            batches: &plan.layout.groups[communicator.modes.rank()],
+            initial: self.initial,
+            shares: &place.ranges,
+            moments: Some(&moments),
+        };
+        let (kept, mut files) = kept.unzip();
+        let mut after = |field: usize, leg: usize, kept: &KeptModes| match files.as_mut() {
+            Some(Some(files)) => self.write(files, field, leg, kept),
+            _ => Ok(()),
+        };
+        let begun = self.case.start.is_some();
+        let mut keeping = kept.map(|kept| Keeping { kept, begun, after: &mut after });
+        let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
+        modes::run(&task, evolution, &mut *propagator, progress, hooks)
+    }
+
+    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
+    fn write(
+        &self,
+        files: &mut WarpedFiles<'_>,
+        field: usize,
+        leg: usize,
+        kept: &KeptModes,
+    ) -> Result<()> {
+        let (case, plan) = (self.case, self.plan);
+        let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
+        // Times before the end that are to show the fields are numbered.
+        let times = &case.times;
+        let time = Leg::output_times(&legs[..=leg]).count() - 1;
+        let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
+        if !case.warped_field || !wanted(&time) {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
+        let about = About {
+            case,
+            plan,
+            time: times.get(time).map_or(case.end, |t| t.time),
+            seconds: files.output.seconds,
+            provenance: files.output.provenance,
+        };
+        let name = warped::file_name(case.fields[field].name, number);
+        let path = files.output.directory.join(name);
+        warped::write(&path, &about, self.spread, series, interval[0], kept)?;
+        files.took += started.elapsed().as_secs_f64();
+        Ok(())
+    }
+}
+
+/// The checkpoint that a run continues from, with the batches that are left.
 fn resumed<'a>(
     generation: Generation,
     plan: &Plan,
@@ -170,7 +275,7 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
 
 /// The fields with their weights undone, and the error of the time step relative to them.
 /// Collective.
-fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found {
+fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found<Unread> {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
@@ -197,60 +302,9 @@ fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) 
 
 /// The files of the whole warped field, `DIR/warped….h5`.
 struct WarpedFiles<'a> {
-    case: &'a Case,
-    plan: &'a Plan,
-    warp: &'a WarpPlan,
-    directory: &'a Path,
-    seconds: &'a BTreeMap<String, f64>,
-    provenance: &'a [(String, String)],
+    output: WarpedOutput<'a>,
     /// Seconds that writing took.
     took: f64,
-}
-
-impl<'a> WarpedFiles<'a> {
-    fn new(case: &'a Case, plan: &'a Plan, warp: &'a WarpPlan, files: &Files<'a>) -> Self {
-        Self {
-            case,
-            plan,
-            warp,
-            directory: files.directory,
-            seconds: files.seconds,
-            provenance: files.provenance,
-            took: 0.0,
-        }
-    }
-
-    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
-    fn write(
-        &mut self,
-        field: usize,
-        leg: usize,
-        spread: &Spread<'_>,
-        kept: &KeptModes,
-    ) -> Result<()> {
-        // Times before the end that are to show the fields are numbered.
-        let times = &self.case.times;
-        let time = Leg::output_times(&self.warp.legs[..=leg]).count() - 1;
-        let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
-        if !self.case.warped_field || !wanted(&time) {
-            return Ok(());
-        }
-        let started = Instant::now();
-        let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
-        let about = About {
-            case: self.case,
-            plan: self.plan,
-            time: times.get(time).map_or(self.case.end, |t| t.time),
-            seconds: self.seconds,
-            provenance: self.provenance,
-        };
-        let name = warped::file_name(self.case.fields[field].name, number);
-        let path = self.directory.join(name);
-        let WarpPlan { series, interval, .. } = self.warp;
-        warped::write(&path, &about, spread, series, interval[0], kept)?;
-        self.took += started.elapsed().as_secs_f64();
-        Ok(())
-    }
 }
 
 /// What was read of a start from a file.

@@ -101,7 +101,7 @@ impl MeasuredCase {
 
 /// A plan, and the one before anything was measured.
 pub struct Planned {
-    /// By which the run is assembled.
+    /// The plan by which the run is assembled.
     provisional: Plan,
     /// The plan of the run.
     pub plan: Plan,

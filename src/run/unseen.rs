@@ -1,4 +1,4 @@
-//! What of the problem as it is written the scheme does not see, and settings that it passes over.
+//! Parts of the stated problem that the scheme does not resolve, and settings without effect.
 
 use crate::base::text::{counted, percent, place, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};

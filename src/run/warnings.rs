@@ -78,7 +78,7 @@ fn empty_region(region: &usize) -> String {
     )
 }
 
-/// The first line of a run: what is solved, at what cost, on which ranks.
+/// The first line of a run: its case, its cost, its ranks.
 pub(crate) fn opening_line(plan: &Plan) -> String {
     let mesh = &plan.layout.mesh;
     let what = match &plan.warp {

@@ -30,8 +30,8 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, Part, PhaseSpace, axis_names};
 use crate::scheme::interface::velocity;
 
-/// `case` without what it does not need; one that was reduced before stays as it is. Collective
-/// over `world`.
+/// `case` without the cells, axes and modes that its solution does not need; a reduced case stays
+/// as it is. Collective over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.
@@ -166,7 +166,7 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     }
 }
 
-/// Why space axis `a` is kept, where `V` and what is there at time zero do not vary along it.
+/// Why space axis `a` is kept, though `V` and the initial data do not vary along it.
 fn why_kept(case: &Case, a: usize) -> Option<String> {
     if case.space.x[a].cells == 1 {
         return None;

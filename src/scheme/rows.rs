@@ -33,7 +33,7 @@ pub struct Scheme<'a> {
     interface: Interface,
     potential: Potential,
     no_inflow: bool,
-    /// Of a higher degree than 0: what is common to its rows.
+    /// Constants of the rows of elements; none of the upwind scheme of degree 0.
     elements: Option<Elements>,
 }
 
@@ -162,8 +162,8 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// Adds `rate` times what is behind a face, as [`neighbour`](Self::neighbour) says. In
-    /// velocity, the next cell; in space what [`interface`] says.
+    /// Adds `rate` times the value behind a face, see [`neighbour`](Self::neighbour): in velocity
+    /// that of the next cell, in space the sources of [`interface`].
     fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
         let n = self.space.dimension();
         let step = if above { 1 } else { -1 };

@@ -23,8 +23,8 @@ const WINDOW: f64 = 1.0;
 const MUCH_GROWTH: f64 = 1.0;
 /// Series with more modes than this are not summed up to see what their readings tell.
 const MOST_TO_COMPARE: usize = 1 << 13;
-/// Part of the tolerance that modes left out may take where coefficients come from samples: what is
-/// left out comes back under the wavenumbers that are kept.
+/// Part of the tolerance that truncated modes may take where coefficients come from samples: the
+/// truncated modes are aliased to the wavenumbers that are kept.
 const SAMPLED_TRUNCATION: f64 = 0.2;
 
 /// The profile of a run and how it is read.
@@ -136,8 +136,8 @@ fn one_mode() -> Placement {
     }
 }
 
-/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as
-/// one that is `e^{−p} f` where information reaches the recovery point from.
+/// How a given warped field on `points` points of `interval` is read: as a field that is `e^{−p} f`
+/// on the domain of dependence of the recovery point.
 ///
 /// # Errors
 /// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many
@@ -189,8 +189,8 @@ struct PlannedProfile<'a> {
     window: &'a Window,
 }
 
-/// The series of a profile that is known on the line, and its interval: planned, but for what is
-/// given by hand.
+/// The series of a profile that is known on the line, and its interval: planned, except where the
+/// case gives them.
 fn transformed(
     case: &Case,
     demand: &Demand,
@@ -317,23 +317,7 @@ fn relaxed(
     let growth = demand.growth;
     let open = Demand { interval: None, shortest: true, ..*demand };
     let Some((profile, window)) = Profile::plan(choice, &open) else {
-        return Err(match case.warp.recovery {
-            Some(point) if !demand.keeps_digits(point) => Error::Recovery {
-                point,
-                highest: demand.highest_point(),
-                tolerance: case.tolerance,
-            },
-            _ => match Profile::smallest_tolerance(choice, &open) {
-                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
-                    place: case.tolerance_place.clone(),
-                    tolerance: case.tolerance,
-                    smallest: round_up(smallest * ratio),
-                    ratio,
-                    growth,
-                },
-                _ => Error::Growth { ratio, growth },
-            },
-        });
+        return Err(no_profile(case, ratio, &open));
     };
     let transport =
         Demand { decay: bounds.dissipation * case.duration() + shift(case, bounds), ..*demand };
@@ -375,6 +359,26 @@ fn relaxed(
         point: window.point,
         tolerance: case.tolerance,
     })
+}
+
+/// Why no profile meets `demand`, whatever the interval.
+fn no_profile(case: &Case, ratio: f64, demand: &Demand) -> Error {
+    let growth = demand.growth;
+    match case.warp.recovery {
+        Some(point) if !demand.keeps_digits(point) => {
+            Error::Recovery { point, highest: demand.highest_point(), tolerance: case.tolerance }
+        }
+        _ => match Profile::smallest_tolerance(&case.warp.choice(), demand) {
+            Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                place: case.tolerance_place.clone(),
+                tolerance: case.tolerance,
+                smallest: round_up(smallest * ratio),
+                ratio,
+                growth,
+            },
+            _ => Error::Growth { ratio, growth },
+        },
+    }
 }
 
 fn length(demand: &Demand) -> f64 {
@@ -430,7 +434,7 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
 /// The readings, and how their distance tells the error.
 struct Estimator {
     readings: Vec<Reading>,
-    /// Which part of the error the distance shows.
+    /// The part of the error that the distance shows.
     efficiency: f64,
     /// Factor by which that part may be more or less, whatever the state is made of.
     doubt: f64,

@@ -13,7 +13,7 @@ const POINTS: usize = 9;
 /// `u`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
-    /// Which.
+    /// The method of the reading.
     pub method: RecoveryMethod,
     /// `p◇`.
     pub point: f64,

@@ -26,7 +26,7 @@ pub struct WarpPlan {
     pub state_tolerance: f64,
     /// The profile; none where the warped field is read from a file.
     pub profile: Option<Profile>,
-    /// Its Fourier series.
+    /// Fourier series of the profile.
     pub series: Series,
     /// `[L, R]`: given by hand, or one that the tolerance asks for; of the analytic coefficients
     /// only its length matters.
@@ -123,8 +123,8 @@ impl WarpPlan {
         let modes = Modes::of(case, series);
         let state_tolerance = case.tolerance / ratio;
         let mode_tolerances: Vec<f64> = match placement.profile {
-            // A mode and its conjugate share what is allowed, so that each is what it is without
-            // the other.
+            // A mode and its conjugate share the allowed error, so that the tolerance of a mode
+            // does not depend on whether its conjugate is propagated.
             Some(_) => {
                 let share = |l| modes.undivided().weight(modes.own(l).0, reading).norm();
                 (0..modes.count)
@@ -343,7 +343,7 @@ pub(crate) struct Modes<'a> {
 }
 
 impl<'a> Modes<'a> {
-    /// Those of `series` in a run of `case`.
+    /// The modes of `series` in a run of `case`.
     fn of(case: &Case, series: &'a Series) -> Self {
         let own = series.modes();
         let conjugates = match case.reductions.every_mode {

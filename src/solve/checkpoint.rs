@@ -34,7 +34,7 @@ use crate::solve::snapshot::Snapshot;
 use std::ops::Range;
 use std::time::Instant;
 
-/// The checkpoint that a run goes on from.
+/// The checkpoint that a run continues from.
 pub struct Resumed<'a> {
     /// What is read.
     pub generation: Generation,
@@ -53,7 +53,7 @@ pub struct RunSize {
     pub stages: usize,
 }
 
-/// The checkpoints that a run makes, and the one it goes on from.
+/// The checkpoints that a run makes, and the one it continues from.
 pub struct Checkpoints<'a> {
     communicator: &'a Communicator,
     mesh: &'a Mesh,
@@ -68,7 +68,7 @@ pub struct Checkpoints<'a> {
 }
 
 impl<'a> Checkpoints<'a> {
-    /// Those of a run of `size`, kept in `store`. Collective.
+    /// The checkpoints of a run of `size`, kept in `store`. Collective.
     pub fn new(
         communicator: &'a Communicator,
         mesh: &'a Mesh,
@@ -90,9 +90,9 @@ impl<'a> Checkpoints<'a> {
     }
 
     /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each
-    /// batch. Writes a checkpoint of `snapshot` where it is time for one. One by the clock that
-    /// cannot be written is told by rank 0, and the run goes on. Collective at the end of a stage
-    /// and where a checkpoint is written, otherwise over the space group.
+    /// batch. Writes a checkpoint of `snapshot` where it is time for one. Rank 0 reports a
+    /// checkpoint by the clock that cannot be written, and the run goes on. Collective at the end
+    /// of a stage and where a checkpoint is written, otherwise over the space group.
     ///
     /// # Errors
     /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written,

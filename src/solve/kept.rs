@@ -38,7 +38,7 @@ pub struct ModeProgress {
 const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == KEPT_MODE_BYTES);
 
 impl ModeProgress {
-    /// Of a mode of norm `norm` that has not begun.
+    /// Progress of a mode of norm `norm` that has not begun.
     pub fn start(norm: f64) -> Self {
         Self { legs: 0, phase: Complex64::ONE, norm, allowed: 0.0 }
     }

@@ -13,7 +13,7 @@ use crate::solve::system::{DiscreteSystem, SystemLimits};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
 pub struct Prepared {
-    /// The case as it is solved, without what its scene does not need.
+    /// The reduced case, as it is solved.
     pub case: Case,
     /// The process mesh.
     pub communicator: Communicator,
@@ -25,9 +25,9 @@ pub struct Prepared {
     pub plan: Plan,
     /// Bounds of the generator, with the growth that was found.
     pub bounds: Bounds,
-    /// Bounds that it was assembled with, before the growth was found.
+    /// Bounds that the system was assembled with, before the growth was found.
     expected: Bounds,
-    /// Sweeps that its weights may take.
+    /// Sweeps that the weights may take.
     max_weight_sweeps: usize,
 }
 

@@ -1,4 +1,4 @@
-//! What of a run is kept in a checkpoint, and how it goes on from one.
+//! The data of a run that a checkpoint holds, and how a run continues from one.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -7,8 +7,8 @@ use crate::problem::legs::Leg;
 use crate::solve::checkpoint::Resumed;
 use crate::solve::checkpoint::file::Destination;
 use crate::solve::kept::KeptModes;
-use crate::solve::modes::{Recovered, Stage, StageBatches, Task};
 use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
+use crate::solve::stage::{Recovered, Stage, StageBatches, Task};
 use std::ops::Range;
 
 impl Stage<'_> {

@@ -38,7 +38,7 @@ pub struct Fingerprint {
     pub(crate) field: Option<u64>,
     /// The checksums of tables in files, by their keys.
     pub(crate) tables: BTreeMap<String, Option<u64>>,
-    /// Of the plan.
+    /// Checksum of the plan.
     pub(crate) plan: u64,
     /// Whether the inner loop has fused multiply-adds.
     pub(crate) fused: bool,
@@ -125,7 +125,7 @@ impl Fingerprint {
 pub struct State {
     /// Number of the stage.
     pub stage: usize,
-    /// Its modes that are finished.
+    /// Modes of the stage that are finished.
     pub finished: Vec<usize>,
     /// What is beyond the leading term of the time step's error, by mode, of the current stage.
     pub beyond: Vec<f64>,
@@ -186,7 +186,7 @@ pub struct Kept<'a> {
 
 /// A mode that is kept.
 pub struct KeptMode<'a> {
-    /// Its number.
+    /// Number of the mode.
     pub mode: usize,
     /// How far it is.
     pub progress: ModeProgress,

@@ -14,7 +14,7 @@ use crate::solve::system::DiscreteSystem;
 
 /// An end of the spectrum is found when its residual is this fraction of it …
 const RELATIVE: f64 = 1e-6;
-/// … or this fraction of the spectrum's length: eigenvalues next to zero are not told closer.
+/// … or this fraction of the spectrum's length: eigenvalues next to zero are no more accurate.
 const OF_LENGTH: f64 = 1e-8;
 /// The ends are looked at after each so many steps more, as a fraction of those done.
 const BETWEEN_LOOKS: usize = 16;
@@ -186,22 +186,8 @@ pub fn extremes(
     unknowns: usize,
     steps: usize,
 ) -> Extremes {
-    let (rows, cells) = (matrix.rows(), matrix.block.cells());
-    let mut vector = vec![0.0; matrix.length()];
-    matrix.block.for_each_own(|global, local| {
-        for v in 0..matrix.block.velocity_cells {
-            vector[local + v] = start_value(global + v);
-        }
-    });
-    // Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the
-    // grid.
-    if matrix.auxiliaries() == matrix.inflow.len() {
-        for (m, aux) in matrix.inflow.iter().enumerate() {
-            vector[cells + m] = vector[aux.row as usize];
-        }
-    } else {
-        vector[cells..rows].fill(start_value(unknowns));
-    }
+    let rows = matrix.rows();
+    let mut vector = start_vector(matrix, unknowns);
     let dot =
         |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);
     let most = matrix.block.velocity_cells as f64;
@@ -228,17 +214,7 @@ pub fn extremes(
         let over = exhausted || m >= steps;
         if over || m == next_look {
             next_look = m + 1 + m / BETWEEN_LOOKS;
-            let mut now = ends(&alpha, &beta, off);
-            // Copies of a converged value blur its residual, not the value: what was known stays
-            // known.
-            if let Some(before) = found {
-                for (now, before) in now.iter_mut().zip(before) {
-                    if before.residual < now.residual {
-                        (now.residual, now.converged) = (before.residual, before.converged);
-                    }
-                }
-            }
-            found = Some(now);
+            found = Some(with_earlier(ends(&alpha, &beta, off), found));
         }
         if let Some([highest, lowest]) = found
             && (over || (highest.converged && lowest.converged))
@@ -251,6 +227,38 @@ pub fn extremes(
             vector[i] = image[i] / off;
         }
     }
+}
+
+/// The vector that Lanczos starts from, the same on any number of ranks, with room for ghosts.
+/// Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the grid,
+/// which has so many `unknowns`.
+fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
+    let (rows, cells) = (matrix.rows(), matrix.block.cells());
+    let mut vector = vec![0.0; matrix.length()];
+    matrix.block.for_each_own(|global, local| {
+        for v in 0..matrix.block.velocity_cells {
+            vector[local + v] = start_value(global + v);
+        }
+    });
+    if matrix.auxiliaries() == matrix.inflow.len() {
+        for (m, aux) in matrix.inflow.iter().enumerate() {
+            vector[cells + m] = vector[aux.row as usize];
+        }
+    } else {
+        vector[cells..rows].fill(start_value(unknowns));
+    }
+    vector
+}
+
+/// Both ends, each with the smaller of its residual `now` and `before`: copies of a converged value
+/// that appear later blur its residual, not the value.
+fn with_earlier(mut now: [End; 2], before: Option<[End; 2]>) -> [End; 2] {
+    for (now, before) in now.iter_mut().zip(before.into_iter().flatten()) {
+        if before.residual < now.residual {
+            (now.residual, now.converged) = (before.residual, before.converged);
+        }
+    }
+    now
 }
 
 #[cfg(test)]

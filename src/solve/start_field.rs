@@ -54,14 +54,14 @@ pub fn read(
 struct Part {
     /// The shape of `/f`.
     shape: Vec<usize>,
-    /// By axis, the cells of the rank's block.
+    /// Cells of the rank's block along each axis.
     wanted: Vec<Range<usize>>,
-    /// By axis, where they are in the file: one cell of an axis that was merged.
+    /// The same cells in the file: one cell of an axis that was merged.
     stored: Vec<Range<usize>>,
 }
 
 impl Part {
-    /// That of `block`; none where the shape is not that of `space`.
+    /// The part of `block`; none where the shape is not that of `space`.
     fn of(dataset: &Dataset, space: &PhaseSpace, block: &Block) -> Option<Self> {
         let shape = dataset.shape();
         let velocities = space.v.iter().map(|v| 0..v.cells);

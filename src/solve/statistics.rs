@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Statistics of the batches of a mode group so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BatchStatistics {
-    /// Largest change of a norm, as a fraction of what is allowed; none where the method does not
+    /// Largest change of a norm, as a fraction of the allowed one; none where the method does not
     /// keep norms.
     pub defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; none where no state was but zero.

@@ -1,5 +1,5 @@
-//! What is read from the modes, added up in fixed point (see [`crate::base::fixed_point`]): the
-//! field, or its moments only.
+//! Readings of the modes, added up in fixed point (see [`crate::base::fixed_point`]): the field, or
+//! its moments only.
 
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -43,7 +43,7 @@ impl<'a> Sum<'a> {
         }
     }
 
-    /// The same of the moments alone.
+    /// Room for the sums of the moments only, at `points` points of space.
     pub fn of_moments(
         warp: &WarpPlan,
         reading: &Reading,
@@ -51,7 +51,7 @@ impl<'a> Sum<'a> {
         points: usize,
         moments: &'a MomentsOf<'a>,
     ) -> Self {
-        // A sum over velocities is at most the norm of its factors times that of what is summed.
+        // By Cauchy–Schwarz: the norm of the factors times the norm of the summed values.
         let bound = 1.01 * size * warp.amplification(reading) / moments.least.sqrt();
         let fixed = moments.factors.norms().map(|q| FixedPoint::new(q * bound, warp.modes));
         Self {

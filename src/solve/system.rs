@@ -10,7 +10,7 @@ use crate::problem::case::{Case, Field, Integrator, Method};
 use crate::problem::formula::Expression;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
-use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
+use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
 use crate::solve::place::Place;
 use crate::solve::start_field;
 use serde::Serialize;
@@ -147,6 +147,27 @@ fn weighted_state(
     state
 }
 
+/// The steps of an inflow that depends on time, where the modes of `field` are to be propagated;
+/// for the classical method its samples are only checked. None of another inflow. Collective.
+fn scheduled(
+    case: &Case,
+    matrix: &BlockMatrix,
+    exchange: &mut GhostExchange,
+    communicator: &Communicator,
+    field: &WeightedField<'_>,
+) -> Result<Option<Schedule>> {
+    match (case.varies(), case.method) {
+        (false, _) => Ok(None),
+        (true, Method::Classical) => {
+            communicator.world.agree(time_dependent_inflow::sampled(case, matrix))?;
+            Ok(None)
+        }
+        (true, Method::Schrodingerized) => {
+            time_dependent_inflow::schedule(case, matrix, exchange, communicator, field).map(Some)
+        }
+    }
+}
+
 impl DiscreteSystem {
     /// Assembles the block of this rank, finds the weights, samples the initial state. Collective.
     ///
@@ -174,44 +195,18 @@ impl DiscreteSystem {
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
             .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
             .collect();
-        let schedule = match (case.varies(), case.method) {
-            (false, _) => None,
-            (true, Method::Classical) => {
-                communicator.world.agree(time_dependent_inflow::sampled(case, &matrix))?;
-                None
-            }
-            (true, Method::Schrodingerized) => {
-                let field = time_dependent_inflow::WeightedField {
-                    weights: &weights.pi,
-                    state: &states[0],
-                    rate: bounds.rate,
-                };
-                Some(time_dependent_inflow::schedule(
-                    case,
-                    &matrix,
-                    &mut exchange,
-                    communicator,
-                    &field,
-                )?)
-            }
-        };
+        let field = WeightedField { weights: &weights.pi, state: &states[0], rate: bounds.rate };
+        let schedule = scheduled(case, &matrix, &mut exchange, communicator, &field)?;
         if let Some(schedule) = &schedule {
             states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
             matrix.summed_growth = schedule.summed_growth;
         }
-        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
-        let coupled_growth = match &schedule {
-            None => matrix.coupled_growth(space, weights.certificate, fixed),
-            Some(s) => {
-                let largest = s.envelope.iter().copied();
-                matrix.coupled_growth(space, weights.certificate, largest)
-            }
+        let couplings: Vec<f64> = match &schedule {
+            None => matrix.inflow.iter().map(|aux| aux.coupling).collect(),
+            Some(schedule) => schedule.envelope.clone(),
         };
-        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
-        let coupling = match &schedule {
-            None => matrix.coupling_norm(space, fixed),
-            Some(s) => matrix.coupling_norm(space, s.envelope.iter().copied()),
-        };
+        let coupled_growth = matrix.coupled_growth(space, weights.certificate, &couplings);
+        let coupling = matrix.coupling_norm(space, &couplings);
         let counted = matrix.counted_rows() - cells;
         let terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {

@@ -100,7 +100,7 @@ impl fmt::Display for Calibration {
     }
 }
 
-/// The plan of a run on `resources`, and what it is expected to take, measured on the ranks of
+/// The plan of a run on `resources`, and its expected seconds and memory, measured on the ranks of
 /// `world`. Collective.
 ///
 /// # Errors

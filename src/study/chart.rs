@@ -45,18 +45,7 @@ mod tests;
 /// [`Error::Input`] for a case that starts from a file; the first trial's error where
 /// nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
-    if case.start.is_some() {
-        return Err(Error::Input(format!(
-            "{}: initial.warped fixes profile, period and N_p, which a chart varies: \
-             give initial.f",
-            case.name
-        )));
-    }
-    if let Some(start) = &case.start_field {
-        let what = "the file holds f on one grid, which a chart varies; leave it out, with \
-                    time.start";
-        return Err(Error::Input(format!("{}: {what}", start.place)));
-    }
+    refuse_start_from_file(case)?;
     refuse_hopeless_here(world, case)?;
     refuse_long_look(world, case, limit.as_secs_f64())?;
     let budget = Budget::new(world, limit.as_secs_f64());
@@ -108,6 +97,23 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     chart.sentences = sentences(&chart);
     chart.sentences.extend(left_out);
     Ok(chart)
+}
+
+/// Refuses a case that starts from a file.
+fn refuse_start_from_file(case: &Case) -> Result<()> {
+    if case.start.is_some() {
+        return Err(Error::Input(format!(
+            "{}: initial.warped fixes profile, period and N_p, which a chart varies: \
+             give initial.f",
+            case.name
+        )));
+    }
+    if let Some(start) = &case.start_field {
+        let what = "the file holds f on one grid, which a chart varies; leave it out, with \
+                    time.start";
+        return Err(Error::Input(format!("{}: {what}", start.place)));
+    }
+    Ok(())
 }
 
 /// Degrees that are compared, beside that of the case.

@@ -29,7 +29,8 @@ use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
 use crate::quantum::cost::{Accesses, Cost, CostTable, Demand};
 use crate::quantum::figure::Figure;
-use crate::quantum::optimise::{Choice, Ranking, System, choices, scheme_of, unitary_of};
+use crate::quantum::optimise::ranking::Ranking;
+use crate::quantum::optimise::{Choice, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
 use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
@@ -54,13 +55,13 @@ const ORDERS: Range = Range { least: 0.5, most: 2.0 };
 const MOST_SPACE_CELLS: f64 = (1u64 << 22) as f64;
 /// Traces of a quadrature or of Monte Carlo at most.
 const MOST_TRACES: usize = 1 << 24;
-/// Toffoli gates a second that times are told for: an assumption.
+/// Toffoli gates a second, by which times are estimated: an assumption.
 const TOFFOLI_RATE: f64 = 1e6;
 
 /// A way with a quantum computer.
 #[derive(Clone, Debug, Serialize)]
 pub struct Way {
-    /// What it is.
+    /// Name of the way.
     pub name: &'static str,
     /// Elements along each axis, of the grids on which errors were measured and of the one needed;
     /// none without a grid.
@@ -73,7 +74,7 @@ pub struct Way {
     pub probability: Figure,
     /// Evolutions of all runs of amplitude estimation.
     pub evolutions: Figure,
-    /// Of these; none where that is not known.
+    /// Cost of these evolutions; none where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates of all.
     pub toffoli: Figure,
@@ -82,7 +83,7 @@ pub struct Way {
 /// A classical method.
 #[derive(Clone, Debug, Serialize)]
 pub struct Baseline {
-    /// What it is.
+    /// Name of the method.
     pub name: &'static str,
     /// Cells of its grid, or traces.
     pub size: f64,
@@ -99,13 +100,13 @@ pub struct EndToEnd {
     pub accuracy: f64,
     /// Where the density is asked for.
     pub point: Vec<f64>,
-    /// It, by quadrature over characteristics.
+    /// The density there, by quadrature over characteristics.
     pub density: f64,
-    /// With a quantum computer.
+    /// The ways with a quantum computer.
     pub quantum: Vec<Way>,
-    /// Without.
+    /// The classical methods.
     pub classical: Vec<Baseline>,
-    /// What follows.
+    /// Sentences on which of them needs least.
     pub verdict: Vec<String>,
 }
 
@@ -115,14 +116,14 @@ struct Measured {
     grids: Vec<Vec<usize>>,
     errors: Vec<f64>,
     order: Order,
-    /// Of the finest trial, without what is compared.
+    /// Seconds of the finest trial, without comparisons.
     seconds: f64,
     /// Error of the density beside that of `f`, at most.
     spread: f64,
 }
 
 impl Measured {
-    /// Of `case`, by the classical integrator that it names. Collective.
+    /// Trials of `case`, by the classical integrator that it names. Collective.
     fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
         let group = world.group();
         let grids = Grids::new(case);
@@ -219,7 +220,7 @@ impl Traced {
         found
     }
 
-    /// By uniform velocities, until `1.96 σ/√n` is `ε` of the mean.
+    /// The density by uniform velocities, until `1.96 σ/√n` is `ε` of the mean.
     fn by_monte_carlo(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
         const LEAST: usize = 4096;
         let started = Instant::now();
@@ -251,7 +252,7 @@ impl Traced {
 }
 
 impl EndToEnd {
-    /// Of `case` to a relative error `accuracy` of the density. Collective.
+    /// The task of `case` to a relative error `accuracy` of the density. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] for measure-valued data, and where nothing exact is known to measure errors
@@ -360,6 +361,21 @@ struct Task<'a> {
     density: f64,
 }
 
+/// Elements along each axis of a grid of `scheme` that is `factor` times finer, as the `order` of
+/// its error asks for.
+fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
+    let shape = Grids::new(scheme).scaled(&scheme.space.elements(), factor);
+    let cells: f64 = shape[..scheme.space.dimension()].iter().map(|&n| n as f64).product();
+    if cells > MOST_SPACE_CELLS {
+        return Err(Error::Input(format!(
+            "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
+             (order {order:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
+            scheme.name
+        )));
+    }
+    Ok(shape)
+}
+
 impl Task<'_> {
     /// The way of a scheme; `known` where its errors were measured already. Collective.
     fn way(&self, name: &'static str, scheme: Result<Case>, known: Option<&Measured>) -> Way {
@@ -391,15 +407,7 @@ impl Task<'_> {
         let Prepared { system, communicator, bounds, case, .. } = &mut prepared;
         let norms = system.rough_norms(communicator, bounds, case.duration());
         let factor = measured.factor(PARTS[0] * self.accuracy);
-        let shape = Grids::new(&scheme).scaled(&scheme.space.elements(), factor);
-        let cells: f64 = shape[..case.space.dimension()].iter().map(|&n| n as f64).product();
-        if cells > MOST_SPACE_CELLS {
-            return Err(Error::Input(format!(
-                "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
-                 (order {:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
-                scheme.name, measured.order.counted_on
-            )));
-        }
+        let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
         let bounds = Bounds::new(&target)?;
         let entries = entries_of(&prepared);
@@ -439,7 +447,7 @@ impl Task<'_> {
         })
     }
 
-    /// The cheapest profile of `target`: what it asks of an evolution, and the probability of the
+    /// The cheapest profile of `target`: its demand on an evolution, and the probability of the
     /// window, or of the slice. Collective.
     fn planned(
         &self,

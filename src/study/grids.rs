@@ -145,7 +145,7 @@ pub struct Grids {
     /// The fewest elements along each axis that have faces at all its edges: multiples have, too.
     /// `None` where that would be too many.
     units: Vec<Option<usize>>,
-    /// Of degree 0 or not.
+    /// Fewest elements along an axis, by dimension, for the degree of the case.
     fewest: [usize; 3],
     /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
     /// the case's.
@@ -153,10 +153,10 @@ pub struct Grids {
 }
 
 impl Grids {
-    /// Those of `case`.
+    /// Grids over the box of `case`.
     pub fn new(case: &Case) -> Self {
         let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
-        // Jumps that cannot be found here are found, and reported, by whoever solves the case.
+        // An error in `V` is reported when the case is solved.
         let rests = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
         let at_rest = |axis: &Axis| (rests && inside(axis)).then(|| vec![0.0]);
         let edges: Vec<_> =
@@ -180,11 +180,6 @@ impl Grids {
     /// With axes of the `2n` that runs merge.
     pub fn with_merged(self, merged: Vec<bool>) -> Self {
         Self { merged, ..self }
-    }
-
-    /// The axes of the `2n` that runs merge to one cell.
-    pub fn merged(&self) -> &[bool] {
-        &self.merged
     }
 
     /// `cells(k, n)` along each axis `k` that has `n` in `shape`, merged axes as they are.

@@ -23,7 +23,7 @@ pub struct Knob {
     pub rows: bool,
 }
 
-/// The interface of degree 0. Elements match traces by energy whatever it is: they have none.
+/// The interface law of degree 0; empty for elements, which match traces by energy.
 fn interface(case: &Case) -> String {
     if case.is_galerkin() { String::new() } else { word(&case.interface) }
 }

@@ -30,7 +30,7 @@ const SHARED: [&str; 2] = ["exact", "observables"];
 pub struct Reference<'a> {
     /// The plan.
     pub plan: &'a Plan,
-    /// Its seconds.
+    /// Calibration of the run.
     pub calibration: &'a Calibration,
 }
 
@@ -136,7 +136,7 @@ pub struct Choice {
 }
 
 impl RankTable {
-    /// Of `choices`, rising in their ranks.
+    /// The table of `choices`, rising in their ranks.
     ///
     /// # Errors
     /// That of the last number of ranks, if the case can run on none.
@@ -233,7 +233,7 @@ fn refusal(error: &Error) -> String {
     }
 }
 
-/// Which numbers of ranks are worth it, as they rise.
+/// The numbers of ranks that are worth it, as they rise.
 struct Worth {
     first_ranks: usize,
     first_time: f64,
@@ -312,7 +312,7 @@ impl fmt::Display for RankCost {
 mod tests {
     use super::*;
 
-    /// Which of so many ranks are worth it, with these times.
+    /// The numbers of ranks that are worth it, with these times.
     fn worth(times: &[(usize, f64)]) -> Vec<usize> {
         let mut worth = Worth::first(times[0].0, times[0].1);
         let included = times.iter().filter(|(ranks, time)| worth.includes(*ranks, *time));

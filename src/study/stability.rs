@@ -40,7 +40,7 @@ use crate::study::stability::panel::{
 use crate::study::trial::title;
 use std::time::Duration;
 
-/// A panel: what is varied along `x`, what is measured along `y`, and how.
+/// A panel: the varied number along `x`, the measured one along `y`, and how.
 struct Entry {
     name: Name,
     title: &'static str,

@@ -32,7 +32,7 @@ const MOST_RUNS: usize = 10_000;
 pub struct Asked {
     /// The case file.
     pub path: PathBuf,
-    /// Its text.
+    /// Text of the case file.
     pub text: String,
     /// `--set` options.
     pub set: Vec<String>,
@@ -68,9 +68,9 @@ pub struct Sweep {
 
 /// How a run is done.
 enum Done {
-    /// By an earlier process.
+    /// Done by an earlier process.
     Before,
-    /// By this one.
+    /// Done by this process.
     Now {
         /// What it took.
         seconds: f64,
@@ -241,7 +241,7 @@ impl Sweep {
         Ok(Outcome { table, stopped: None })
     }
 
-    /// The table of what is finished; nothing is solved. Collective.
+    /// The table of the finished runs; nothing is solved. Collective.
     ///
     /// # Errors
     /// A summary that cannot be read.

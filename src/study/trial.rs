@@ -7,7 +7,6 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
-use crate::results::dataset::ExactSolution;
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
 use std::ops::Range;
@@ -29,8 +28,6 @@ pub struct Trial {
     pub fields: Vec<Vec<f64>>,
     /// Moments there.
     pub moments: Moments,
-    /// The exact solution there, where one is named.
-    pub exact: Option<ExactSolution>,
 }
 
 /// Runs `case` without writing files or console output. Collective.
@@ -44,7 +41,7 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
         expand: true,
         ..case.clone()
     };
-    let Solution { summary, plan, share, results, exact, .. } = solve(world, &case)?;
+    let Solution { summary, plan, share, results, .. } = solve(world, &case)?;
     let compared: f64 = (COMPARISONS.iter()).filter_map(|step| summary.seconds.get(*step)).sum();
     Ok(Trial {
         seconds: summary.wall_seconds - compared,
@@ -53,7 +50,6 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
         share,
         fields: results.fields,
         moments: results.moments,
-        exact,
     })
 }
 

@@ -12,7 +12,8 @@ use phasewarp::plan::balance::Batch;
 use phasewarp::problem::case::Case;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::modes;
-use phasewarp::solve::modes::{Recovered, RunHooks, Task};
+use phasewarp::solve::modes::RunHooks;
+use phasewarp::solve::stage::{Recovered, Task};
 use std::ops::Range;
 
 /// A streamed run of a case on a mesh.

@@ -43,7 +43,7 @@ pub struct Zero {
     pub cell: usize,
     /// What it adds to `∫ f dx dv` over that cell.
     pub mass: f64,
-    /// Its coordinates `[x, y, z, vx, vy, vz]`.
+    /// Coordinates `[x, y, z, vx, vy, vz]` of the zero.
     pub point: [f64; 6],
 }
 

@@ -40,7 +40,7 @@ pub fn basis(degree: usize, t: f64) -> Vec<f64> {
     values
 }
 
-/// Their derivatives.
+/// Derivatives of the polynomials of [`basis`] at `t`.
 pub fn basis_slopes(degree: usize, t: f64) -> Vec<f64> {
     let mut slopes = vec![0.0; degree + 1];
     if degree > 0 {

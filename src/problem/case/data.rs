@@ -23,8 +23,8 @@ pub struct Region {
     pub condition: Option<Expression>,
     /// `V(x, y, z)`.
     pub value: Expression,
-    /// `reflection`: at a jump down from this region, the part that is reflected of what has the
-    /// energy to be transmitted, in `[0, 1]`: a formula of `E` and `jump`.
+    /// `reflection`: of the particles that have the energy to be transmitted at a jump down from
+    /// this region, the part in `[0, 1]` that is reflected; a formula of `E` and `jump`.
     pub reflection: Option<Expression>,
 }
 
@@ -68,14 +68,14 @@ pub enum Data {
 pub struct Field {
     /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
     pub name: &'static str,
-    /// Its values at time zero.
+    /// Values of the field at time zero.
     pub initial: Expression,
-    /// Its values on the boundary.
+    /// Values of the field on the boundary.
     pub inflow: Inflow,
 }
 
 impl Field {
-    /// The formula of what enters.
+    /// The formula of the inflow.
     pub fn entering(&self) -> &Expression {
         match &self.inflow {
             Inflow::Formula(f) => f,
@@ -207,7 +207,7 @@ impl TableFile {
         *self == Self { checksum: self.checksum, place: self.place.clone(), ..other.clone() }
     }
 
-    /// Its values, which are still to be read.
+    /// The values of the file, before they are read.
     fn unread(&self) -> Expression {
         let text = format!("the table {} of {}", self.dataset, self.path.display());
         Expression::of_file(text, self.place.clone(), self.positions.clone())
@@ -221,16 +221,16 @@ pub struct StartField {
     pub path: PathBuf,
     /// File and line of the key, for errors.
     pub place: String,
-    /// What the file says of itself, once it was looked at.
+    /// The origin that the file names, once it was read.
     pub origin: Option<Origin>,
 }
 
-/// What a result says of itself, to runs that go on from it.
+/// The origin of a result, for runs that continue from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The checksum of `/f`.
     pub checksum: u64,
-    /// Its time.
+    /// Time of the result.
     pub time: f64,
     /// Relative l2 distance of its `f` to the semi-discrete solution, where that is known.
     pub error: Option<f64>,
@@ -369,7 +369,7 @@ fn names_of_space(n: usize) -> Names {
     std::array::from_fn(|a| if a < n { space[a] } else { &[] })
 }
 
-/// Those and the velocities.
+/// Names of the coordinates of phase space.
 fn names_of_phase_space(n: usize) -> Names {
     let mut names = names_of_space(n);
     let velocities: [&[&str]; MAX_DIMENSION] = [&["vx"], &["vy"], &["vz"]];
@@ -380,7 +380,7 @@ fn names_of_phase_space(n: usize) -> Names {
     names
 }
 
-/// Those and the time.
+/// Names of the coordinates of phase space, and of time.
 fn names_with_time(n: usize) -> Names {
     let mut names = names_of_phase_space(n);
     names[TIME] = &["t"];

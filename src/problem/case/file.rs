@@ -31,7 +31,7 @@ pub struct CaseFile<'t> {
 
 /// What there is of a key.
 struct Found<'f> {
-    /// Its value, if it is given.
+    /// The key's value, if the case gives one.
     value: Option<&'f DeValue<'f>>,
     /// Where the value stands, or the heading of a table; of an absent key, that of the innermost
     /// table around it.

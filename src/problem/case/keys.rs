@@ -51,7 +51,7 @@ pub fn of<T: DeserializeOwned>() -> Kind {
     kind.into_inner()
 }
 
-/// A value that is whatever it is asked for.
+/// A deserializer that accepts every type, and records which one it was asked for.
 #[derive(Clone, Copy)]
 struct Question<'a> {
     /// What it was asked for.

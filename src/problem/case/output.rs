@@ -268,7 +268,7 @@ impl PlateauTable {
     fn check(&self, file: &CaseFile<'_>) -> Result<Plateau> {
         /// Each takes 24 bytes a cell.
         const MOST_POINTS: usize = 1000;
-        /// Beyond this distance from 0 `e^p` is no number.
+        /// Farther than this from 0, `e^p` overflows or vanishes.
         const HIGHEST: f64 = 300.0;
         let key = "output.plateau.points";
         let points = file.count(key, self.points, 2)?;

@@ -95,7 +95,7 @@ pub fn joined(path: &str, name: &str) -> String {
 pub struct Entry<'t> {
     key: String,
     value: &'t DeValue<'t>,
-    /// Of which a number may be a formula.
+    /// Constants that a formula in the place of a number may name.
     constants: &'t Constants,
 }
 
@@ -297,7 +297,7 @@ pub struct Formula(pub String);
 
 /// What a [`List`] and a [`NumberOr`] call themselves when they ask for a value.
 pub const LIST: &str = "List";
-/// As [`LIST`].
+/// The name by which a [`NumberOr`] asks for a value.
 pub const NUMBER_OR: &str = "NumberOr";
 
 /// Words that may stand in the place of a number.

@@ -9,8 +9,8 @@ const MOST_SHOWN: usize = 40;
 /// Every value that a case file and the `--set` options give, by its key.
 pub type Settings = BTreeMap<String, String>;
 
-/// The first setting in which what is there differs from what is here, but for how often a run
-/// makes checkpoints; `None` where they are of the same case.
+/// The first setting that differs between `there` and `here`, the interval of checkpoints left
+/// aside; `None` where they are of the same case.
 pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
     let of = |settings: &Settings, key: &str| {
         settings.get(key).map_or("not given".to_owned(), |value| {

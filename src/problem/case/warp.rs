@@ -372,7 +372,7 @@ impl WarpTable {
 
     /// `recovery = p◇`.
     fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
-        /// Beyond this `e^{p◇}` is no number.
+        /// For larger `p◇`, `e^{p◇}` overflows.
         const HIGHEST: f64 = 300.0;
         let key = "solver.warp.recovery";
         let Some(point) = self.recovery else {

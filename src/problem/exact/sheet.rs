@@ -73,7 +73,7 @@ pub struct ExactMoments {
     pub curve: Option<Curve>,
 }
 
-/// Which sheet.
+/// A sheet of the initial surface.
 #[derive(Clone, Copy)]
 enum Sheet {
     /// `(x, w(x))` at time zero.

@@ -2,7 +2,7 @@
 
 use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
-use crate::problem::potential::{ElementLines, energy_scale, region};
+use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
 
 /// Most elements looked at; beyond, some that are spread over the grid.
 const MOST_ELEMENTS: usize = 1 << 18;
@@ -69,9 +69,9 @@ struct Edge<'a> {
     axes: &'a [Axis],
     /// The axis along which they are neighbours.
     axis: usize,
-    /// Their regions.
+    /// Regions of the two elements.
     sides: [usize; 2],
-    /// Their centres along the axis.
+    /// Centres of the two elements along the axis.
     ends: [f64; 2],
 }
 

@@ -4,7 +4,7 @@ use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::MAX_DIMENSION;
-use crate::problem::potential::{ElementLines, energy_scale, piece, region};
+use crate::problem::potential::pieces::{ElementLines, energy_scale, piece, region};
 
 /// Points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;

@@ -69,15 +69,15 @@ pub struct Description {
     pub alpha_of_highest: Option<f64>,
     /// How far a jump was rounded at most, in levels.
     pub rounded: f64,
-    /// Bound of the norm of what that changes of `A`.
+    /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
     /// The same by sparse access.
     pub sparse: Sparse,
-    /// Of the circuit.
+    /// Counts of the circuit.
     pub counts: Counts,
-    /// Of the circuit with a qubit that says whether it is applied.
+    /// Counts of the controlled circuit: a qubit says whether it is applied.
     pub controlled: Counts,
-    /// By the controlled circuit.
+    /// The evolution that calls the controlled circuit.
     pub evolution: Evolution,
     /// What was simulated.
     pub check: Option<Check>,

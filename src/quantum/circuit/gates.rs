@@ -95,7 +95,7 @@ pub enum Role {
 pub struct Register {
     /// As in the program.
     pub name: &'static str,
-    /// Its first qubit.
+    /// The lowest qubit of the register.
     pub first: Qubit,
     /// Qubits.
     pub size: usize,
@@ -247,7 +247,7 @@ pub const T_OF_TOFFOLI: usize = 7;
 /// Numbers of gates and qubits of a circuit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Of what the operator acts on.
+    /// Qubits of the state that the operator acts on.
     pub system_qubits: usize,
     /// Zero before; the block is where they are zero after.
     pub block_qubits: usize,

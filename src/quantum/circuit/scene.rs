@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
-use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, axis_names, for_each_cell};
+use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
 use crate::quantum::circuit::transport::{AxisTransport, Jump, Transport, bits_of};
 use crate::scheme::interface::{Side, sources, velocity};
@@ -22,7 +22,7 @@ pub struct Scene {
     pub transport: Transport,
     /// How far a jump was rounded at most, in levels; 0 if all are whole.
     pub rounded: f64,
-    /// Bound of the norm of what that changes of `A`.
+    /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
 }
 
@@ -68,18 +68,25 @@ struct Face {
 /// # Errors
 /// [`Error::Input`] with the key, the value and what would do.
 pub fn refuse(case: &Case) -> Result<()> {
-    let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
-    let space = &case.space;
-    if space.degree() > 0 {
-        let degree = space.degree();
-        return wrong(format!("scheme.degree = {degree}; the circuit is of degree 0"));
+    let unknown = unknown_choice(case).or_else(|| unknown_grid(&case.space));
+    match unknown.map_or_else(|| sloped(case), |what| Ok(Some(what)))? {
+        Some(what) => Err(Error::Input(format!("{}: {what}", case.name))),
+        None => Ok(()),
+    }
+}
+
+/// The first choice of the case that the circuit does not have, and what would do.
+fn unknown_choice(case: &Case) -> Option<String> {
+    let degree = case.space.degree();
+    if degree > 0 {
+        return Some(format!("scheme.degree = {degree}; the circuit is of degree 0"));
     }
     if case.reflects() {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
-        return wrong(what.to_owned());
+        return Some(what.to_owned());
     }
     if case.flux < 1.0 && !case.is_unitary() {
-        return wrong(format!(
+        return Some(format!(
             "scheme.flux = {}; the circuit has 1, upwind, and 0 with scheme.ends = \"closed\", \
              which is unitary",
             case.flux
@@ -88,53 +95,59 @@ pub fn refuse(case: &Case) -> Result<()> {
     if case.interface != Interface::Conservative {
         let what = "scheme.interface = \"hat\"; the circuit moves whole levels of energy, as \
                     scheme.interface = \"conservative\" does";
-        return wrong(what.to_owned());
+        return Some(what.to_owned());
     }
-    if case.embeds() {
-        return wrong(format!(
+    case.embeds().then(|| {
+        format!(
             "{}: the auxiliary unknowns of what enters have no circuit; inflow.value = 0 has none \
              of them",
             case.inflow_key()
-        ));
-    }
-    let names = axis_names(space.dimension());
-    for (v, name) in space.v.iter().zip(&names[space.dimension()..]) {
+        )
+    })
+}
+
+/// What the circuit does not have of a grid, and what would do.
+fn unknown_grid(space: &PhaseSpace) -> Option<String> {
+    let n = space.dimension();
+    for (v, name) in space.v.iter().zip(&axis_names(n)[n..]) {
         if v.cells % 2 == 1 || (v.lower + v.upper).abs() > WHOLE * v.width() {
-            return wrong(format!(
+            return Some(format!(
                 "{name} has {} cells from {} to {}; the circuit has velocities ±(j + 1/2)Δv: an \
                  even number of cells from -{} to {}",
                 v.cells, v.lower, v.upper, v.upper, v.upper
             ));
         }
     }
-    if (0..space.dimension()).all(|a| space.is_single(a)) {
-        return wrong(
-            "axis.0.x.cells = 1 on a periodic axis, along which nothing moves; 2 or more have a \
-             circuit"
-                .to_owned(),
-        );
-    }
+    (0..n).all(|a| space.is_single(a)).then(|| {
+        "axis.0.x.cells = 1 on a periodic axis, along which nothing moves; 2 or more have a circuit"
+            .to_owned()
+    })
+}
+
+/// The first slope of `V`, which the circuit does not have, and what would do.
+fn sloped(case: &Case) -> Result<Option<String>> {
+    let space = &case.space;
+    let n = space.dimension();
+    let names = axis_names(n);
     let potential = Potential::whole(case)?;
     let mut steep = None;
     for_each_cell(&ranges(case), |i| {
-        let slopes = &potential.slopes(i)[..space.dimension()];
+        let slopes = &potential.slopes(i)[..n];
         if let Some(a) = slopes.iter().position(|&slope| slope != 0.0) {
             steep.get_or_insert((*i, a, slopes[a]));
         }
     });
-    if let Some((i, a, slope)) = steep {
-        let mut point = [0.0; 2 * MAX_DIMENSION];
-        space.x.iter().zip(&mut point).zip(i).for_each(|((x, p), i)| *p = x.centre(i as i64));
+    Ok(steep.map(|(i, a, slope)| {
+        let centres = space.x.iter().zip(i).map(|(x, i)| x.centre(i as i64));
         let place: Vec<String> =
-            (0..space.dimension()).map(|a| format!("{} = {}", names[a], point[a])).collect();
-        return wrong(format!(
+            names.iter().zip(centres).map(|(name, x)| format!("{name} = {x}")).collect();
+        format!(
             "dV/d{} = {slope:.6} at {}; the circuit has jumps of V and no forces: potential.value \
              constant in each region",
             names[a],
             place.join(", ")
-        ));
-    }
-    Ok(())
+        )
+    }))
 }
 
 /// All space cells.
@@ -217,7 +230,7 @@ impl Scene {
 /// The numbers of the bits of the space axes but one.
 struct Others {
     bits: usize,
-    /// Those that are no cells.
+    /// Numbers of the bits that are not cells.
     padding: Vec<usize>,
 }
 
@@ -279,8 +292,8 @@ fn boxes(places: &[usize], padding: &[usize], bits: usize) -> Vec<Vec<(usize, bo
     real.map(|((free, value), _)| fixed(free, value).collect()).collect()
 }
 
-/// Bound of the norm of what another height of a jump changes of `|v| weight`, the rates of the
-/// scheme: the root of the largest sums of a row and of a column.
+/// Bound on the norm of the change of the scheme's rates `|v| weight` when a jump has the height
+/// `rounded` instead of `rise`: the root of the largest sums of a row and of a column.
 fn change_of(axis: &Axis, rise: f64, rounded: f64) -> f64 {
     let mut rates: HashMap<(bool, i64, bool, i64), f64> = HashMap::new();
     let mut found = Vec::new();

@@ -275,26 +275,28 @@ fn set(qubits: &[usize], value: u128) -> u128 {
     qubits.iter().enumerate().map(|(bit, &q)| (value >> bit & 1) << q).sum()
 }
 
-/// Between preparations, particles move as mechanics says: every state of up to 20 bits.
+/// Grids of states of up to 20 bits.
+const LARGE_GRIDS: [Grid; 2] = [
+    Grid {
+        cells: 64,
+        periodic: true,
+        speeds: 64,
+        bin_bits: 1,
+        jumps: &[(7, 900.5), (63, -8.0), (8, -0.5)],
+    },
+    Grid {
+        cells: 25,
+        periodic: false,
+        speeds: 100,
+        bin_bits: 0,
+        jumps: &[(3, 77.0), (4, -9000.0), (20, 10000.0)],
+    },
+];
+
+/// Between preparations, particles move as mechanics says: every state.
 #[test]
 fn particles_move_one_to_one() {
-    let large = [
-        Grid {
-            cells: 64,
-            periodic: true,
-            speeds: 64,
-            bin_bits: 1,
-            jumps: &[(7, 900.5), (63, -8.0), (8, -0.5)],
-        },
-        Grid {
-            cells: 25,
-            periodic: false,
-            speeds: 100,
-            bin_bits: 0,
-            jumps: &[(3, 77.0), (4, -9000.0), (20, 10000.0)],
-        },
-    ];
-    for grid in GRIDS.iter().chain(&large) {
+    for grid in GRIDS.iter().chain(&LARGE_GRIDS) {
         let transport = grid.transport();
         let circuit = transport.encode(Modes::One(1.0), Levels::Hadamard, false);
         let place = |what: &str| {

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 pub struct Jump {
     /// The cell below the face; the last one for the face that closes a periodic axis.
     pub below: usize,
-    /// By how many bins `V` rises from that cell to the next.
+    /// The number of bins by which `V` rises from that cell to the next.
     pub levels: i64,
     /// Where on the face: bits, and their values, of the cells along the other space axes, the last
     /// axis in the lowest bits. Everywhere if there are none.
@@ -33,13 +33,13 @@ pub struct AxisTransport {
 /// The transport of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Transport {
-    /// By axis.
+    /// The transport along each axis.
     pub axes: Vec<AxisTransport>,
     /// `b`: each level is divided into `2^b` bins.
     pub bin_bits: usize,
 }
 
-/// Which modes the circuit acts on.
+/// The modes that the circuit acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Modes {
     /// All of a register of `p` of so many qubits on this period.

@@ -6,17 +6,30 @@ use crate::quantum::circuit::transport::{AxisTransport, Modes, Transport, bits_o
 
 /// The weights of the sum.
 enum Sum {
-    /// Of a register of modes.
+    /// Weights for a register of modes.
     Register {
         /// 1 for the part of `T` and `T†` without `D_μ`.
         unit: Qubit,
         /// 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
         half: Qubit,
-        /// Its first 1 chooses a bit of the mode.
+        /// A register whose first 1 chooses a bit of the mode.
         first: Vec<Qubit>,
     },
-    /// Of one mode: 1 for `T` and `T†`, 0 for `D`.
+    /// Weights for one mode: 1 for `T` and `T†`, 0 for `D`.
     One(Qubit),
+}
+
+impl Sum {
+    fn new(c: &mut Circuit, modes: Modes) -> Self {
+        match modes {
+            Modes::One(_) => Self::One(c.register("moved", 1, Role::Block)[0]),
+            Modes::Register { qubits, .. } => Self::Register {
+                unit: c.register("unit", 1, Role::Block)[0],
+                half: c.register("half", 1, Role::Block)[0],
+                first: c.register("first", qubits, Role::Block),
+            },
+        }
+    }
 }
 
 /// The registers of an axis.
@@ -31,13 +44,40 @@ pub(super) struct Along {
     pub energy: Vec<Qubit>,
     /// Bits of the level that no level of this axis has.
     pub spare: Vec<Qubit>,
-    /// Energies in bins, with a bit for what is above the register.
+    /// Energies in bins, with a bit for energies above the register.
     pub kinetic: Vec<Qubit>,
     /// What says that this axis is chosen.
     pub chosen: Vec<Literal>,
 }
 
+/// Registers of which each axis has its part.
+struct Common<'a> {
+    spaces: &'a [Vec<Qubit>],
+    bins: &'a [Qubit],
+    level: &'a [Qubit],
+    above: Option<Qubit>,
+    axis: &'a [Qubit],
+}
+
 impl Along {
+    /// The registers of axis `a` with this `velocity`.
+    fn new(a: usize, velocity: Vec<Qubit>, common: &Common<'_>) -> Self {
+        let Common { spaces, bins, level, above, axis } = common;
+        let speed = &velocity[..velocity.len() - 1];
+        let energy = [&level[..velocity.len()], speed].concat();
+        let others = (0..spaces.len()).rev().filter(|b| *b != a);
+        let own = a.checked_sub(1).map(|a| (axis[a], true));
+        Self {
+            space: spaces[a].clone(),
+            others: others.flat_map(|b| spaces[b].clone()).collect(),
+            kinetic: [bins, &energy[..2 * speed.len()], above.as_slice()].concat(),
+            spare: level[velocity.len()..].to_vec(),
+            chosen: own.into_iter().chain(axis[a..].iter().map(|&q| (q, false))).collect(),
+            energy,
+            velocity,
+        }
+    }
+
     /// 1 for velocities above 0.
     pub fn sign(&self) -> Qubit {
         self.velocity[self.velocity.len() - 1]
@@ -52,7 +92,7 @@ impl Along {
 /// The registers of a circuit.
 pub(super) struct Wires {
     modes: Vec<Qubit>,
-    /// By axis.
+    /// The registers of each axis.
     pub along: Vec<Along>,
     /// Bins of a level.
     pub bins: Vec<Qubit>,
@@ -109,46 +149,22 @@ impl Wires {
         let end = flag("end", axes.iter().any(|axis| !axis.periodic));
         let rest = |axis: &AxisTransport| jumps(axis) && !axis.speeds.is_power_of_two();
         let outside = flag("outside", axes.iter().any(rest));
-        let sum = match modes {
-            Modes::One(_) => Sum::One(c.register("moved", 1, Role::Block)[0]),
-            Modes::Register { qubits, .. } => Sum::Register {
-                unit: c.register("unit", 1, Role::Block)[0],
-                half: c.register("half", 1, Role::Block)[0],
-                first: c.register("first", qubits, Role::Block),
-            },
-        };
+        let sum = Sum::new(c, modes);
         let axis = c.register("axis", axes.len() - 1, Role::Block);
         let reversed = c.register("reversed", 1, Role::Block)[0];
-        let along = velocities.into_iter().enumerate().map(|(a, velocity)| {
-            let speed = &velocity[..velocity.len() - 1];
-            let energy = [&level[..velocity.len()], speed].concat();
-            let other = |b: &usize| *b != a;
-            let own = a.checked_sub(1).map(|a| (axis[a], true));
-            Along {
-                space: spaces[a].clone(),
-                others: (0..axes.len())
-                    .rev()
-                    .filter(other)
-                    .flat_map(|b| spaces[b].clone())
-                    .collect(),
-                kinetic: [&bins, &energy[..2 * speed.len()], above.as_slice()].concat(),
-                spare: level[velocity.len()..].to_vec(),
-                chosen: own.into_iter().chain(axis[a..].iter().map(|&q| (q, false))).collect(),
-                energy,
-                velocity,
-            }
-        });
+        let common = Common { spaces: &spaces, bins: &bins, level: &level, above, axis: &axis };
+        let along = velocities.into_iter().enumerate();
         Self {
             modes: warped,
-            along: along.collect(),
-            bins: bins.clone(),
-            level: level.clone(),
+            along: along.map(|(a, velocity)| Along::new(a, velocity, &common)).collect(),
             no_level: no_level.unwrap_or_default(),
             end,
             outside,
             sum,
-            axis: axis.clone(),
             reversed,
+            bins,
+            level,
+            axis,
             control: control.first().copied(),
         }
     }

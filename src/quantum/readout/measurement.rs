@@ -44,7 +44,7 @@ fn log_of_doubt() -> f64 {
 pub struct Estimate {
     /// The estimate.
     pub value: f64,
-    /// Its standard error; of amplitude estimation the bound on the error instead.
+    /// Standard error of the estimate; for amplitude estimation, the bound on its error.
     pub error: f64,
 }
 

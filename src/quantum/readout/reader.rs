@@ -25,7 +25,7 @@ pub struct Source<'a> {
     pub pi: &'a [f64],
     /// `min f` over all ranks.
     pub least: f64,
-    /// Of the enlarged state.
+    /// Probabilities of the enlarged state.
     pub probabilities: &'a Probabilities,
     /// `ε_F`.
     pub state_error: Figure,
@@ -43,7 +43,7 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// An overlap and what it is multiplied by to give a moment.
+/// An overlap and the prefactor by which it gives a moment.
 #[derive(Clone, Copy, Debug)]
 struct Overlap {
     value: f64,
@@ -101,7 +101,7 @@ impl Repetitions {
         }
     }
 
-    /// Bound on the error of what is measured of `overlap`, relative to its prefactor.
+    /// Bound on the error of the measured `overlap`, relative to its prefactor.
     fn bound(self, estimator: Estimator, overlap: f64, probability: f64) -> f64 {
         let error = self.of_overlap(estimator);
         let of_norm: f64 = self.of_norm(estimator, probability).iter().sum();
@@ -246,10 +246,7 @@ impl Reader<'_> {
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
         let bare_bound = within(repetitions.of_overlap(estimator));
         let bound = within(repetitions.bound(estimator, overlap.value, self.probability()));
-        let (bare, estimate) = match self.draw(row, estimator, overlap, repetitions) {
-            Some((bare, whole)) => (Some(bare), Some(whole)),
-            None => (None, None),
-        };
+        let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
         let evolutions = self.evolutions(estimator, repetitions);
         let of_norm = self.norm_evolutions(estimator, repetitions);
         let [repeated, coherent] = evolutions.clone();
@@ -270,18 +267,17 @@ impl Reader<'_> {
             false => Figure::unavailable("shots, and no amplitude estimation"),
         };
         if let Some(estimate) = estimate {
+            let no_variance = "the distribution has no variance in closed form; see bound";
             measured.estimate = Figure::estimate(estimate.value, "drawn at random");
             measured.standard_error = match estimator.coherent() {
-                true => Figure::unavailable(
-                    "the distribution has no variance in closed form; see bound",
-                ),
+                true => Figure::unavailable(no_variance),
                 false => Figure::estimate(estimate.error, "from the counts"),
             };
         }
         Moment { measured, estimate: bare, bound: bare_bound, evolutions }
     }
 
-    /// `P` of what is read; NaN where it is not known.
+    /// The probability `P` of the window or the slice that is read; NaN where it is not known.
     fn probability(&self) -> f64 {
         self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
     }

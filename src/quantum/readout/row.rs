@@ -5,7 +5,7 @@ use crate::problem::grid::MAX_DIMENSION;
 use crate::quantum::figure::Figure;
 use serde::Serialize;
 
-/// Which number is read.
+/// An observable: the number that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Observable {
@@ -18,7 +18,7 @@ pub enum Observable {
 }
 
 impl Observable {
-    /// Those of `n` dimensions: the density, then momenta, then velocities.
+    /// All observables in `n` dimensions: the density, then momenta, then velocities.
     pub fn all(n: usize) -> Vec<Self> {
         std::iter::once(Self::Density)
             .chain((0..n).map(Self::Momentum))
@@ -94,7 +94,7 @@ impl Estimator {
 /// What one estimator says of an observable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measured {
-    /// Which.
+    /// The estimator.
     pub estimator: Estimator,
     /// The overlap; unavailable for a mean velocity, which is a quotient.
     pub overlap: Figure,
@@ -113,7 +113,7 @@ pub struct Measured {
     pub evolutions_repeated: Figure,
     /// Evolutions and their inverses where everything is coherent, those for `C_f` included.
     pub evolutions_coherent: Figure,
-    /// Those for `C_f`; of repeated postselections the number of successes gives it.
+    /// Evolutions that measure `C_f`; of repeated postselections the number of successes gives it.
     pub evolutions_norm: Figure,
 }
 
@@ -122,13 +122,13 @@ pub struct Measured {
 pub struct Row {
     /// The space cell, along each axis from 0.
     pub cell: Vec<usize>,
-    /// Its number over the whole grid, the last axis fastest.
+    /// Number of the cell in the whole grid, the last axis fastest.
     pub number: usize,
-    /// Its centre.
+    /// Centre of the cell.
     pub point: Vec<f64>,
-    /// Which.
+    /// The observable.
     pub observable: Observable,
-    /// Of the recovered field: what is measured but for statistics.
+    /// Value of the recovered field: what is measured, but for statistics.
     pub value: Figure,
     /// What each estimator says.
     pub measured: Vec<Measured>,

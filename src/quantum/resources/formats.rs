@@ -33,7 +33,7 @@ impl Record {
         })
     }
 
-    /// Of sparse access.
+    /// Counts of sparse access.
     fn counts_of_oracles(&self) -> Value {
         let model = self.least().map(|cost| &cost.toffoli);
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
@@ -78,29 +78,6 @@ impl Record {
         };
         let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
         let kind = if emitted.is_some() { "qubitization" } else { "sparse_access_walk" };
-        let of_circuit = emitted.into_iter().flat_map(|cost| {
-            [
-                ("calls", &cost.steps),
-                ("toffoli", &cost.toffoli),
-                ("t", &cost.t),
-                ("rotations", &cost.rotations),
-                ("qubits", &cost.qubits),
-            ]
-            .map(|(name, figure)| resource(name, figure))
-        });
-        let of_model = self.least().filter(|_| emitted.is_none());
-        let of_model = of_model.map(|cost| resource("toffoli_model", &cost.toffoli));
-        let resources: Vec<Value> = [
-            resource("walk_steps", &self.walk_steps),
-            resource("location_queries", &self.location_queries),
-            resource("value_queries", &self.value_queries),
-            resource("queries", &self.queries),
-        ]
-        .into_iter()
-        .chain(of_circuit)
-        .chain(of_model)
-        .flatten()
-        .collect();
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
         json!({
             "version": "v1",
@@ -113,7 +90,7 @@ impl Record {
                         "name": "hamiltonian_simulation",
                         "type": kind,
                         "ports": ports,
-                        "resources": resources,
+                        "resources": self.simulation_resources(emitted),
                     },
                     transform("inverse_qft"),
                 ],
@@ -127,6 +104,29 @@ impl Record {
                 ],
             },
         })
+    }
+
+    /// What the simulation of the Hamiltonian takes: queries of the model, and gates of the circuit
+    /// where one is `emitted`.
+    fn simulation_resources(&self, emitted: Option<&Cost>) -> Vec<Value> {
+        let mut figures = vec![
+            ("walk_steps", &self.walk_steps),
+            ("location_queries", &self.location_queries),
+            ("value_queries", &self.value_queries),
+            ("queries", &self.queries),
+        ];
+        if let Some(cost) = emitted {
+            figures.extend([
+                ("calls", &cost.steps),
+                ("toffoli", &cost.toffoli),
+                ("t", &cost.t),
+                ("rotations", &cost.rotations),
+                ("qubits", &cost.qubits),
+            ]);
+        } else if let Some(cost) = self.least() {
+            figures.push(("toffoli_model", &cost.toffoli));
+        }
+        figures.into_iter().filter_map(|(name, figure)| resource(name, figure)).collect()
     }
 }
 

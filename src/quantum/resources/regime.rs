@@ -58,7 +58,7 @@ struct Scene {
 /// The paper's count.
 struct Counts {
     queries: f64,
-    /// Of forward Euler.
+    /// Operations of forward Euler.
     operations: f64,
 }
 
@@ -75,7 +75,7 @@ impl Scene {
 }
 
 impl Regime {
-    /// Of the order (1 or ½) that the scheme then has.
+    /// The regime for the order, 1 or ½, that the scheme has.
     pub(crate) fn new(case: &Case, sparsity: &Sparsity, order: f64) -> Self {
         const WHY: &str = "the theorem's form with constants 1";
         let (n, tolerance) = (case.space.dimension(), case.tolerance);

@@ -184,7 +184,7 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
     Ok(())
 }
 
-/// Probabilities of what is postselected, and their cost.
+/// Probabilities of the postselections, and their cost.
 fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
     writeln!(f, "\nprobability of {what}")?;
     let rows = [

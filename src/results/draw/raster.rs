@@ -26,7 +26,7 @@ pub type Colour = [u8; 3];
 pub struct Raster {
     /// Pixels along both axes, even.
     pub size: [usize; 2],
-    /// Their colours.
+    /// Colours of the points.
     pub pixels: Vec<Colour>,
 }
 

@@ -77,9 +77,9 @@ impl ValueFormatter<f64> for Ruler {
 /// A tick; without a label where there is no room for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Its value.
+    /// Value at the tick.
     pub at: f64,
-    /// What stands beside it.
+    /// Label of the tick.
     pub label: Option<String>,
 }
 

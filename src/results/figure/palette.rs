@@ -75,7 +75,7 @@ const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]),
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
-    /// Of lines and markers.
+    /// Colour of lines and markers.
     pub colour: RGBColor,
     /// Marker at each point, if any.
     pub marker: Option<Marker>,
@@ -126,8 +126,7 @@ impl Style {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`NOTHING`] for what is no
-/// number.
+/// The colour at `fraction` in [0, 1] of a map's colour bar; [`NOTHING`] for NaN.
 fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
     match fraction.is_nan() {
         true => NOTHING,
@@ -135,8 +134,7 @@ fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`NOTHING`] for what is
-/// no number.
+/// The colour at `fraction` in [0, 1] of a heat map's colour bar; [`NOTHING`] for NaN.
 pub fn sequential(fraction: f64) -> RGBColor {
     along(&SEQUENTIAL, fraction)
 }

@@ -10,8 +10,8 @@ use crate::results::pictures::stored::Stored;
 pub struct Cut(pub Vec<usize>);
 
 impl Cut {
-    /// Where it lies if nobody says: in the middle; along axes of space at the nearest cell to it
-    /// that is not next to a jump of `V`, where `f` may be of either side.
+    /// The default cut, in the middle; along axes of space at the nearest cell to the middle that
+    /// is not next to a jump of `V`, where `f` may be of either side.
     pub fn usual(run: &Stored) -> Self {
         let mut cut = Self::middle(run);
         for a in 0..run.dimension() {

@@ -42,7 +42,7 @@ struct Scales {
 }
 
 impl<'a> Film<'a> {
-    /// Of `run` at `times`, through `cut`.
+    /// The film of `run` at `times`, through `cut`.
     ///
     /// # Errors
     /// What the files lack.

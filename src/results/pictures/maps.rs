@@ -22,7 +22,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of the values of planes.
+    /// The spread of the values of planes.
     pub fn of<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Self {
         let mut spread = Self::default();
         planes.into_iter().for_each(|plane| spread.hold(plane.values.iter().copied()));
@@ -114,7 +114,7 @@ pub fn largest<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> f64 {
     all.filter(|v| v.is_finite()).fold(0.0, |most, v| v.abs().max(most))
 }
 
-/// Part of what a quantity may be that is round-off.
+/// Part of a quantity's scale that is round-off.
 const ROUND_OFF: f64 = 1e-12;
 
 /// The difference of two planes, `a − b`.
@@ -123,7 +123,7 @@ pub fn difference(a: &Plane, b: &Plane) -> Plane {
 }
 
 /// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a
-/// tolerance only, so that what is constant looks so.
+/// tolerance only, so that a constant looks constant.
 pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
     /// Relative difference of values that can be distinguished.
     const SEEN: f64 = 1e-3;

@@ -12,7 +12,7 @@ const SMOOTH: usize = 128;
 pub struct FineMesh {
     /// Elements of the axis.
     elements: usize,
-    /// By part of an element, the weights of its nodes.
+    /// The weights of an element's nodes, for each of its parts.
     matrix: Vec<Vec<f64>>,
 }
 

@@ -12,8 +12,8 @@ use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
 
-/// Where a density as large as `largest` (where that is seen) is too small for a mean velocity:
-/// round-off, or within what it may be off.
+/// The density below which a mean velocity means nothing, where the largest that is shown is
+/// `largest`: round-off, or the error that the density may have.
 fn nothing(run: &Stored, largest: f64) -> f64 {
     /// Part of the largest that is round-off.
     const ROUND_OFF: f64 = 1e-10;
@@ -39,7 +39,7 @@ fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
     if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
 }
 
-/// Whose moments: the ends of their datasets' names.
+/// Ends of the names of datasets: of computed moments, and of exact ones.
 const COMPUTED: &str = "";
 const EXACT: &str = "_exact";
 

@@ -9,7 +9,7 @@ use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
 use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
+use crate::results::pictures::stored::{FINEST, Plane, Read, Snapshot, Stored};
 
 /// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
@@ -19,7 +19,6 @@ use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
 pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let run = runs.run;
     let n = run.dimension();
-    let measure = run.has("phi");
     let mut panels = Vec::new();
     let (mut lines, mut lowest) = (String::new(), None);
     for a in 0..n {
@@ -29,7 +28,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         }
         lines += &closing(run, a, &faces);
         let plane = [a, n + a];
-        let mut row = match measure {
+        let mut row = match run.has("phi") {
             true => level_sets(runs, plane, cut)?,
             false => {
                 let (row, below) = fields(runs, plane, cut)?;
@@ -42,45 +41,45 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
             if !place.is_empty() {
                 panel.title = format!("{} at {place}", panel.title);
             }
-            for &at in &faces {
-                *panel = std::mem::replace(panel, Panel::new("", panel.x.clone(), panel.y.clone()))
-                    .vertical("", at);
-            }
         }
-        panels.extend(row);
+        let marked = |panel| faces.iter().fold(panel, |panel: Panel, &at| panel.vertical("", at));
+        panels.extend(row.into_iter().map(marked));
     }
     let row = (panels.len() / n).max(1);
     let columns = match row {
         4 => 2,
         row => row.min(3),
     };
-    let time = short(run.time);
-    let what = if measure && run.space.degree() > 0 {
-        "Measure-valued data: f = φ δ(ψ), at the zeros of the polynomials of ψ in one dimension."
-    } else if measure {
-        "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one \
-         dimension."
-    } else if run.space.degree() > 0 {
-        "The polynomials of f in each element."
-    } else if run.has("exact") {
-        "Cell averages of f; the exact solution at the cells' centres."
-    } else {
-        "Cell averages of f."
-    };
     lines += &undershoots(lowest);
     if run.case.is_err() {
         lines += " The case file is not understood by this program: jumps of V are not shown.";
     }
-    let averaged =
-        if (0..2 * n).any(|a| run.axis(a).elements() > crate::results::pictures::stored::FINEST) {
-            " Finer grids than can be shown are averaged."
-        } else {
-            ""
-        };
-    Ok(Figure::new(format!("{} at t = {time}", run.title()), panels)
+    if (0..2 * n).any(|a| run.axis(a).elements() > FINEST) {
+        lines += " Finer grids than can be shown are averaged.";
+    }
+    Ok(Figure::new(format!("{} at t = {}", run.title(), short(run.time)), panels)
         .columns(columns)
         .frame(300.0, 260.0)
-        .caption(format!("{what}{lines}{averaged}")))
+        .caption(format!("{}{lines}", values_shown(run))))
+}
+
+/// The caption's sentence about the values in the maps.
+fn values_shown(run: &Stored) -> &'static str {
+    match (run.has("phi"), run.space.degree()) {
+        (true, 1..) => {
+            "Measure-valued data: f = φ δ(ψ), at the zeros of the polynomials of ψ in one \
+             dimension."
+        }
+        (true, 0) => {
+            "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one \
+             dimension."
+        }
+        (false, 1..) => "The polynomials of f in each element.",
+        (false, 0) if run.has("exact") => {
+            "Cell averages of f; the exact solution at the cells' centres."
+        }
+        (false, 0) => "Cell averages of f.",
+    }
 }
 
 /// `f`, the exact one, and differences; with the lowest of the values that are drawn as zero.

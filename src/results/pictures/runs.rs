@@ -2,7 +2,7 @@
 
 use crate::results::pictures::stored::Stored;
 
-/// A run, the one beside it, and what they are called.
+/// A run and the one it is compared with, with their names.
 pub struct Runs<'a> {
     /// The run.
     pub run: &'a Stored,
@@ -13,8 +13,8 @@ pub struct Runs<'a> {
 }
 
 impl<'a> Runs<'a> {
-    /// A run, and the one beside it, by their methods or, where those are the same, by their
-    /// directories.
+    /// A run and the one it is compared with, named after their methods or, where those are the
+    /// same, after their directories.
     pub fn new(run: &'a Stored, beside: Option<&'a Stored>) -> Self {
         let method = |run: &Stored| match run.plan["method"].as_str() {
             Some("schrodingerized") => "Schrödingerized".to_owned(),
@@ -34,7 +34,7 @@ impl<'a> Runs<'a> {
         Self { run, beside, names }
     }
 
-    /// The run, then the one beside it, each with what it is called.
+    /// The run, then the one beside it, each with its name.
     pub fn each(&self) -> impl Iterator<Item = (&'a Stored, &str)> {
         let both = [Some(self.run), self.beside];
         (both.into_iter().zip(&self.names)).filter_map(|(run, name)| Some((run?, name.as_str())))

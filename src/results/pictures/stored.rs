@@ -25,7 +25,7 @@ const PIECE: usize = 1 << 19;
 /// What reading a file gives; the reason where it does not.
 pub type Read<T> = std::result::Result<T, String>;
 
-/// `result.h5`, open for reading, and what is needed of it at once.
+/// `result.h5`, open for reading, with the values that are needed at once.
 pub struct Stored {
     /// Where it is.
     pub directory: PathBuf,
@@ -55,7 +55,7 @@ pub struct Stored {
 pub struct Snapshot {
     /// The time.
     pub time: f64,
-    /// Its index in `/axis/field_time`; none at the end.
+    /// Index in `/axis/field_time`; none at the end.
     early: Option<usize>,
 }
 

@@ -16,7 +16,7 @@ impl Render for Text<'_> {
     }
 }
 
-/// A value as a person reads it; a dash for what is not known.
+/// A value as a person reads it; a dash for an unknown one.
 pub fn shown(value: &Value) -> Markup {
     match value {
         Value::Null => html! { "–" },
@@ -34,7 +34,8 @@ pub fn shown(value: &Value) -> Markup {
     }
 }
 
-/// A number of the quantum side with what it rests on, its label; else each key with its value.
+/// A number of the quantum side with its label, which says what it rests on; else each key with
+/// its value.
 fn object(map: &Map<String, Value>) -> Markup {
     match map.get("label") {
         Some(label) => html! {

@@ -34,7 +34,7 @@ struct Frame {
 }
 
 impl Times {
-    /// Of a run that has fields at several times; none otherwise.
+    /// The times of a run that has fields at several; none of another run.
     ///
     /// # Errors
     /// What the files lack.

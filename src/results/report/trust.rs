@@ -11,11 +11,11 @@ use serde_json::Value;
 /// What is found of one thing that matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
-    /// It is as it should be.
+    /// As it should be.
     Good,
-    /// It is not.
+    /// Not as it should be.
     Bad,
-    /// It is not known.
+    /// Unknown.
     Unknown,
 }
 
@@ -64,7 +64,7 @@ pub fn trust(summary: &Value, classical: bool) -> Markup {
 }
 
 impl Mark {
-    /// Its class in the style sheet.
+    /// Class of the mark in the style sheet.
     fn class(self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -236,7 +236,7 @@ mod tests {
         }
     }
 
-    /// A run that goes on meets its tolerance by its own error; what it inherits is said.
+    /// A run that goes on meets its tolerance by its own error; the inherited error is shown.
     #[test]
     fn inherited_errors_are_said_and_miss_nothing() {
         let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };

@@ -1,6 +1,6 @@
 //! A warped field in a file to start from.
 
-use crate::base::checksum;
+use crate::base::checksum::{self, Slab};
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
@@ -52,7 +52,7 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// That of a `reading` after `time`.
+    /// The domain on which a `reading` after `time` depends.
     pub fn new(reading: &Reading, bounds: &Bounds, time: f64) -> Self {
         let (below, above) = (bounds.growth.max(0.0) * time, bounds.decay.max(0.0) * time);
         let last = reading.point + reading.width + above;
@@ -215,16 +215,11 @@ impl Given {
             } else {
                 read_slab(&dataset, &slab).map_err(|e| wrong(&e))
             };
-            let values = world.agree(values.and_then(|values| {
-                match values.iter().position(|w| !w.is_finite()) {
-                    Some(place) => {
-                        let (cell, j) = (place / points, place % points);
-                        let at = format!("the {cell}-th cell from {:?} and point {j}", slab.start);
-                        Err(wrong(&format!("/w is {} at {at}", values[place])))
-                    }
-                    None => Ok(values),
-                }
-            }))?;
+            let values = values.and_then(|values| match not_finite(&values, points, &slab) {
+                Some(what) => Err(wrong(&what)),
+                None => Ok(values),
+            });
+            let values = world.agree(values)?;
             sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
             largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
             let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
@@ -249,6 +244,15 @@ impl Given {
             _ => Ok(Read { checksum: sum, largest, unevenness }),
         })
     }
+}
+
+/// The first of the `values` of a slab with so many `points` a cell that is NaN or infinite, in
+/// words.
+fn not_finite(values: &[f64], points: usize, slab: &Slab) -> Option<String> {
+    let place = values.iter().position(|w| !w.is_finite())?;
+    let (cell, j) = (place / points, place % points);
+    let at = format!("the {cell}-th cell from {:?} and point {j}", slab.start);
+    Some(format!("/w is {} at {at}", values[place]))
 }
 
 /// What a file holds, or what is wrong with it.

@@ -38,7 +38,7 @@ pub struct Particle {
     pub point: [f64; 6],
     /// How long it is followed.
     pub time: f64,
-    /// Its mass, times the number of points.
+    /// Mass of the particle, times the number of points.
     pub mass: f64,
     /// Whether its velocity is in the velocity box.
     pub inside: bool,
@@ -80,7 +80,7 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// That of replicate `number` of a source in so many dimensions.
+    /// The sequence of replicate `number` of a source in so many dimensions.
     pub fn new(dimensions: usize, number: usize) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(number as u64);
         // 53 bits, in [0, 1).

@@ -38,7 +38,7 @@ pub fn end_index(end: AxisEnd) -> usize {
 }
 
 impl Tally {
-    /// Its numbers, in the order of the fields.
+    /// The numbers of the tally, in the order of its fields.
     pub fn numbers(&self) -> [f64; NUMBERS] {
         let mut all = [0.0; NUMBERS];
         let single = [self.mass, self.absolute, self.outside, self.interface];
@@ -116,12 +116,12 @@ impl Tally {
 /// leaves the cell.
 struct Gains<'a> {
     case: &'a Case,
-    /// By axis and bits of the rise, a factor for each velocity cell.
+    /// A factor for each velocity cell, by axis and bits of the rise.
     known: HashMap<(usize, u64), Vec<f64>>,
 }
 
 impl Gains<'_> {
-    /// The factor of what meets a jump.
+    /// The factor by which the interface law changes the mass of particles that meet this jump.
     fn factor(&mut self, met: &Crossing) -> f64 {
         let axis = &self.case.space.v[met.axis];
         let interface = self.case.interface;

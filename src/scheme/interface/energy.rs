@@ -43,7 +43,7 @@ pub enum FaceSide {
 }
 
 impl FaceSide {
-    /// The other side.
+    /// The opposite side.
     pub fn opposite(self) -> Self {
         match self {
             Self::Below => Self::Above,
@@ -79,7 +79,7 @@ pub struct TraceCoupling {
     /// Row of `M⁻¹ Σ_q W_q ℓ ℓᵀ` over the points whose partner is beyond the velocity box: node of
     /// the same velocity element, weight.
     pub unpaired: Vec<(usize, f64)>,
-    /// Those points: velocity beyond the box, weight `M⁻¹ W_q ℓ`.
+    /// Points beyond the velocity box: velocity and weight `M⁻¹ W_q ℓ`.
     pub beyond: Vec<(f64, f64)>,
 }
 
@@ -172,7 +172,7 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     )))
 }
 
-/// Magnitudes of the faces of elements, of both signs: what is reflected moves with the other one.
+/// Magnitudes of the faces of elements of both signs: reflection changes the sign of a velocity.
 fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
     (0..=axis.elements() as i64).map(|e| axis.face(e).abs()).filter(|speed| *speed > 0.0)
 }

@@ -27,10 +27,10 @@ use std::ops::Range;
 const MOST_CELLS: usize = 20_000_000;
 /// So many where rows of the scheme are looked at, as something enters.
 const MOST_ROWS: usize = 4_000_000;
-/// Of an axis with more jumps than this all velocities are kept.
+/// All velocities of an axis with more jumps than this are kept.
 const MOST_JUMPS: usize = 512;
 
-/// Crops the velocity axes of `case` to what is reached. Collective over `world`.
+/// Crops the velocity axes of `case` to the velocities that are reached. Collective over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.
@@ -86,7 +86,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     Ok(())
 }
 
-/// The velocities that are reached along each axis, begun with what is in `planes`.
+/// The velocities that are reached along each axis, from those in `planes`.
 fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
     let potential = Potential::whole(case)?;
     let close = |mut plane: Plane| {
@@ -163,12 +163,12 @@ impl Plane {
 struct Faces {
     /// The jumps at the lower face of each cell, by their bits.
     jumps: Vec<BTreeSet<u64>>,
-    /// Whether the velocity of what is in each cell is pushed up, and down.
+    /// Whether `V` pushes the velocity of particles in each cell up, and down.
     pushed: Vec<[bool; 2]>,
 }
 
 impl Faces {
-    /// Those along space axis `a`; none where there are too many jumps.
+    /// The faces along space axis `a`; none where there are too many jumps.
     fn new(space: &PhaseSpace, potential: &Potential, a: usize) -> Option<Self> {
         let cells = space.x[a].cells;
         let mut faces =
@@ -224,8 +224,8 @@ impl Faces {
     }
 }
 
-/// The planes with what is there at time zero and where something enters, of every `of`-th point of
-/// space from `first` on; not all of it where the planes are full before.
+/// The planes with the initial data and the inflow, of every `of`-th point of space from `first`
+/// on; not all of them where the planes are full before.
 fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
     // Of degree 0, elements are cells.
     let (space, n) = (case.space.by_elements(), case.space.dimension());

@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// `|ĝ|` below `e^{−DIGITS}` is left out of values.
 const DIGITS: f64 = 40.0;
-/// Beyond this distance from 0 the left part is an integral along the cut.
+/// Farther than this from 0, the left part is an integral along the cut.
 const NEAR: f64 = 0.5;
 
 /// The profile.

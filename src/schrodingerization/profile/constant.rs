@@ -17,7 +17,7 @@ pub struct Constant {
 }
 
 impl Constant {
-    /// Its one mode.
+    /// The series of one mode.
     pub fn series(&self) -> &Series {
         &self.series
     }

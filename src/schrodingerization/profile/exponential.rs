@@ -23,7 +23,7 @@ use crate::schrodingerization::profile::window::{Demand, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
-/// How far the next period's jumps stay from what is read at least, but for those at 0.
+/// Least distance of the next period's jumps, but for those at 0, from the readings.
 const GAP: f64 = 1.0;
 
 /// The profile.
@@ -121,7 +121,7 @@ fn tail_of_constant(a: f64, mu: f64, distance: f64) -> f64 {
 }
 
 /// The least of the bounds for `m = 2, 3, …`: what the jumps add, and `∫|g^{(m)}|/(π(m−1)μ^{m−1})`.
-/// What is a jump by round-off only may be next to what is read.
+/// A jump by round-off only may be next to a reading.
 fn tail_of_left(left: &Piecewise, mu: f64, distance: f64) -> f64 {
     let mut least = f64::INFINITY;
     let mut corners = 0.0;

@@ -19,7 +19,7 @@ use std::f64::consts::{PI, SQRT_2};
 pub struct Gaussian {
     /// Width `σ` of the switch.
     pub sigma: f64,
-    /// Its place `p0 < 0`.
+    /// Place `p0 < 0` of the step.
     pub offset: f64,
     /// Period `P` in `p`.
     pub period: f64,
@@ -35,7 +35,7 @@ pub fn normal_quantile(epsilon: f64) -> f64 {
 }
 
 impl Gaussian {
-    /// Those that meet `demand` when read from `p = 0` on, by rising width.
+    /// The profiles that meet `demand` when read from `p = 0` on, by rising width.
     ///
     /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off,
     /// `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and

@@ -32,6 +32,6 @@ pub trait Planned {
     /// How it is known.
     fn form(&self) -> Form<'_>;
 
-    /// Its kind and parameters, in words.
+    /// Kind and parameters of the profile, in words.
     fn description(&self) -> String;
 }

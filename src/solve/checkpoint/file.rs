@@ -81,9 +81,9 @@ pub fn points(ranges: &[Range<usize>]) -> usize {
 /// A file as it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Written {
-    /// Its size.
+    /// Size of the file in bytes.
     pub bytes: u64,
-    /// Its last word.
+    /// Checksum: the last word of the file.
     pub checksum: u64,
 }
 
@@ -147,7 +147,7 @@ impl Sink {
     }
 }
 
-/// Whether the file is as it was written; if not, what is wrong with it.
+/// Checks that the file is as it was written.
 pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
     let file = File::open(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();

@@ -144,7 +144,7 @@ impl Store {
     /// # Errors
     /// [`Error::Checkpoint`], of the first rank that has one.
     pub fn write(&mut self, world: &Group, mesh: &Mesh, snapshot: &Snapshot<'_>) -> Result<usize> {
-        // Ranks that do not see what rank 0 found there are told.
+        // Other ranks may not see the files that rank 0 found.
         let number = world.broadcast_text(&self.next.to_string());
         let number = number.parse().unwrap_or(self.next);
         self.next = number + 1;
@@ -230,8 +230,8 @@ impl Store {
         }
     }
 
-    /// The newest generation that is valid; none where there is none at all. `say` is called, on
-    /// rank 0, what is wrong with newer ones. Collective.
+    /// The newest valid generation; none where there is no generation at all. Rank 0 passes to
+    /// `say` why newer ones are not valid. Collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where there are some and none is valid.
@@ -372,7 +372,7 @@ impl Generation {
         Ok(())
     }
 
-    /// Its directory.
+    /// Directory of the generation.
     pub fn path(&self) -> &Path {
         &self.directory
     }

@@ -10,7 +10,7 @@
 //! batches, and wait for each other only to write and at the end of a stage.
 //!
 //! A vote is over a batch or two after it was posted, which is too late where the time runs out. So
-//! when the wall time is near, and before the first batch told how long one takes, ranks go
+//! when the wall time is near, and before the first batch shows how long one takes, ranks go
 //! *together*: each waits, after its batch, for the vote that it posts then.
 
 use crate::parallel::communicator::Communicator;
@@ -19,9 +19,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Somebody wants a checkpoint, ...
+/// A rank asks for a checkpoint, ...
 const WRITE: u64 = 1;
-/// ... or was told to stop, ...
+/// ... or has received a signal to stop, ...
 const SIGNAL: u64 = 2;
 /// ... or sees the time run out, ...
 const TIME: u64 = 4;
@@ -46,11 +46,11 @@ const USUAL_RATE: f64 = 1e8;
 /// Where a rank stands in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
-    /// It has batches left.
+    /// The rank has batches left.
     Working,
-    /// It has none.
+    /// The rank has finished its batches.
     Finished,
-    /// It left one before its end, as the run is to stop.
+    /// The rank left a batch before its end, as the run is to stop.
     Left,
     /// A batch failed.
     Failed,
@@ -63,7 +63,7 @@ pub enum Verdict {
     GoOn,
     /// To write a checkpoint.
     Write,
-    /// To write a checkpoint and stop, as it was told to.
+    /// Write a checkpoint and stop, after a signal.
     StopAsTold,
     /// The same, as the time runs out.
     StopInTime,

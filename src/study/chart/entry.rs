@@ -16,17 +16,17 @@ const UNITARY: &str = "unitary";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
-    /// It ran.
+    /// The setting ran.
     Done,
-    /// It cannot run; `reason` says why.
+    /// The setting cannot run; `reason` says why.
     Refused,
-    /// It did not fit into the budget.
+    /// The setting did not fit into the budget.
     #[default]
     LeftOut,
 }
 
-/// A trial: its settings, then its numbers. What a method does not have, or what is unknown, is
-/// none.
+/// A trial: its settings, then its numbers. Settings that a method does not have, and unknown
+/// numbers, are none.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Entry {
     /// The result.
@@ -59,7 +59,7 @@ pub struct Entry {
     pub limiter: Option<String>,
     /// Classical: step over the largest stable one.
     pub cfl: Option<f64>,
-    /// By modes: `g(p)`, or the unitary scheme, which has none.
+    /// Profile `g(p)` of a run by modes, or the unitary scheme, which has none.
     pub profile: Option<String>,
     /// Source of its coefficients.
     pub coefficients: Option<String>,
@@ -71,7 +71,7 @@ pub struct Entry {
     pub embedding: Option<String>,
     /// Method that applies `exp(−iHT)`.
     pub propagator: Option<String>,
-    /// Its step.
+    /// Step of the method.
     pub step: Option<f64>,
     /// Tolerance; none where `N_p` or the step is varied, or a tolerance has no effect.
     pub tolerance: Option<f64>,
@@ -103,7 +103,7 @@ pub struct Entry {
     pub probability_slice: Option<f64>,
     /// Applications over the larger of the two: the cost until the field is measured.
     pub until_measured: Option<f64>,
-    /// Which of the two that is: `window` or `slice`.
+    /// The larger of the two: `window` or `slice`.
     pub measured_by: Option<String>,
     /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as
     /// few seconds.

@@ -97,7 +97,7 @@ fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
-/// A column of the table on the terminal: its name, and what it says of an entry.
+/// A column of the table on the terminal: its name, and its cell for an entry.
 type Told = (&'static str, fn(&Entry) -> String);
 
 /// Columns of numbers.

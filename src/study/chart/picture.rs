@@ -101,7 +101,7 @@ fn is(given: &Option<String>, wanted: &str) -> bool {
     given.as_deref() == Some(wanted)
 }
 
-/// By modes, planned from a tolerance.
+/// Whether the entry is a run by modes, planned from a tolerance.
 fn planned(e: &Entry) -> bool {
     e.method == Method::Schrodingerized && !e.paper && !e.as_given
 }
@@ -116,7 +116,7 @@ fn usual(e: &Entry) -> bool {
     e.weights == Some(true) || e.no_jump
 }
 
-/// By modes where `V` jumps, treated so.
+/// Whether the entry is a run by modes with this treatment of jumps.
 fn treated(e: &Entry, treatment: Treatment) -> bool {
     let interface = word(&treatment.interface);
     e.weights == Some(treatment.weights) && e.interface == interface && !e.no_jump

@@ -71,13 +71,13 @@ impl Setting {
 pub struct Programme {
     /// Grids, coarse to fine.
     pub grids: Vec<PhaseSpace>,
-    /// Which of them is the case's own.
+    /// Index of the case's own grid among them.
     pub own: usize,
     /// Grids of other degrees: coarse to fine, on each level all degrees.
     others: Vec<PhaseSpace>,
     /// Treatments of growth, those that prevent it first.
     treatments: Vec<Option<Treatment>>,
-    /// That of degree 0 where the case has another: none where nothing jumps.
+    /// Treatment of degree 0 where the case has another degree; none where nothing jumps.
     of_cells: Option<Treatment>,
 }
 

@@ -30,7 +30,7 @@ pub struct Chart {
     pub compared_why: Option<String>,
     /// Whether the solution is zero, so that no relative error is defined.
     pub zero: bool,
-    /// Which method to take at which accuracy.
+    /// Sentences that say which method to take at which accuracy.
     pub sentences: Vec<String>,
     /// The trials.
     pub entries: Vec<Entry>,
@@ -72,7 +72,7 @@ pub fn mark_fronts(entries: &mut [Entry]) {
     }
 }
 
-/// Which entries are on the front of those that `belong`.
+/// By entry, whether it is on the front of those that `belong`.
 fn front_of(entries: &[Entry], belong: impl Fn(&Entry) -> bool, of: CostAndError) -> Vec<bool> {
     let points: Vec<_> = (entries.iter()).map(|e| belong(e).then(|| of(e)).flatten()).collect();
     front(&points)

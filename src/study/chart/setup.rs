@@ -17,7 +17,7 @@ pub struct Modes {
     pub profile: &'static ProfileChoice,
     /// Against growth at jumps; none where `V` does not jump, so that none is needed.
     pub treatment: Option<Treatment>,
-    /// Of a mode.
+    /// Propagator of a mode.
     pub propagator: PropagatorMethod,
     /// Steps of an implicit propagator.
     pub steps: Option<usize>,
@@ -39,7 +39,7 @@ pub enum Setup {
         /// Step over the largest stable one.
         cfl: f64,
     },
-    /// By modes.
+    /// Schrödingerization by modes.
     Modes(Modes),
     /// The unitary scheme in the place of the upwind one, of degree 0: one mode.
     Unitary {
@@ -139,7 +139,7 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
     case.propagator = propagation(case, method, steps);
 }
 
-/// By modes, everything planned from the tolerance.
+/// Sets everything to be planned from the tolerance.
 fn plan_modes(case: &mut Case) {
     case.method = Method::Schrodingerized;
     case.limiter = Limiter::None;

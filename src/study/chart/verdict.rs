@@ -130,7 +130,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
     found
 }
 
-/// By the error to the exact solution, over all grids.
+/// A sentence on the error to the exact solution, over all grids.
 fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
     let of = match chart.exact.as_deref()? {
         "f" => "solution",
@@ -172,7 +172,7 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
     ))
 }
 
-/// By the cost until the field is measured.
+/// A sentence on the cost until the field is measured.
 fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
     let ladder = Ladder {
         entries,

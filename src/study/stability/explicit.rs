@@ -158,7 +158,7 @@ pub fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     (0..=ANGLES).map(growth).fold(0.0, f64::max)
 }
 
-/// Largest growth a step of what has `|z| ≤ c` and `Re z ≤ 0`: on the boundary of the half disc.
+/// Largest growth a step over the half disc `|z| ≤ c`, `Re z ≤ 0`: it is on the boundary.
 pub fn half_disc(integrator: Integrator, c: f64) -> f64 {
     const POINTS: u32 = 720;
     match integrator {

@@ -82,7 +82,7 @@ struct Growth {
 }
 
 impl Growth {
-    /// Of `case`, treated so. Collective.
+    /// The growth of `case` with this treatment. Collective.
     fn of(sweep: &Sweep<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
         let mut found = assembled(sweep.world, case)?;
         let measured = growth(&mut found)?;

@@ -51,7 +51,7 @@ fn crossing(points: &[Point], level: f64, of: fn(&Point) -> f64) -> Option<f64> 
 struct Steps {
     name: &'static str,
     method: PropagatorMethod,
-    /// By rising step.
+    /// Points by rising step.
     points: Vec<Point>,
     /// Why it ended early.
     refused: Option<String>,

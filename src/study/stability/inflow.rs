@@ -38,7 +38,7 @@ struct Loss {
 }
 
 impl Loss {
-    /// Of a matrix at time `end`. Collective.
+    /// The loss of a matrix at time `end`. Collective.
     fn of(found: &mut Prepared, end: f64) -> Result<Self> {
         let ratio = found.probe();
         let exponent = growth(found)? * end;

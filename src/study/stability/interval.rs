@@ -146,7 +146,7 @@ impl Errors {
         [left, right]
     }
 
-    /// Of borders that were not found.
+    /// The words for a border that was not found.
     fn unknown(&self) -> &'static str {
         match self.skipped == 0 && self.right.len() > LENGTHS as usize {
             true => "(not located: the error does not cross it)",

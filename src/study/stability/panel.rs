@@ -101,18 +101,18 @@ pub struct Point {
 /// A series of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Curve {
-    /// Of what.
+    /// What the curve shows.
     pub name: String,
-    /// By rising `x`.
+    /// Points by rising `x`.
     pub points: Vec<Point>,
-    /// Whether theory only bounds what is measured.
+    /// Whether theory is only a bound on the measured values.
     pub bound: bool,
 }
 
 /// Where a method begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
-    /// Of what.
+    /// What the border belongs to.
     pub name: String,
     /// Where it was found; none where it was not.
     pub measured: Option<f64>,
@@ -120,7 +120,7 @@ pub struct Border {
     pub theory: Option<f64>,
     /// Measured over theory, where that is not about zero.
     pub ratio: Option<f64>,
-    /// Whether theory only bounds what is measured.
+    /// Whether theory is only a bound on the measured place.
     pub bound: bool,
     /// Label of a line across the figure at the theory's value.
     #[serde(skip)]
@@ -154,7 +154,7 @@ impl Border {
         }
     }
 
-    /// Of a place that may be about zero, so that its ratio to theory means nothing.
+    /// A border at a place that may be about zero, so that its ratio to theory means nothing.
     pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         Self { ratio: None, ..Self::new(name, measured, theory) }
     }
@@ -185,7 +185,7 @@ impl Scale {
         Self { label, logarithmic: false }
     }
 
-    /// By logarithms.
+    /// A logarithmic scale.
     pub const fn log(label: &'static str) -> Self {
         Self { label, logarithmic: true }
     }
@@ -239,7 +239,7 @@ pub enum Name {
 /// A panel that a case does not have.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeftOut {
-    /// Which.
+    /// Name of the panel.
     pub name: Name,
     /// Why.
     pub reason: String,
@@ -252,7 +252,7 @@ pub struct Stability {
     pub title: String,
     /// Degree of the elements.
     pub degree: usize,
-    /// Its cells along each axis.
+    /// Cells of the case along each axis.
     pub shape: Vec<usize>,
     /// The final time.
     pub time: f64,

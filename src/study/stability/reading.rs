@@ -87,7 +87,7 @@ pub fn expected(series: &Series, p: f64, extent: Extent, ratio: f64) -> f64 {
     let all = |from: f64, to: f64| {
         (0..=SAMPLES).map(move |k| from + (to - from) * f64::from(k) / f64::from(SAMPLES))
     };
-    // What grows, and what hardly decays, more closely.
+    // Components that grow or hardly decay are sampled more closely.
     let near = all(-growth, (4.0 - growth).min(decay));
     let worst = all(-growth, decay).chain(near).map(error).fold(0.0, f64::max);
     let amplified: f64 = (0..series.modes()).map(|l| series.factor(l).norm()).sum();

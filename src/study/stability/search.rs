@@ -5,9 +5,9 @@
 pub enum Located {
     /// The last number at which the condition holds.
     At(f64),
-    /// It does not hold at the first number.
+    /// The property does not hold at the first number.
     Below(f64),
-    /// It holds at the last number.
+    /// The property holds at the last number.
     Beyond(f64),
     /// The budget ended before it was known.
     Unknown,

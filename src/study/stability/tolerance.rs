@@ -25,7 +25,7 @@ const NONE: f64 = 1e-16;
 #[derive(Default)]
 struct Errors {
     name: &'static str,
-    /// By falling tolerance.
+    /// Points by falling tolerance.
     points: Vec<Point>,
     /// The smallest tolerance that a plan accepts, where it is known.
     smallest: Option<f64>,
@@ -104,7 +104,7 @@ fn trial_within(sweep: &Sweep<'_>, case: &Case) -> Result<Option<Result<Trial>>>
     })
 }
 
-/// Which tolerances were reached, which were not, and which were not tried.
+/// A sentence on the tolerances that were reached, missed, and not tried.
 fn verdict(all: &[Errors], borders: &[Border]) -> String {
     let (mut reached, mut missed, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     for errors in all {

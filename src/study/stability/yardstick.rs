@@ -99,7 +99,7 @@ impl Yardstick {
         plan.with_series(case, series, readings, MODE_TOLERANCE, &self.resources)
     }
 
-    /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the
+    /// Relative l2 distance to `f(T)` of the readings from `series` at each of the `points`, the
     /// largest over the fields. Collective.
     ///
     /// # Errors

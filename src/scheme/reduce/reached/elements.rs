@@ -27,7 +27,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// Those of the elements of `space`.
+    /// The points of the elements of `space`.
     pub fn new(space: &PhaseSpace) -> Self {
         let along = |axis: &Axis| {
             let rule = gauss_legendre(axis.nodes.count() + MORE_POINTS);

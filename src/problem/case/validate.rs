@@ -1,0 +1,240 @@
+//! Refuses settings of a case that do not go together.
+
+use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::problem::case::data::{Data, Exact};
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::solver::{Integrator, Limiter, Method, PropagatorMethod};
+use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
+
+impl Case {
+    /// Refuses settings that do not go together, and adapts those that another one settles.
+    pub(super) fn validate(&mut self, file: &CaseFile<'_>) -> Result<()> {
+        if self.method == Method::Classical {
+            // The classical method embeds nothing.
+            (self.warp.inflow, self.warp.delta) = (Embedding::Boundary, Delta::Planned);
+        }
+        self.warp.check_embedding(file, &self.fields)?;
+        self.check_limiter(file)?;
+        if self.is_galerkin() {
+            self.check_galerkin(file)?;
+        }
+        if self.is_closed() && self.enters() {
+            return file.refuse(
+                "scheme.ends",
+                "nothing enters through closed ends: leave inflow.value out, or \"open\"",
+            );
+        }
+        if self.positive {
+            self.check_positive(file)?;
+        }
+        if self.varies() {
+            self.check_varying_inflow(file)?;
+        }
+        let summed = self.warp.inflow == Embedding::Scalar && self.enters();
+        if summed && self.propagator.method != PropagatorMethod::Chebyshev {
+            return file.refuse(
+                "solver.propagator.method",
+                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \
+                 \"chebyshev\" applies: \
+                 choose it, or \"boundary\" or \"full\"",
+            );
+        }
+        if self.start.is_some() {
+            self.check_warped_start(file)?;
+        }
+        if !self.reduce.modes && self.method == Method::Schrodingerized {
+            self.check_every_mode(file)?;
+        }
+        if self.warped_field && self.method == Method::Classical {
+            return file.refuse(
+                "output.warped_field",
+                "solver.method = \"classical\" has no modes; leave it out, or choose \
+                 \"schrodingerized\"",
+            );
+        }
+        Ok(())
+    }
+
+    /// A limiter is not linear: refused where `A` is needed as a matrix.
+    fn check_limiter(&self, file: &CaseFile<'_>) -> Result<()> {
+        if self.limiter == Limiter::None {
+            return Ok(());
+        }
+        let key = "scheme.limiter";
+        let wanted = "solver.method = \"classical\" with solver.classical.integrator = \
+                      \"ssp-rk3\" or \"forward-euler\" takes one";
+        let conflict = if self.method == Method::Schrodingerized {
+            "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
+        } else if self.integrator == Integrator::Exponential {
+            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes \
+             are not linear"
+        } else if self.verify {
+            return file.refuse(
+                key,
+                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; \
+                 set one of them to its default",
+            );
+        } else {
+            return Ok(());
+        };
+        file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
+    }
+
+    /// Refuses settings that elements, of any degree, or partial reflection do not support.
+    fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
+        let reflects = self.potential.iter().position(|region| region.reflection.is_some());
+        if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {
+            return file.refuse(
+                &format!("potential.{i}.reflection"),
+                "a particle that is reflected in part has no single characteristic; give exact.f, \
+                 or no [exact]",
+            );
+        }
+        if self.limiter != Limiter::None {
+            return file.refuse(
+                "scheme.limiter",
+                "slopes are those of the upwind scheme of degree 0 without partial reflection; \
+                 leave it out, or scheme.degree, scheme.flux and potential.reflection",
+            );
+        }
+        if let Data::Measure { .. } = self.data {
+            self.check_level_sets(file, reflects)?;
+        }
+        Ok(())
+    }
+
+    /// Refuses level sets without zeros in elements, or of what is reflected in part by the region
+    /// `reflects`.
+    fn check_level_sets(&self, file: &CaseFile<'_>, reflects: Option<usize>) -> Result<()> {
+        if let Some(i) = reflects {
+            return file.refuse(
+                &format!("potential.{i}.reflection"),
+                "initial.velocity gives level sets, and what is reflected in part has two \
+                 velocities where a level set has one value; give initial.f",
+            );
+        }
+        if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {
+            return file.refuse(
+                &format!("axis.{a}.v.degree"),
+                "0 on a velocity axis: initial.velocity with degree above 0 takes the zeros of \
+                 polynomials in the velocity; 1 or more",
+            );
+        }
+        let key = "output.delta_width";
+        if file.has(key) {
+            return file.refuse(
+                key,
+                "is that of the discrete delta function of degree 0; elements have none, leave it \
+                out",
+            );
+        }
+        Ok(())
+    }
+
+    /// Refuses `output.positive` where there is nothing to scale, or more than the field at the
+    /// end.
+    fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
+        let conflict = if self.space.degree() == 0 {
+            "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
+             scale; leave it out, or choose scheme.degree above 0"
+        } else if self.shown_times().next().is_some() {
+            "limits the field at the end only; leave it or the output times out"
+        } else if self.readout.is_some() {
+            "limits what is written, not the state that [readout] measures; leave one of them out"
+        } else {
+            return Ok(());
+        };
+        file.refuse("output.positive", conflict)
+    }
+
+    /// Refuses methods that do not know of an inflow that depends on time.
+    fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
+        let inflow = self.inflow_key();
+        let timed = [
+            "output.moments_every",
+            "output.moment_times",
+            "output.field_times",
+            "output.fields_every",
+        ];
+        if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
+            return file.refuse(
+                key,
+                format!("with t in {inflow} results are written at time.end only; leave it out"),
+            );
+        }
+        if self.limiter != Limiter::None {
+            return file.refuse(
+                "scheme.limiter",
+                format!("takes the inflow at time 0; with t in {inflow} only \"none\""),
+            );
+        }
+        let modes = self.method == Method::Schrodingerized;
+        if modes && self.propagator.method != PropagatorMethod::Chebyshev {
+            return file.refuse(
+                "solver.propagator.method",
+                format!(
+                    "with t in {inflow} the generator depends on time; only \"chebyshev\" is \
+                     stepped"
+                ),
+            );
+        }
+        Ok(())
+    }
+
+    /// Refuses what makes no sense with a warped field to start from.
+    fn check_warped_start(&self, file: &CaseFile<'_>) -> Result<()> {
+        let refuse = |why: &str| file.refuse("initial.warped", why);
+        if self.method == Method::Classical {
+            return refuse("solver.method = \"classical\" knows no p; \"schrodingerized\" does");
+        }
+        if self.enters() {
+            let inflow = self.inflow_key();
+            return refuse(&format!(
+                "nothing may enter, as the file has no auxiliary unknowns: leave {inflow} out or 0"
+            ));
+        }
+        if matches!(self.exact, Some(Exact::Characteristics)) {
+            return refuse(
+                "exact.kind = \"characteristics\" needs initial.f; leave it out, or give exact.f",
+            );
+        }
+        if self.verify {
+            return file
+                .refuse("solver.verify", "needs initial.f; with initial.warped leave it out");
+        }
+        let warp = &self.warp;
+        let given = [
+            ("profile", warp.profile != ProfileChoice::Planned),
+            ("coefficients", warp.coefficients != Coefficients::Analytic),
+            ("interval", warp.interval.is_some()),
+            ("points", warp.points.is_some()),
+            ("shift", warp.shift != Shift::Given(0.0)),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((key, _)) => file.refuse(
+                &format!("solver.warp.{key}"),
+                "with initial.warped the file says what w is at every p; leave it out",
+            ),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses modes of both signs where they have no use; `reduce = false` does without them
+    /// there.
+    fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
+        let why = if self.warped_field || self.start.is_some() {
+            "the warped field is kept by its modes l >= 0"
+        } else if self.propagator.method.order() > 0 {
+            "crank-nicolson and backward-euler take modes l >= 0 only"
+        } else {
+            return Ok(());
+        };
+        let key = "solver.reduce.modes";
+        if file.has(key) {
+            return file.refuse(key, format!("{why}; leave it out, or true"));
+        }
+        self.reduce.modes = true;
+        Ok(())
+    }
+}

@@ -1,0 +1,274 @@
+//! Reads the text of a formula by recursive descent.
+
+use crate::problem::formula::tree::{
+    Binary, COMPARISONS, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, Node, OPERATORS, POWER, compare,
+};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// Longest formula accepted, in bytes.
+const LONGEST: usize = 10_000;
+/// Deepest nesting of parentheses, powers and signs accepted.
+const DEEPEST: usize = 50;
+
+/// Numbers by their names.
+pub type Constants = BTreeMap<String, f64>;
+
+/// The tree of `text`; `names[i]` lists the names under which coordinate `i` may appear, beside
+/// those of `constants`.
+///
+/// # Errors
+/// A sentence that says what is wrong and at which character.
+pub(super) fn parse(text: &str, names: &[&[&str]], constants: &Constants) -> Result<Node, String> {
+    if text.len() > LONGEST {
+        let length = text.len();
+        return Err(format!("the formula has {length} characters; at most {LONGEST} are read"));
+    }
+    let mut parser = Parser { tokens: tokenize(text)?, position: 0, depth: 0, names, constants };
+    let tree = parser.expression()?;
+    match parser.peek() {
+        Some(Token { text, at }) => Err(format!("unexpected \"{text}\" at character {at}")),
+        None => Ok(tree),
+    }
+}
+
+/// A number, a name or a sign.
+#[derive(Clone, Copy)]
+struct Token<'t> {
+    text: &'t str,
+    /// Position of the first character, counted from 1.
+    at: usize,
+}
+
+/// Splits a formula into numbers, names and signs.
+fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
+    let mut tokens = Vec::new();
+    let (mut rest, mut at) = (text, 1);
+    while let Some(c) = rest.chars().next() {
+        let number = number_length(rest);
+        let length = if c.is_whitespace() {
+            c.len_utf8()
+        } else if number > 0 {
+            number
+        } else if is_of_word(c) {
+            rest.find(|c| !is_of_word(c)).unwrap_or(rest.len())
+        } else if (["&&", "||", "==", "!=", "<=", ">=", "**"].iter()).any(|s| rest.starts_with(s)) {
+            2
+        } else if "+-*/^()<>,!".contains(c) {
+            1
+        } else {
+            return Err(format!("unexpected \"{c}\" at character {at}"));
+        };
+        let (token, after) = rest.split_at(length);
+        if number > 0 && !token.parse::<f64>().is_ok_and(f64::is_finite) {
+            return Err(format!("\"{token}\" at character {at} is not a finite number"));
+        }
+        if !c.is_whitespace() {
+            tokens.push(Token { text: token, at });
+        }
+        at += token.chars().count();
+        rest = after;
+    }
+    Ok(tokens)
+}
+
+/// The names that occur in a formula, of whatever they are; none of a text that is no formula.
+pub fn words(text: &str) -> Vec<&str> {
+    let tokens = tokenize(text).unwrap_or_default();
+    tokens.into_iter().map(|token| token.text).filter(|text| is_word(text)).collect()
+}
+
+/// Whether `text` is a name.
+pub fn is_word(text: &str) -> bool {
+    !text.is_empty()
+        && text.chars().all(is_of_word)
+        && !text.starts_with(|c: char| c.is_ascii_digit())
+}
+
+/// Whether `name` means something in every formula.
+pub fn is_reserved(name: &str) -> bool {
+    ["pi", "if", "else"].contains(&name)
+        || FUNCTIONS_OF_ONE.iter().any(|(function, _)| *function == name)
+        || FUNCTIONS_OF_TWO.iter().any(|(function, _)| *function == name)
+}
+
+/// Whether names may hold `c`.
+fn is_of_word(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// How many bytes at the beginning of `text` are of a number; 0 where none begins there.
+fn number_length(text: &str) -> usize {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    if digits(text.strip_prefix('.').unwrap_or(text)) == 0 {
+        return 0;
+    }
+    let mantissa = (text.bytes()).take_while(|b| b.is_ascii_digit() || *b == b'.');
+    let mantissa = mantissa.count();
+    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else {
+        return mantissa;
+    };
+    let unsigned = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
+    match digits(unsigned) {
+        0 => mantissa,
+        digits => mantissa + 1 + exponent.len() - unsigned.len() + digits,
+    }
+}
+
+/// Recursive descent over the tokens.
+struct Parser<'a> {
+    tokens: Vec<Token<'a>>,
+    position: usize,
+    depth: usize,
+    names: &'a [&'a [&'a str]],
+    constants: &'a Constants,
+}
+
+impl<'a> Parser<'a> {
+    fn peek(&self) -> Option<Token<'a>> {
+        self.tokens.get(self.position).copied()
+    }
+
+    fn accept(&mut self, token: &str) -> bool {
+        let found = self.peek().is_some_and(|t| t.text == token);
+        self.position += usize::from(found);
+        found
+    }
+
+    fn expect(&mut self, token: &str) -> Result<(), String> {
+        if self.accept(token) {
+            return Ok(());
+        }
+        Err(match self.peek() {
+            Some(Token { text, at }) => {
+                format!("expected \"{token}\", found \"{text}\" at character {at}")
+            }
+            None => format!("expected \"{token}\" at the end"),
+        })
+    }
+
+    /// What `read` reads, one level of nesting deeper.
+    fn nested(&mut self, read: fn(&mut Self) -> Result<Node, String>) -> Result<Node, String> {
+        self.depth += 1;
+        if self.depth > DEEPEST {
+            return Err(format!("nested deeper than {DEEPEST}"));
+        }
+        let node = read(self)?;
+        self.depth -= 1;
+        Ok(node)
+    }
+
+    /// A whole formula, or one in parentheses.
+    fn expression(&mut self) -> Result<Node, String> {
+        self.nested(|parser| parser.chain(0))
+    }
+
+    /// `tighter (operator tighter)*` with the operators of `level`.
+    fn chain(&mut self, level: usize) -> Result<Node, String> {
+        let Some(operators) = OPERATORS.get(level) else {
+            return self.nested(Self::operand);
+        };
+        let mut first = self.chain(level + 1)?;
+        let mut rest: Vec<(Binary, Node)> = Vec::new();
+        let mut compared = false;
+        while let Some(Token { text, at }) = self.peek()
+            && let Some((_, operator)) = operators.iter().find(|(name, _)| *name == text)
+        {
+            if compared {
+                return Err(format!(
+                    "a second comparison, \"{text}\", at character {at}; write a < x && x < b"
+                ));
+            }
+            compared = level == COMPARISONS;
+            self.position += 1;
+            match (&first, self.chain(level + 1)?) {
+                (Node::Number(a), Node::Number(b)) if rest.is_empty() => {
+                    first = Node::Number((operator.of)(*a, b));
+                }
+                (_, right) => rest.push((*operator, right)),
+            }
+        }
+        Ok(match rest.is_empty() {
+            true => first,
+            false => Node::Chain(Box::new(first), rest),
+        })
+    }
+
+    /// `sign* primary (^ operand)?`
+    fn operand(&mut self) -> Result<Node, String> {
+        if self.accept("+") {
+            return self.nested(Self::operand);
+        }
+        if self.accept("-") {
+            return Ok(Node::function(|a| -a, self.nested(Self::operand)?));
+        }
+        if self.accept("!") {
+            let not = |a| compare(a, a, |a, _| a == 0.0);
+            return Ok(Node::function(not, self.nested(Self::operand)?));
+        }
+        let base = self.primary()?;
+        if self.accept("^") || self.accept("**") {
+            return Ok(base.then(POWER, self.nested(Self::operand)?));
+        }
+        Ok(base)
+    }
+
+    /// A number, a coordinate, a function of something, or anything in parentheses.
+    fn primary(&mut self) -> Result<Node, String> {
+        let Some(Token { text, at }) = self.peek() else {
+            return Err("it ends where a number, a name or \"(\" is expected".into());
+        };
+        self.position += 1;
+        if text == "(" {
+            let inner = self.expression()?;
+            self.expect(")")?;
+            return Ok(inner);
+        }
+        if let Some((_, function)) = FUNCTIONS_OF_ONE.iter().find(|(name, _)| *name == text) {
+            self.expect("(")?;
+            let argument = self.expression()?;
+            self.expect(")")?;
+            return Ok(Node::function(*function, argument));
+        }
+        if let Some((_, function)) = FUNCTIONS_OF_TWO.iter().find(|(name, _)| *name == text) {
+            self.expect("(")?;
+            let first = self.expression()?;
+            self.expect(",")?;
+            let second = self.expression()?;
+            self.expect(")")?;
+            return Ok(first.then(*function, second));
+        }
+        if number_length(text) > 0
+            && let Ok(number) = text.parse()
+        {
+            return Ok(Node::Number(number));
+        }
+        if text == "pi" {
+            return Ok(Node::Number(PI));
+        }
+        if let Some(position) = self.names.iter().position(|names| names.contains(&text)) {
+            return Ok(Node::Coordinate(position));
+        }
+        if let Some(value) = self.constants.get(text) {
+            return Ok(Node::Number(*value));
+        }
+        if text.starts_with(is_of_word) && text != "if" && text != "else" {
+            return Err(self.unknown(text, at));
+        }
+        Err(format!("\"{text}\" at character {at} where a number, a name or \"(\" is expected"))
+    }
+
+    /// The error that `name` is unknown, with the known names.
+    fn unknown(&self, name: &str, at: usize) -> String {
+        let coordinates = self.names.iter().flat_map(|names| names.iter().copied());
+        let constants = self.constants.keys().map(String::as_str);
+        let coordinates: Vec<&str> = coordinates.chain(["pi"]).chain(constants).collect();
+        let functions = (FUNCTIONS_OF_ONE.iter().map(|(name, _)| *name))
+            .chain(FUNCTIONS_OF_TWO.iter().map(|(name, _)| *name));
+        format!(
+            "unknown name \"{name}\" at character {at}; known here: {} and the functions {}",
+            coordinates.join(", "),
+            functions.collect::<Vec<_>>().join(", ")
+        )
+    }
+}

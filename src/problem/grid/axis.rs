@@ -1,0 +1,260 @@
+//! An axis of the grid: its elements, faces, cells and their widths.
+
+use crate::problem::element::Nodes;
+use std::ops::Range;
+
+/// How far inside of an element a point on its face is moved, in half widths.
+const INSIDE: f64 = 2e-9;
+
+/// An axis of elements `[lower + e h, lower + (e+1) h]`, `h = (upper − lower)/elements`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Lower end of the box.
+    pub lower: f64,
+    /// Upper end of the box.
+    pub upper: f64,
+    /// Number of cells: unknowns along the axis, `degree + 1` in each element.
+    pub cells: usize,
+    /// The nodes of an element.
+    pub nodes: Nodes,
+    /// What it is of the axis that the case gives.
+    pub part: Part,
+}
+
+/// What an axis is of the one that the case gives (see [`crate::scheme::reduce`]).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// Some of its elements, with the same bits in their centres and faces.
+    Window {
+        /// Ends of the whole axis.
+        ends: [f64; 2],
+        /// Number of elements of the whole axis.
+        of: usize,
+        /// The one of them that is the first here.
+        first: usize,
+    },
+    /// One cell that stands for all elements, as they hold the same.
+    Merged {
+        /// How many.
+        of: usize,
+        /// Nodes of the merged elements.
+        nodes: Nodes,
+    },
+}
+
+impl Axis {
+    /// The whole axis `[lower, upper]` with cells of degree 0.
+    pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
+        Self { lower, upper, cells, nodes: Nodes::default(), part: Part::Whole }
+    }
+
+    /// The same axis with these nodes in each element.
+    pub fn with_nodes(self, nodes: Nodes) -> Self {
+        Self { cells: self.elements() * nodes.count(), nodes, ..self }
+    }
+
+    /// The same elements, of degree 0.
+    pub fn by_elements(&self) -> Self {
+        self.clone().with_nodes(Nodes::default())
+    }
+
+    /// The axis that the case gives.
+    pub fn whole(&self) -> Self {
+        let new = |ends: [f64; 2], of, nodes| Self::new(ends[0], ends[1], of).with_nodes(nodes);
+        match self.part {
+            Part::Whole => self.clone(),
+            Part::Window { ends, of, .. } => new(ends, of, self.nodes),
+            Part::Merged { of, nodes } => new([self.lower, self.upper], of, nodes),
+        }
+    }
+
+    /// The elements `range` of a whole axis.
+    pub fn window(&self, range: &Range<usize>) -> Self {
+        Self {
+            lower: self.face(range.start as i64),
+            upper: self.face(range.end as i64),
+            cells: range.len() * self.nodes.count(),
+            nodes: self.nodes,
+            part: Part::Window {
+                ends: [self.lower, self.upper],
+                of: self.elements(),
+                first: range.start,
+            },
+        }
+    }
+
+    /// One cell in the place of all of a whole axis.
+    pub fn merged(&self) -> Self {
+        Self {
+            cells: 1,
+            nodes: Nodes::default(),
+            part: Part::Merged { of: self.elements(), nodes: self.nodes },
+            ..self.clone()
+        }
+    }
+
+    /// Number of elements.
+    pub fn elements(&self) -> usize {
+        self.cells / self.nodes.count()
+    }
+
+    /// The element of cell `j` and the cell's number in it; also of cells off the axis.
+    pub fn split(&self, j: i64) -> (i64, usize) {
+        let count = self.nodes.count() as i64;
+        (j.div_euclid(count), j.rem_euclid(count) as usize)
+    }
+
+    /// Of a cell that stands for others the mean of `v²` over them: the square of its own centre
+    /// says less.
+    pub fn mean_square(&self) -> Option<f64> {
+        let Part::Merged { .. } = self.part else {
+            return None;
+        };
+        let whole = self.whole();
+        let squares = whole.centres().into_iter().map(|v| v * v);
+        if whole.nodes.degree == 0 {
+            return Some(squares.sum::<f64>() / whole.cells as f64);
+        }
+        let terms = squares.enumerate().map(|(j, square)| square * whole.weight(j));
+        Some(terms.sum::<f64>() / (whole.upper - whole.lower))
+    }
+
+    /// Number of the first element on the whole axis.
+    fn first(&self) -> i64 {
+        match self.part {
+            Part::Window { first, .. } => first as i64,
+            _ => 0,
+        }
+    }
+
+    /// Number of the first cell on the whole axis.
+    pub fn first_cell(&self) -> usize {
+        self.first() as usize * self.nodes.count()
+    }
+
+    /// Whether element `e` of the whole axis was left out because it holds nothing.
+    pub fn leaves_out(&self, e: i64) -> bool {
+        let Part::Window { of, .. } = self.part else {
+            return false;
+        };
+        let whole = (0..of as i64).contains(&(e + self.first()));
+        whole && !(0..self.elements() as i64).contains(&e)
+    }
+
+    /// Ends and number of elements of the axis that this is a window of.
+    fn extent(&self) -> (f64, f64, usize) {
+        match self.part {
+            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
+            _ => (self.lower, self.upper, self.elements()),
+        }
+    }
+
+    /// Element width `h`.
+    pub fn width(&self) -> f64 {
+        let (lower, upper, elements) = self.extent();
+        (upper - lower) / elements as f64
+    }
+
+    /// Width of cell `j`: its quadrature weight. Of degree 0 that of the element.
+    pub fn weight(&self, j: usize) -> f64 {
+        match self.nodes.degree {
+            0 => self.width(),
+            _ => 0.5 * self.width() * self.nodes.reference().weights[j % self.nodes.count()],
+        }
+    }
+
+    /// Width of cell `j` beside the mean width: 1 exactly of degree 0.
+    pub fn relative_weight(&self, j: usize) -> f64 {
+        match self.nodes.degree {
+            0 => 1.0,
+            _ => {
+                let count = self.nodes.count();
+                0.5 * count as f64 * self.nodes.reference().weights[j % count]
+            }
+        }
+    }
+
+    /// The widths of all cells.
+    pub fn weights(&self) -> Vec<f64> {
+        (0..self.cells).map(|j| self.weight(j)).collect()
+    }
+
+    /// Faces of the cells, one more than there are: sums of the weights, between which the nodes
+    /// lie. The ends of elements are exact.
+    pub fn cell_faces(&self) -> Vec<f64> {
+        let count = self.nodes.count();
+        let mut faces = Vec::with_capacity(self.cells + 1);
+        for j in 0..self.cells {
+            match j % count {
+                0 => faces.push(self.face((j / count) as i64)),
+                _ => faces.push(faces[j - 1] + self.weight(j - 1)),
+            }
+        }
+        faces.push(self.upper);
+        faces
+    }
+
+    /// The cell nearest to `point` in the element that holds it; the last one beyond the axis.
+    pub fn cell_at(&self, point: f64) -> usize {
+        let place = ((point - self.lower) / self.width()).floor() as usize;
+        let element = place.min(self.elements() - 1);
+        let count = self.nodes.count();
+        let off = |j: &usize| (self.centre((element * count + j) as i64) - point).abs();
+        let nearest = (0..count).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        element * count + nearest
+    }
+
+    /// A point `j/denominator` of the way along the axis, in units of elements; mirror images of an
+    /// axis give exact mirror images of its points. `twice` counts half elements: an odd number is
+    /// a centre, an even one a face.
+    fn point(&self, twice: f64) -> f64 {
+        let (lower, upper, elements) = self.extent();
+        let (n, twice) = (2.0 * elements as f64, twice + 2.0 * self.first() as f64);
+        ((n - twice) * lower + twice * upper) / n
+    }
+
+    /// Centre of cell `j`, its node; `j` may lie outside `0..cells` (ghost cells).
+    pub fn centre(&self, j: i64) -> f64 {
+        if self.nodes.degree == 0 {
+            return self.point(2.0 * j as f64 + 1.0);
+        }
+        let (e, m) = self.split(j);
+        self.at(e, self.nodes.reference().nodes[m])
+    }
+
+    /// As [`centre`](Self::centre), moved inside the element by a billionth of its width where it
+    /// is on a face.
+    pub fn inner_centre(&self, j: i64) -> f64 {
+        let (e, m) = self.split(j);
+        let xi = self.nodes.reference().nodes[m];
+        if xi.abs() == 1.0 { self.at(e, xi * (1.0 - INSIDE)) } else { self.centre(j) }
+    }
+
+    /// The point `ξ ∈ [−1, 1]` of element `e`; its faces exactly.
+    pub fn at(&self, e: i64, xi: f64) -> f64 {
+        match xi {
+            -1.0 => self.face(e),
+            1.0 => self.face(e + 1),
+            _ => self.point(2.0 * e as f64 + 1.0) + 0.5 * self.width() * xi,
+        }
+    }
+
+    /// Lower face of element `e`, the upper face of element `e − 1`.
+    pub fn face(&self, e: i64) -> f64 {
+        self.point(2.0 * e as f64)
+    }
+
+    /// How many elements `point` lies above the lower end; the same for a window as for the whole
+    /// axis but for the elements before.
+    pub fn position(&self, point: f64) -> f64 {
+        (point - self.extent().0) / self.width() - self.first() as f64
+    }
+
+    /// Cell centres, in order.
+    pub fn centres(&self) -> Vec<f64> {
+        (0..self.cells as i64).map(|j| self.centre(j)).collect()
+    }
+}

@@ -1,0 +1,242 @@
+//! Where the pieces of `V` end, beside the grid: edges off its faces, and narrow regions.
+
+use crate::problem::case::Case;
+use crate::problem::grid::{Axis, for_each_cell};
+use crate::problem::potential::pieces::{is_one_piece, piece, region, space_point};
+
+/// How many elements wide a region of `V` is where it lies between others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RegionWidth {
+    /// Index of the region.
+    pub region: usize,
+    /// The space axis along which it is narrowest.
+    pub axis: usize,
+    /// Elements across it.
+    pub elements: usize,
+}
+
+/// The widths of the regions that lie between others. A line along an axis crosses a region once or
+/// more; its width on that line is the least of these, and along that axis the most of all lines,
+/// so that a disc is as wide as its diameter. Given is the axis along which that is least.
+pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
+    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    if case.potential.len() == 1 {
+        return Vec::new();
+    }
+    let mut regions = Vec::new();
+    for_each_cell(&ranges, |i| {
+        // Undefined conditions are an error elsewhere.
+        regions.push(region(&case.potential, &space_point(&axes, i)).unwrap_or(0));
+    });
+    let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
+    for (axis, along) in axes.iter().enumerate() {
+        let stride: usize = axes[axis + 1..].iter().map(|a| a.cells).product();
+        let mut widest = vec![0; least.len()];
+        for first in (0..regions.len()).filter(|k| (k / stride).is_multiple_of(along.cells)) {
+            let line = (0..along.cells).map(|i| regions[first + i * stride]).collect();
+            let mut narrow = vec![usize::MAX; least.len()];
+            for [region, elements] in inner_runs(line, case.space.is_periodic(axis)) {
+                narrow[region] = narrow[region].min(elements);
+            }
+            for (widest, narrow) in widest.iter_mut().zip(narrow) {
+                *widest = if narrow == usize::MAX { *widest } else { narrow.max(*widest) };
+            }
+        }
+        for (region, elements) in widest.into_iter().enumerate().filter(|(_, w)| *w > 0) {
+            let found = &mut least[region];
+            if found.is_none_or(|f| elements < f.elements) {
+                *found = Some(RegionWidth { region, axis, elements });
+            }
+        }
+    }
+    least.into_iter().flatten().collect()
+}
+
+/// `[region, elements]` of the runs of equal regions on a line, but for those at its ends.
+fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
+    if periodic {
+        // Begun at a change, and closed.
+        let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else {
+            return Vec::new();
+        };
+        line.rotate_left(change + 1);
+    }
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for region in line {
+        match runs.last_mut() {
+            Some([last, elements]) if *last == region => *elements += 1,
+            _ => runs.push([region, 1]),
+        }
+    }
+    if !periodic {
+        runs.pop();
+        runs.drain(..runs.len().min(1));
+    }
+    runs
+}
+
+/// An edge of a piece of `V` that misses the faces of the grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StrayEdge {
+    /// Axis along which it was found.
+    pub axis: usize,
+    /// Where it lies.
+    pub at: f64,
+    /// The face the scheme moves it to.
+    pub face: f64,
+}
+
+/// So many edges that miss faces are looked for: a curved one misses some in every cell.
+pub const MOST_STRAY_EDGES: usize = 256;
+
+/// What the grid does not see of the regions.
+#[derive(Clone, Debug, Default)]
+pub struct Overlooked {
+    /// Edges inside cells, one a distinct place, [`MOST_STRAY_EDGES`] at most. The scheme treats
+    /// them as lying on the nearest face, a change of the problem by that distance.
+    pub edges: Vec<StrayEdge>,
+    /// Regions, by index, that hold at no cell's centre.
+    pub empty: Vec<usize>,
+}
+
+/// Points along each axis between which edges are looked for at least, by dimension.
+const SCANNED: [usize; 3] = [4096, 256, 48];
+
+/// Where along each space axis the piece of `V` changes: the region, or the value of a table that
+/// is constant around its points; `None` for an axis along which it does so at more than some
+/// dozens of places, as a curved edge does. Of pieces narrower than an element those count that are
+/// wider than a few thousandths of the axis in two dimensions, less in one and more in three.
+pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
+    const MOST: usize = 64;
+    let scanned = SCANNED[case.space.dimension() - 1];
+    let finer = |axis: &Axis| {
+        let elements = axis.elements();
+        Axis::new(axis.lower, axis.upper, elements * scanned.div_ceil(elements).max(1))
+    };
+    let axes: Vec<Axis> = case.space.x.iter().map(finer).collect();
+    let axes = &axes;
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
+    if is_one_piece(case) {
+        return found;
+    }
+    // Undefined conditions are an error elsewhere.
+    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
+    for_each_cell(&ranges, |i| {
+        let centre = space_point(axes, i);
+        let own = at(&centre);
+        for (a, axis) in axes.iter().enumerate() {
+            let mut point = centre;
+            point[a] = axis.centre(i[a] as i64 + 1);
+            if i[a] + 1 == axis.cells || found[a].is_none() || at(&point) == own {
+                continue;
+            }
+            let (mut inside, mut outside) = (centre[a], point[a]);
+            for _ in 0..60 {
+                point[a] = 0.5 * (inside + outside);
+                if at(&point) == own {
+                    inside = point[a];
+                } else {
+                    outside = point[a];
+                }
+            }
+            if let Some(edges) = &mut found[a]
+                && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
+            {
+                edges.push(inside);
+                if edges.len() > MOST {
+                    found[a] = None;
+                }
+            }
+        }
+    });
+    found
+}
+
+/// Looks for edges of regions and of tables along lines through cell centres, and for regions
+/// between the centres.
+pub fn overlooked(case: &Case) -> Overlooked {
+    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let axes = &axes;
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    let mut found: Vec<StrayEdge> = Vec::new();
+    let mut used = vec![false; case.potential.len()];
+    if is_one_piece(case) {
+        return Overlooked::default();
+    }
+    // Undefined conditions are an error elsewhere.
+    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
+    for_each_cell(&ranges, |i| {
+        let centre = space_point(axes, i);
+        let own = at(&centre);
+        used[own.map_or(0, |piece| piece.region)] = true;
+        for (a, axis) in axes.iter().enumerate() {
+            for side in [0, 1] {
+                let face = axis.face((i[a] + side) as i64);
+                let mut inside = centre[a];
+                // Just inside the face, so that an edge on the face itself is not found.
+                let mut outside = face + (centre[a] - face) * 1e-6;
+                let probe = |x: f64| {
+                    let mut point = centre;
+                    point[a] = x;
+                    at(&point) == own
+                };
+                if found.len() >= MOST_STRAY_EDGES || probe(outside) {
+                    continue;
+                }
+                for _ in 0..60 {
+                    let middle = 0.5 * (inside + outside);
+                    if probe(middle) {
+                        inside = middle;
+                    } else {
+                        outside = middle;
+                    }
+                }
+                let at = 0.5 * (inside + outside);
+                let known = |e: &StrayEdge| e.axis == a && (e.at - at).abs() < 1e-6 * axis.width();
+                if !found.iter().any(known) {
+                    found.push(StrayEdge { axis: a, at, face });
+                }
+            }
+        }
+    });
+    Overlooked { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::potential::nodal_values;
+
+    #[test]
+    fn runs_between_others() {
+        let line = || vec![0, 0, 1, 2, 2, 0];
+        assert_eq!(inner_runs(line(), false), [[1, 1], [2, 2]]);
+        assert_eq!(inner_runs(line(), true), [[1, 1], [2, 2], [0, 3]]);
+        assert!(inner_runs(vec![1; 4], true).is_empty());
+        assert!(inner_runs(vec![1; 4], false).is_empty());
+        assert!(inner_runs(vec![1, 0], false).is_empty());
+    }
+
+    #[test]
+    fn a_disc_is_as_wide_as_its_diameter_and_a_slab_as_its_thickness() {
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 20 }\n\
+                    v = { lower = -1, upper = 1, cells = 4 }\n";
+        let case = |condition: &str| {
+            let text = format!(
+                "{}[[potential]]\nwhere = \"{condition}\"\nvalue = \"1\"\n\
+                 [[potential]]\nvalue = \"x\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n",
+                axis.repeat(2)
+            );
+            Case::parse("disc", &text, &[]).expect("a case")
+        };
+        let widths = |condition: &str| region_widths(&case(condition));
+        let width = |axis, elements| [RegionWidth { region: 0, axis, elements }];
+        assert_eq!(widths("x^2 + y^2 < 0.25"), width(0, 10));
+        assert_eq!(widths("abs(y) < 0.2"), width(1, 4));
+        assert!(widths("x < 0").is_empty());
+        let values = nodal_values(&case("x < 0"), &[9..11, 0..1]);
+        assert_eq!(values, [1.0, case("x < 0").space.x[0].centre(10)]);
+    }
+}

@@ -1,0 +1,105 @@
+//! The pieces of `V`: the region, or the value of a stepped table, that holds at a point.
+
+use crate::problem::case::{Case, Region};
+use crate::problem::formula::Expression;
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+
+/// The region a space cell belongs to; or the condition that is undefined there.
+pub(super) fn region<'r>(
+    regions: &'r [Region],
+    point: &[f64; 6],
+) -> std::result::Result<usize, &'r Expression> {
+    for (index, region) in regions.iter().enumerate() {
+        let Some(condition) = &region.condition else {
+            return Ok(index);
+        };
+        match condition.holds(point) {
+            Some(true) => return Ok(index),
+            Some(false) => {}
+            None => return Err(condition),
+        }
+    }
+    Ok(regions.len() - 1)
+}
+
+/// What gives `V` in an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Piece {
+    /// The region.
+    pub(super) region: usize,
+    /// Its value all over the element, where it is a table that is constant around its points.
+    pub(super) level: Option<f64>,
+}
+
+/// The piece of the element around `centre`; or the condition that is undefined there.
+pub(super) fn piece<'r>(
+    regions: &'r [Region],
+    centre: &[f64; 6],
+) -> std::result::Result<Piece, &'r Expression> {
+    let region = region(regions, centre)?;
+    let value = &regions[region].value;
+    Ok(Piece { region, level: value.is_stepped().then(|| value.eval(centre)) })
+}
+
+/// Whether `V` is of one piece all over the grid.
+pub(super) fn is_one_piece(case: &Case) -> bool {
+    case.potential.len() == 1 && !case.potential[0].value.is_stepped()
+}
+
+/// Centre of space cell `i`, its node, as formulas take it.
+pub(super) fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
+    let mut point = [0.0; 6];
+    for (a, axis) in axes.iter().enumerate() {
+        point[a] = axis.centre(i[a] as i64);
+    }
+    point
+}
+
+/// Centre of the element that holds space cell `i`: of degree 0 that of the cell.
+pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
+    let mut point = [0.0; 6];
+    for (a, axis) in axes.iter().enumerate() {
+        point[a] = axis.at(axis.split(i[a] as i64).0, 0.0);
+    }
+    point
+}
+
+/// The largest `v²/2` of the box along an axis: what differences of `V` are small beside.
+pub(super) fn energy_scale(space: &PhaseSpace) -> f64 {
+    let fastest = space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
+    fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
+}
+
+/// The elements of space, and lines through their centres.
+pub(super) struct ElementLines {
+    /// The axes, by elements.
+    pub(super) axes: Vec<Axis>,
+}
+
+impl ElementLines {
+    pub(super) fn new(space: &PhaseSpace) -> Self {
+        Self { axes: space.x.iter().map(Axis::by_elements).collect() }
+    }
+
+    pub(super) fn centre(&self, element: &[usize; MAX_DIMENSION]) -> [f64; 6] {
+        space_point(&self.axes, element)
+    }
+
+    /// All elements, or where there are more than `most` so many that are spread over the grid.
+    pub(super) fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
+        /// The golden section, whose multiples fill `[0, 1)` evenly.
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        let all: usize = self.axes.iter().map(|axis| axis.cells).product();
+        let index = move |k: usize| match all <= most {
+            true => k,
+            false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
+        };
+        (0..all.min(most)).map(index).map(|mut index| {
+            let mut element = [0; MAX_DIMENSION];
+            for (at, axis) in element.iter_mut().zip(&self.axes).rev() {
+                (*at, index) = (index % axis.cells, index / axis.cells);
+            }
+            element
+        })
+    }
+}

@@ -1,0 +1,247 @@
+//! A batch of modes on its way through the legs of a stage.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::lanes::{LANES, Lanes};
+use crate::plan::balance::Batch;
+use crate::problem::legs::Leg;
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, Start};
+use crate::propagate::method::{BatchReport, Propagator};
+use crate::propagate::passed::PassedMoments;
+use crate::schrodingerization::recovery::Reading;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::stage::{Keeping, Stage, Task, whole_over_leg};
+use crate::solve::statistics::BatchStatistics;
+use num_complex::Complex64;
+
+/// What round-off may add to the change of a mode's norm, each leg.
+const UNITARITY_ROUND_OFF: f64 = 1e-12;
+
+/// Where the modes of a batch go.
+pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
+    pub(super) stage: &'b mut Stage<'a>,
+    /// The state at the end of a leg, from which the next begins.
+    pub(super) between: &'b mut [Lanes],
+    /// The moments at the times that a leg passes, if one passes any.
+    pub(super) passed: Option<&'b mut PassedMoments<'m>>,
+    /// The modes that are kept, in a full run.
+    pub(super) keeping: Option<&'b mut Keeping<'k>>,
+    pub(super) statistics: &'b mut BatchStatistics,
+}
+
+/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; a full
+/// run loads and stores the modes that it keeps. Collective over the space group; allocates
+/// nothing.
+pub(super) fn add_batch(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    propagator: &mut dyn Propagator,
+    batch: &Batch,
+    destination: BatchDestination<'_, '_, '_, '_>,
+) -> Result<()> {
+    let BatchDestination { stage, between, mut passed, keeping, statistics } = destination;
+    let (warp, initial) = (task.warp, &task.initial[stage.field]);
+    let cells = system.matrix.block.cells();
+    let mut lanes = LaneProgress::start(initial.norms);
+    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    if let Some(keeping) = keeping.as_ref().filter(|_| begun || stage.legs.start > 0) {
+        lanes.load(keeping.kept, batch, between);
+    }
+    for leg in stage.legs.clone() {
+        let Leg { time, passed: times, .. } = &task.legs[leg];
+        system.time = *time;
+        // Nothing of the batch was added to a sum so far.
+        system.interruption.allowed = leg == stage.legs.start;
+        let spec = specification(warp, leg, batch);
+        let start = Initial {
+            state: match leg {
+                0 if !begun => initial.state,
+                _ => Start::Lanes(between),
+            },
+            norms: lanes.norms,
+        };
+        let (on_the_way, at_end) = stage.sums[leg - stage.legs.start].split_at_mut(times.len());
+        let report = match passed.as_deref_mut().filter(|_| !times.is_empty()) {
+            Some(passed) => {
+                passed.begin(times, &weights(warp, batch, &warp.readings[0], &lanes.phases));
+                let report = propagator.propagate_past(system, &spec, &start, passed)?;
+                for (t, sum) in on_the_way.iter_mut().enumerate() {
+                    sum.add_moments(passed.at(t));
+                }
+                report
+            }
+            None => propagator.propagate(system, &spec, &start)?,
+        };
+        lanes.advance(leg, &report);
+        let state = propagator.state();
+        let (ratio, found) = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
+        statistics.norms(ratio, found);
+        statistics.took(&report);
+        for sum in at_end {
+            sum.add(&weights(warp, batch, &sum.reading, &lanes.phases), &state[..cells]);
+        }
+        if leg + 1 < stage.legs.end {
+            between.copy_from_slice(&state[..between.len()]);
+            continue;
+        }
+        add_step_error(task, system, propagator, stage, &LaneEnds { batch, spec, lanes: &lanes });
+    }
+    if let Some(keeping) = keeping {
+        lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
+    }
+    Ok(())
+}
+
+/// How far the lanes of a batch are.
+struct LaneProgress {
+    /// What each lane is to be multiplied by.
+    phases: [Complex64; LANES],
+    /// How much of its norm each lane's norm may have changed so far.
+    allowed: [f64; LANES],
+    /// Norms at time zero.
+    norms: [f64; LANES],
+}
+
+impl LaneProgress {
+    /// Progress of lanes with these norms that have not begun.
+    fn start(norms: [f64; LANES]) -> Self {
+        Self { phases: [Complex64::ONE; LANES], allowed: [0.0; LANES], norms }
+    }
+
+    /// Loads the modes of `batch` that this rank has kept into `state`, and how far they are.
+    fn load(&mut self, kept: &KeptModes, batch: &Batch, state: &mut [Lanes]) {
+        kept.load(&batch.modes, state);
+        for l in 0..LANES {
+            let mode = batch.modes[l.min(batch.modes.len() - 1)];
+            if let Some(progress) = kept.progress_of(mode) {
+                (self.phases[l], self.allowed[l], self.norms[l]) =
+                    (progress.phase, progress.allowed, progress.norm);
+            }
+        }
+    }
+
+    /// Adds what propagating over `leg` reports.
+    fn advance(&mut self, leg: usize, report: &BatchReport) {
+        for l in 0..LANES {
+            let before = self.phases[l];
+            self.phases[l] = if leg == 0 { report.phases[l] } else { before * report.phases[l] };
+            self.allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
+        }
+    }
+
+    /// Keeps the modes of `batch`, which are in `state` after so many `legs`.
+    fn store(&self, kept: &mut KeptModes, batch: &Batch, legs: usize, state: &[Lanes]) {
+        let progress = std::array::from_fn(|l| ModeProgress {
+            legs,
+            phase: self.phases[l],
+            norm: self.norms[l],
+            allowed: self.allowed[l],
+        });
+        kept.store(&batch.modes, &progress, state);
+    }
+
+    /// Smallest ratio of a lane's norm to its norm at time zero, infinite where that was zero; and,
+    /// where the method is `unitary`, the largest change as a fraction of the allowed one.
+    /// Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Unitarity`] where a norm changed by more.
+    fn norms_kept(
+        &self,
+        system: &Evolution<'_>,
+        state: &[Lanes],
+        spec: &BatchSpec,
+        batch: &Batch,
+        unitary: bool,
+    ) -> Result<(f64, Option<f64>)> {
+        let Self { norms, allowed, .. } = self;
+        let now = system.lane_norms(&norms.map(|norm| norm * norm), state);
+        let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
+        for (l, &mode) in batch.modes.iter().enumerate() {
+            if norms[l] == 0.0 {
+                continue;
+            }
+            let ratio = now[l] / norms[l];
+            kept = kept.min(ratio);
+            if !unitary {
+                continue;
+            }
+            let change = (ratio - 1.0).abs();
+            if change.is_nan() || change > allowed[l] {
+                return Err(Error::Unitarity {
+                    mode,
+                    wavenumber: spec.wavenumbers[l],
+                    defect: change,
+                    allowed: allowed[l],
+                });
+            }
+            defect = defect.max(change / allowed[l]);
+        }
+        Ok((kept, unitary.then_some(defect)))
+    }
+}
+
+/// The lanes of a batch at the end of its last leg.
+struct LaneEnds<'a> {
+    batch: &'a Batch,
+    spec: BatchSpec,
+    lanes: &'a LaneProgress,
+}
+
+/// Adds the leading term of the error that the time step leaves, where the method leaves one and
+/// the stage goes to the end. Collective over the space group.
+fn add_step_error(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    propagator: &dyn Propagator,
+    stage: &mut Stage<'_>,
+    ends: &LaneEnds<'_>,
+) {
+    let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
+    let LaneEnds { batch, spec, lanes: LaneProgress { phases, norms, .. } } = ends;
+    let whole = whole_over_leg(task.legs, task.legs.len() - 1);
+    let steps = spec.largest_work();
+    let bound =
+        |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
+    let bounds: [f64; LANES] = std::array::from_fn(bound);
+    let sizes = system.lane_norms(&bounds.map(|b| b * b), error);
+    // No mode is further off than its two states are long: where the leading term is, it is cut to
+    // that.
+    let most = norms.map(|norm| 2.0 * norm);
+    let parts: [f64; LANES] = std::array::from_fn(|l| {
+        let size = whole * sizes[l];
+        whole * if size > most[l] { most[l] / size } else { 1.0 }
+    });
+    let cut = |l: &usize| parts[*l] < whole;
+    for l in (0..batch.modes.len()).filter(cut) {
+        let weight = task.warp.weight(batch.modes[l], &task.warp.readings[0]).norm();
+        stage.beyond.push(most[l] * weight);
+    }
+    let factors = std::array::from_fn(|l| parts[l] * phases[l]);
+    let cells = system.matrix.block.cells();
+    sum.add(&weights(task.warp, batch, &sum.reading, &factors), &error[..cells]);
+}
+
+/// What each lane is multiplied by in a reading, `factors` of it included.
+fn weights(
+    warp: &WarpPlan,
+    batch: &Batch,
+    reading: &Reading,
+    factors: &[Complex64; LANES],
+) -> [Complex64; LANES] {
+    let mut weights = [Complex64::ZERO; LANES];
+    for (l, &mode) in batch.modes.iter().enumerate() {
+        weights[l] = warp.weight(mode, reading) * factors[l];
+    }
+    weights
+}
+
+fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
+    let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
+    BatchSpec {
+        modes: batch.modes.len(),
+        wavenumbers: std::array::from_fn(|l| warp.wavenumber(mode(l))),
+        tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
+        work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
+    }
+}

@@ -1,0 +1,173 @@
+//! What a run by modes is to do, and a stage of it: a pass over the modes of a field.
+
+use crate::base::error::Result;
+use crate::matrix::observables::MomentsOf;
+use crate::parallel::communicator::Communicator;
+use crate::plan::balance::Batch;
+use crate::problem::legs::Leg;
+use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::method::Propagator;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::kept::KeptModes;
+use crate::solve::statistics::BatchStatistics;
+use crate::solve::sum::Sum;
+use std::ops::Range;
+
+/// What a run is to do on this rank.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    /// The process mesh.
+    pub communicator: &'a Communicator,
+    /// Profile, modes, readings.
+    pub warp: &'a WarpPlan,
+    /// Length of each leg and the readings at its end; at the end of the last leg all are taken.
+    pub legs: &'a [Leg],
+    /// The batches of this rank's mode group.
+    pub batches: &'a [Batch],
+    /// The fields at time zero.
+    pub initial: &'a [Initial<'a>],
+    /// `shares[g]`: the block's cells that rank `g` of the mode groups keeps of the results.
+    pub shares: &'a [Range<usize>],
+    /// How moments follow, where no more than them is wanted at a time.
+    pub moments: Option<&'a MomentsOf<'a>>,
+}
+
+/// What was recovered, on this rank's share of the block's cells.
+#[derive(Clone, Debug, Default)]
+pub struct Recovered {
+    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
+    pub fields: Vec<Vec<Vec<f64>>>,
+    /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
+    pub plateau: Vec<Vec<f64>>,
+    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; or,
+    /// where they are all that is wanted, sums over the velocities for the moments of `f`, point by
+    /// point.
+    pub early: Vec<Vec<Vec<f64>>>,
+    /// Largest over the modes of (change of the norm) / (change that its method allows + 1e-12); at
+    /// most 1. None where the method does not keep the norm.
+    pub unitarity_defect: Option<f64>,
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
+    pub norm_kept: Option<f64>,
+    /// Leading term of the error that the time step leaves in each field by the first reading, like
+    /// `fields`; empty where the method meets its tolerance by itself.
+    pub step_errors: Vec<Vec<f64>>,
+    /// By field, a bound on the error of modes whose step is too long for the leading term.
+    pub step_beyond: Vec<f64>,
+    /// Applications done by this rank's mode group; the first group counts those before a
+    /// checkpoint that the run went on from.
+    pub applications: usize,
+    /// Applications of this rank's mode group since the process started.
+    pub applications_here: usize,
+    /// Linear systems solved by this rank's mode group.
+    pub solves: usize,
+    /// Seconds that this rank took for its batches.
+    pub busy_seconds: f64,
+}
+
+/// What a full run does with the modes that it keeps.
+pub struct Keeping<'a> {
+    /// The modes of this rank, of one field after the other.
+    pub kept: &'a mut KeptModes,
+    /// Whether they are those that the run starts from, instead of the fields at time zero.
+    pub begun: bool,
+    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg,
+    /// modes)`.
+    pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
+}
+
+/// What of a stage is finished.
+pub(crate) struct StageBatches<'a> {
+    /// Number of the stage.
+    pub(crate) stage: usize,
+    /// The modes of this rank that are finished.
+    pub(crate) finished: &'a [usize],
+    /// What was counted so far.
+    pub(crate) statistics: &'a BatchStatistics,
+}
+
+/// A pass over the modes of a field.
+pub(crate) struct Stage<'a> {
+    pub(crate) field: usize,
+    pub(crate) legs: Range<usize>,
+    /// By leg of the stage, the sums at each time that the leg passes, then at its end.
+    pub(crate) sums: Vec<Vec<Sum<'a>>>,
+    /// Whether the method leaves an error of its time step.
+    pub(crate) stepped: bool,
+    /// The leading term of that error, where the stage goes to the end.
+    pub(crate) step_sum: Option<Sum<'a>>,
+    /// Bounds on the error of modes whose step is too long for the leading term.
+    pub(crate) beyond: Vec<f64>,
+}
+
+impl<'a> Stage<'a> {
+    /// Empty sums for `legs` of field `k`.
+    pub(crate) fn new(
+        task: &Task<'a>,
+        system: &mut Evolution<'_>,
+        propagator: &dyn Propagator,
+        k: usize,
+        legs: Range<usize>,
+    ) -> Self {
+        let warp = task.warp;
+        let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
+        let velocities = system.matrix.block.velocity_cells;
+        let points = system.matrix.block.space_cells();
+        let field = |reading, size| Sum::of_field(warp, reading, size * norm, points, velocities);
+        let last = task.legs.len() - 1;
+        let moments = || {
+            let of = |moments| Sum::of_moments(warp, &warp.readings[0], norm, points, moments);
+            task.moments.map(of)
+        };
+        let at_end = |leg: usize| match moments().filter(|_| task.legs[leg].moments_only) {
+            _ if leg == last => {
+                let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
+                warp.readings.iter().chain(plateau).map(|r| field(r, 1.0)).collect()
+            }
+            Some(moments) => vec![moments],
+            None => vec![field(&warp.readings[0], 1.0)],
+        };
+        let on_the_way = |leg: usize| task.legs[leg].passed.iter().filter_map(|_| moments());
+        let sums = legs.clone().map(|leg| on_the_way(leg).chain(at_end(leg)).collect()).collect();
+        let stepped = propagator.step_error().is_some();
+        let step_sum = (stepped && legs.end > last).then(|| {
+            // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
+            let mode = warp.modes.saturating_sub(1);
+            let (mu, steps) = (warp.wavenumber(mode), warp.leg_work[last][mode]);
+            let whole = whole_over_leg(task.legs, last);
+            system.time = task.legs[last].time;
+            let size = whole * propagator.largest_step_error(system, mu, steps);
+            field(&warp.readings[0], size)
+        });
+        Self { field: k, legs, sums, stepped, step_sum, beyond: Vec::with_capacity(warp.modes) }
+    }
+
+    /// What is recovered, onto `recovered`. Collective.
+    pub(crate) fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
+        let modes = &task.communicator.modes;
+        let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
+        let mut found: Vec<Vec<f64>> = self.sums.into_iter().flatten().map(share).collect();
+        let at_end = (self.legs.end == task.legs.len()).then(|| {
+            let plateau = if self.field == 0 { task.warp.plateau.len() } else { 0 };
+            found.split_off(found.len() - task.warp.readings.len() - plateau)
+        });
+        if self.legs.start == 0 {
+            recovered.early.push(Vec::new());
+        }
+        if let Some(early) = recovered.early.last_mut() {
+            early.extend(found);
+        }
+        let Some(mut end) = at_end else { return };
+        if self.field == 0 {
+            recovered.plateau = end.split_off(task.warp.readings.len());
+        }
+        recovered.fields.push(end);
+        recovered.step_errors.extend(self.step_sum.map(share));
+        recovered.step_beyond.push(modes.sum_terms(&self.beyond));
+    }
+}
+
+/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal
+/// steps leave of an error.
+pub(crate) fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
+    legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
+}
