@@ -87,11 +87,13 @@ checks! {
     spectrum::extreme_eigenvalues on EVERY;
     recovery::recovered_field on EVERY;
     recovery::results_before_the_end on EVERY;
+    recovery::changed_norms_are_refused on EVERY;
     recovery::modes_in_any_batch on EVERY;
     recovery::fields_in_one_pass on EVERY;
     recovery::shifted_field on EVERY;
     time_dependent::varying_inflow_directly on EVERY;
     time_dependent::varying_inflow_by_modes on EVERY;
+    time_dependent::short_pulses_are_seen on EVERY;
 }
 
 fn main() -> ExitCode {
