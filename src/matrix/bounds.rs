@@ -340,7 +340,8 @@ mod tests {
              [initial]\nf = \"1\"\n[time]\nend = 1\n"
         );
         let case = Case::parse("scene", &text, &[]).expect("a case");
-        let scheme = Scheme::new(&case, &[0..1]).expect("V is finite");
+        let first = 0..1;
+        let scheme = Scheme::new(&case, &[first]).expect("V is finite");
         let bounds = Bounds::new(&case).expect("V is finite");
         let mut row = Row::default();
         for v in 0..6 {
