@@ -314,3 +314,72 @@ pub struct Interval {
     /// `h`.
     pub half_width: f64,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scheme::rows::{Row, Scheme};
+
+    /// `A = (d + γ)P − d`, `P` a cyclic shift, of many cells: `H` has the eigenvalues
+    /// `μ((d + γ) cos θ − d) − (d + γ) sin θ`, whose ends are those of the interval.
+    #[test]
+    fn ends_are_those_of_a_shift_around_a_circle() {
+        for (rate, growth) in [(1.0, 0.0), (2.0, 0.3), (0.7, 5.0)] {
+            let bounds = Bounds {
+                rate,
+                growth,
+                decay: 2.0 * rate + growth,
+                dissipation: 2.0 * rate,
+                forces: false,
+                lines: Vec::new(),
+                causes: Causes::default(),
+                coupling: 0.0,
+                jumps: true,
+                kinds: 1,
+                weighted: true,
+                inflow: false,
+                stages: 0,
+            };
+            for mu in [-7.0, -0.4, 0.0, 0.4, 7.0] {
+                let angles = (0..4096).map(|k| std::f64::consts::TAU * f64::from(k) / 4096.0);
+                let value = |angle: f64| {
+                    mu * ((rate + growth) * angle.cos() - rate) - (rate + growth) * angle.sin()
+                };
+                let widest = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
+                let found = angles.map(value).fold([f64::INFINITY, f64::NEG_INFINITY], widest);
+                let Interval { centre, half_width } = bounds.interval(mu);
+                let size = 1e-6 * half_width;
+                for (end, found) in [centre - half_width, centre + half_width].iter().zip(found) {
+                    assert!((end - found).abs() <= size, "{rate}, {growth}, {mu}: {end}, {found}");
+                }
+            }
+        }
+    }
+
+    /// The bound of `max |A_ii|` holds in `rows` of the first cell of space.
+    fn rate_holds(space: &str, potential: &str) {
+        let text = format!(
+            "[[axis]]\nx = {{ lower = -1, upper = 1, {space} }}\n\
+             v = {{ lower = -0.1, upper = 0.1, cells = 6 }}\n\
+             [[potential]]\nvalue = \"{potential}\"\n\
+             [initial]\nf = \"1\"\n[time]\nend = 1\n"
+        );
+        let case = Case::parse("scene", &text, &[]).expect("a case");
+        let first = 0..1;
+        let scheme = Scheme::new(&case, &[first]).expect("V is finite");
+        let bounds = Bounds::new(&case).expect("V is finite");
+        let mut row = Row::default();
+        for v in 0..6 {
+            scheme.row(&mut row, v);
+            let own = row.entries.iter().find(|e| e.0 == v).expect("a diagonal").1;
+            assert!(bounds.rate >= -own, "{text}: {} {own}", bounds.rate);
+        }
+    }
+
+    #[test]
+    fn the_rate_counts_forces_anywhere_and_jumps_of_single_cells() {
+        // More cells of space than are looked at together: the force is in the first ones.
+        rate_holds("cells = 40000", "1e4*x^2 if x < 0 else 0");
+        rate_holds("cells = 1, boundary = \"periodic\"", "1e-6*x");
+    }
+}

@@ -354,6 +354,19 @@ mod tests {
     }
 
     #[test]
+    fn bounds_hold_beyond_the_table() {
+        let of = lines(Nodes::of_space(2), 0.7, 3.0, &[INNER, [Face::Open, Face::Inner]]);
+        let bounds = LineBounds::new(of.clone());
+        for mu in [1.5e5, 1e7] {
+            let [lower, upper] = of.interval(Form { flux: 0.7, mu, skew: 1.0 });
+            let [below, above] = bounds.interval(mu);
+            let size = 1e-9 * mu;
+            assert!(below <= lower + size && above >= upper - size, "{mu}: {below} {lower}");
+            assert!(below >= lower * 1.001, "{mu}: {below} {lower}");
+        }
+    }
+
+    #[test]
     fn norms_are_the_known_ones() {
         // Symbols of the periodic line, as high-order prototypes measured them.
         let lobatto = [2.0, 5.1, 9.1, 14.3];

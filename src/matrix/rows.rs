@@ -370,4 +370,21 @@ mod tests {
         assert_eq!(doubled.templates(), 4);
         assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);
     }
+
+    /// Of a flux that hardly dissipates, what is symmetric in an entry is small beside the rest, and
+    /// is kept.
+    #[test]
+    fn gathered_rows_keep_small_symmetric_parts() {
+        let list: Vec<Vec<Entry>> =
+            vec![vec![(0, -1e-6, 0.0), (1, 1e-6, -0.5)], vec![(0, 1e-6, 0.5), (1, 0.0, -2.0)]];
+        let mut builder = Builder::with_capacity(list.len());
+        list.iter().for_each(|row| builder.push(row));
+        let rows = builder.finish().gathered(Lines { nodes: 2, stride: 1, cells: 2 });
+        for (i, expected) in list.iter().enumerate() {
+            let mut found: Vec<Entry> = rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect();
+            found.sort_by_key(|entry| entry.0);
+            assert_eq!(found, *expected);
+        }
+        assert_eq!(rows.dense_row(rows.template(0) + 1), [0.0, -2.0]);
+    }
 }

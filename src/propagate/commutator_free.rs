@@ -65,12 +65,7 @@ impl<'a> CommutatorFree<'a> {
         for ((state, rounded), increment) in rows {
             let parts = state.0.iter_mut().zip(&mut rounded.0).zip(&increment.0);
             for ((state, rounded), increment) in parts {
-                let term = increment + *rounded;
-                // Sum and rounding error of two numbers of any sizes (Knuth).
-                let sum = *state + term;
-                let added = sum - *state;
-                *rounded = (*state - (sum - added)) + (term - added);
-                *state = sum;
+                [*state, *rounded] = added([*state, *rounded], *increment);
             }
         }
     }
@@ -119,5 +114,29 @@ impl Propagator for CommutatorFree<'_> {
 
     fn state(&self) -> &[Lanes] {
         &self.start
+    }
+}
+
+/// The sum of `state` and `increment`, and what was rounded away of this and of earlier additions:
+/// sum and rounding error of two numbers of any sizes (Knuth).
+fn added([state, rounded]: [f64; 2], increment: f64) -> [f64; 2] {
+    let term = increment + rounded;
+    let sum = state + term;
+    let added = sum - state;
+    [sum, (state - (sum - added)) + (term - added)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::added;
+
+    /// A million increments, none of which alone changes the sum by a whole unit of its last place.
+    #[test]
+    fn what_is_rounded_away_is_not_lost() {
+        let (increment, count) = (0.3 * f64::EPSILON, 1_000_000);
+        let sums = (0..count).fold([1.0, 0.0], |sums, _| added(sums, increment));
+        let expected = 1.0 + increment * f64::from(count);
+        assert!((sums[0] - expected).abs() <= f64::EPSILON, "{sums:?}, {expected}");
+        assert_eq!((0..count).fold(1.0, |sum, _| sum + increment), 1.0);
     }
 }

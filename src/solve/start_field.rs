@@ -137,3 +137,31 @@ impl Part {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a field that does not vary along some axes one number stands for all along them.
+    #[test]
+    fn numbers_that_stand_for_others_are_repeated() {
+        let cells = [2, 3, 2, 4];
+        for stored in [[2, 3, 2, 4], [2, 1, 2, 4], [1, 3, 1, 4], [2, 1, 1, 4], [1, 1, 1, 1]] {
+            let ranges = |lengths: [usize; 4]| lengths.map(|length| 0..length).to_vec();
+            let part =
+                Part { shape: stored.to_vec(), wanted: ranges(cells), stored: ranges(stored) };
+            let count: usize = stored.iter().product();
+            let values: Vec<f64> = (0..count).map(|i| i as f64).collect();
+            let number = |mut i: usize| {
+                let mut place = [0; 4];
+                for a in (0..4).rev() {
+                    (place[a], i) = (i % cells[a] % stored[a], i / cells[a]);
+                }
+                (0..4).fold(0, |number, a| number * stored[a] + place[a])
+            };
+            let expected: Vec<f64> =
+                (0..cells.iter().product()).map(|i| number(i) as f64).collect();
+            assert_eq!(part.repeated(values), expected, "{stored:?}");
+        }
+    }
+}

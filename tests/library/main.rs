@@ -2,6 +2,7 @@
 
 mod chebyshev;
 mod fuzz_case;
+mod plans;
 mod scheme;
 mod size;
 mod staircase;

@@ -13,9 +13,10 @@ use std::time::Duration;
 type Control = fn() -> (bool, String);
 
 /// The controls by name.
-pub const CONTROLS: [(&str, Control); 2] = [
+pub const CONTROLS: [(&str, Control); 3] = [
     ("control_wrong: a wrong expectation fails", wrong),
     ("control_hang: a job that hangs is ended", hang),
+    ("control_options: options are no parts of names", options),
 ];
 
 /// The part of a rank in the control `name`.
@@ -25,6 +26,13 @@ pub fn run(name: &str, world: &World) {
         "hang" => rank_that_hangs(world),
         other => panic!("no such control: {other}"),
     }
+}
+
+/// Options of Rust's own harness, and their values, choose no checks.
+fn options() -> (bool, String) {
+    let given = ["--test-threads", "2", "adjoint", "--nocapture", "--color=never", "votes"];
+    let found = crate::parts_of_names(given.iter().map(|word| (*word).to_owned()));
+    (found == ["adjoint", "votes"], format!("{found:?}"))
 }
 
 /// The right comparison passes. The wrong one names the entry and fails the job.

@@ -90,11 +90,13 @@ checks! {
     spectrum::extreme_eigenvalues on EVERY;
     recovery::recovered_field on EVERY;
     recovery::results_before_the_end on EVERY;
+    recovery::changed_norms_are_refused on EVERY;
     recovery::modes_in_any_batch on EVERY;
     recovery::fields_in_one_pass on EVERY;
     recovery::shifted_field on EVERY;
     time_dependent::varying_inflow_directly on EVERY;
     time_dependent::varying_inflow_by_modes on EVERY;
+    time_dependent::short_pulses_are_seen on EVERY;
 }
 
 fn main() -> ExitCode {
@@ -126,9 +128,8 @@ impl Tally {
 /// Starts the jobs. The arguments are parts of names of checks; without any, all are run.
 fn parent() -> ExitCode {
     let started = Instant::now();
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let filter: Vec<&String> = words.iter().filter(|word| !word.starts_with('-')).collect();
-    let wanted = |name: &str| filter.is_empty() || filter.iter().any(|part| name.contains(*part));
+    let filter = parts_of_names(std::env::args().skip(1));
+    let wanted = |name: &str| filter.is_empty() || filter.iter().any(|part| name.contains(part));
     let mut tally = Tally::default();
     let mut bits = Bits::default();
     for ranks in EVERY.filter(|&ranks| job::bears(ranks)) {
@@ -153,6 +154,18 @@ fn parent() -> ExitCode {
         started.elapsed().as_secs_f64()
     );
     ExitCode::from(u8::from(tally.failed > 0))
+}
+
+/// The arguments that are parts of names: neither options of Rust's own harness nor their values,
+/// of which `--test-threads 2` would choose no check at all.
+fn parts_of_names(arguments: impl Iterator<Item = String>) -> Vec<String> {
+    const WITH_VALUES: [&str; 5] = ["--test-threads", "--skip", "--color", "--format", "--logfile"];
+    let mut value_follows = false;
+    let is_part = |word: &String| {
+        let is_value = std::mem::replace(&mut value_follows, WITH_VALUES.contains(&word.as_str()));
+        !is_value && !word.starts_with('-')
+    };
+    arguments.filter(is_part).collect()
 }
 
 /// Runs the checks `names` on so many ranks: in one job; after a check that fails, the rest in

@@ -339,8 +339,37 @@ pub fn results_before_the_end(world: &World) {
                 let found = results_of_a_run(world, &run, &weighted.prepared, &twin, &exact, &at);
                 let name = format!("results before the end of {} by {method:?}", twin.name);
                 report_bits(world, &name, &found);
+                if method == CrankNicolson {
+                    let at_once = Case { times: Vec::new(), ..twin.case.clone() };
+                    let single = StreamedRun::new(&at_once, &mesh, ratio);
+                    let single = single.run(world, &mut weighted.prepared);
+                    check_error_of_steps(&run, &single, &at);
+                }
             }
         }
+    }
+}
+
+/// The leading term of the error at the end is that of the steps from the start on: nearly that of
+/// a run without results before the end.
+fn check_error_of_steps(run: &Streamed, single: &Streamed, name: &str) {
+    let [found, expected] = [run, single].map(|run| norm(&run.recovered.step_errors[0]));
+    let close = expected == 0.0 || (0.7..1.4).contains(&(found / expected));
+    assert!(close, "{name}: {found:e} {expected:e}");
+}
+
+/// Of a bound on the spectrum that is too small, a series is not unitary: the run ends with an
+/// error, on every rank.
+pub fn changed_norms_are_refused(world: &World) {
+    let case = case("step_up.toml", &["axis.0.x.cells=8", "axis.0.v.cells=9"]);
+    for mesh in meshes(world, &case) {
+        let mut prepared = prepare(world, &case, &mesh);
+        let ratio = prepared.probe();
+        let run = StreamedRun::new(&case, &mesh, ratio);
+        assert!(run.attempt(world, &mut prepared).is_ok(), "{mesh:?}");
+        prepared.bounds.rate *= 0.5;
+        let error = run.attempt(world, &mut prepared).err().map(|error| error.to_string());
+        assert!(error.is_some_and(|error| error.contains("norm")), "{mesh:?}");
     }
 }
 

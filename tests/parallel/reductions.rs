@@ -63,6 +63,8 @@ fn exact_sum(world: &World) {
         spoilt[0] = f64::NAN;
     }
     assert!(group.sum_terms(&spoilt).is_nan());
+    let [one, other] = group.sum_lanes(terms.len(), spoilt.iter().map(|x| [1.0, *x]));
+    assert!(one == terms.len() as f64 && other.is_nan());
     assert_eq!(group.sum_terms(&[]), 0.0);
 }
 

@@ -2,6 +2,7 @@
 
 use crate::pieces::gather_field;
 use crate::support::prepared::{Prepared, parts, resources};
+use phasewarp::base::error::Result;
 use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
@@ -51,6 +52,13 @@ impl<'a> StreamedRun<'a> {
     }
 
     pub fn run(&self, world: &World, prepared: &mut Prepared) -> Streamed {
+        let run = self.attempt(world, prepared).expect("a unitary run");
+        assert!(run.recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
+        run
+    }
+
+    /// A run that may fail.
+    pub fn attempt(&self, world: &World, prepared: &mut Prepared) -> Result<Streamed> {
         let resources = resources(world, self.mesh);
         let plan = Plan::with_bounds(self.case, prepared.bounds.clone(), &resources, self.ratio)
             .expect("a plan");
@@ -79,9 +87,8 @@ impl<'a> StreamedRun<'a> {
             &mut Progress::silent(),
             RunHooks::default(),
         );
-        let recovered = recovered.expect("a unitary run");
-        assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
-        Streamed { recovered, planned, plan: plan.warp.expect("a schrodingerized run") }
+        let plan = plan.warp.expect("a schrodingerized run");
+        Ok(Streamed { recovered: recovered?, planned, plan })
     }
 }
 

@@ -13,7 +13,16 @@ use phasewarp::problem::case::{Case, Integrator, Method};
 use phasewarp::propagate::classical::{Classical, ClassicalSpan, EXACT, duhamel_panels};
 use phasewarp::propagate::time_dependent_inflow;
 
-/// A scene with an inflow `b(1 + sin ωt)`.
+/// How an inflow varies with time.
+#[derive(Clone, Copy)]
+enum Wave {
+    /// `b(1 + sin ωt)`.
+    Sine,
+    /// `b(1 − cos ωt)`: nothing enters at the start.
+    FromNothing,
+}
+
+/// A scene with an inflow `b(1 + sin ωt)` or `b(1 − cos ωt)`.
 pub struct Varying {
     pub name: &'static str,
     pub case: Case,
@@ -26,6 +35,17 @@ const OMEGA: f64 = 3.0;
 impl Varying {
     /// `b` is that of the inflow `formula`.
     fn new(name: &'static str, file: &str, cells: &[usize], formula: &str, set: &[&str]) -> Self {
+        Self::with(Wave::Sine, name, file, cells, formula, set)
+    }
+
+    fn with(
+        wave: Wave,
+        name: &'static str,
+        file: &str,
+        cells: &[usize],
+        formula: &str,
+        set: &[&str],
+    ) -> Self {
         let cells = cells_of_axes(cells);
         let with = |factor: &str| {
             let inflow = format!("inflow.value='({formula})*{factor}'");
@@ -33,7 +53,11 @@ impl Varying {
             let all: Vec<&str> = cells.chain(set.iter().copied()).chain([&inflow[..]]).collect();
             case(file, &all)
         };
-        Self { name, expected: exact(&with("1")), case: with(&format!("(1 + sin({OMEGA}*t))")) }
+        let factor = match wave {
+            Wave::Sine => format!("(1 + sin({OMEGA}*t))"),
+            Wave::FromNothing => format!("(1 - cos({OMEGA}*t))"),
+        };
+        Self { name, expected: exact(&with("1"), wave), case: with(&factor) }
     }
 
     pub fn all() -> Vec<Self> {
@@ -51,6 +75,14 @@ impl Varying {
         ];
         vec![
             slopes("varying", "1 + x + 2*v", &[]),
+            Self::with(
+                Wave::FromNothing,
+                "varying, from nothing",
+                "slope_jump.toml",
+                &[7],
+                "1 + x + 2*v",
+                &[velocities],
+            ),
             slopes("varying, full", "0.9 + x + 2*v", &full),
             slopes("varying, scalar", "1.1 + x + 2*v", &["solver.warp.inflow='scalar'"]),
             Self::new("varying, two dimensions", "barrier2d.toml", &[5, 3, 4, 4], plane, &[]),
@@ -75,14 +107,17 @@ impl Varying {
 
 /// `f(T)` by one dense exponential: `f`, `1`, `sin ωt` and `cos ωt` obey a linear system. `case`
 /// has the inflow `b`.
-fn exact(case: &Case) -> Vec<f64> {
+fn exact(case: &Case, wave: Wave) -> Vec<f64> {
     let system = System::of_rows(case);
     let cells = system.generator.size;
     let (one, sine, cosine) = (cells, cells + 1, cells + 2);
     let mut dense: Dense = system.generator.enlarged(3);
     for (i, &b) in system.inflow.iter().enumerate() {
         dense.add(i, one, b);
-        dense.add(i, sine, b);
+        match wave {
+            Wave::Sine => dense.add(i, sine, b),
+            Wave::FromNothing => dense.add(i, cosine, -b),
+        }
     }
     dense.add(sine, cosine, OMEGA);
     dense.add(cosine, sine, -OMEGA);
@@ -201,6 +236,36 @@ pub fn varying_inflow_by_modes(world: &World) {
                 let name = format!("the field of {} at {tolerance:e}", scene.name);
                 report_bits(world, &name, &fields.concat());
             }
+        }
+    }
+}
+
+/// A pulse between the points in time of the first attempts, which see nothing of it and agree: the
+/// steps of the run resolve it.
+pub fn short_pulses_are_seen(world: &World) {
+    let cells = cells_of_axes(&[7]);
+    let with = |inflow: &str| {
+        let cells = cells.iter().map(String::as_str);
+        let velocities = "axis.0.v={lower=-1.0,upper=1.3,cells=9}";
+        let all: Vec<&str> = cells.chain([velocities, inflow]).collect();
+        case("slope_jump.toml", &all)
+    };
+    let end = with("inflow.value='0'").end;
+    let (at, width) = (0.375 * end, 0.003 * end);
+    let pulse = format!("inflow.value='(1 + x + 2*v)*exp(-((t - {at})/{width})^2)'");
+    let case = Case { tolerance: 1e-4, ..with(&pulse) };
+    for mesh in meshes(world, &case) {
+        let prepared = prepare(world, &case, &mesh);
+        let matrix = &prepared.system.matrix;
+        let schedule = prepared.system.schedule.as_ref().expect("steps");
+        let values = time_dependent_inflow::stage_values(&case, matrix, schedule.steps);
+        let stage = end / schedule.stages() as f64;
+        for (m, most) in matrix.entering.values(&case.fields[0], at).enumerate() {
+            let held = values.iter().skip(m).step_by(matrix.inflow.len());
+            let found = stage * held.sum::<f64>();
+            let expected = most * width * std::f64::consts::PI.sqrt();
+            let error = (found - expected).abs();
+            assert!(error <= 1e-3 * expected.abs(), "{mesh:?}, row {m}: {found}, {expected}");
         }
     }
 }

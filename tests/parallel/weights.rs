@@ -6,6 +6,7 @@ use crate::dense_twins::Twin;
 use crate::pieces::{Piece, Weighted, meshes};
 use crate::spectrum::ends_of_symmetric;
 use crate::support::dense::Dense;
+use phasewarp::matrix::observables::CellVolumes;
 use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
@@ -112,9 +113,17 @@ pub fn volumes(world: &World) {
             let widths = space.axes().zip(cell).map(|(axis, j)| axis.weight(j));
             widths.product::<f64>() / space.cell_volume()
         };
+        // Squares that differ from velocity to velocity, which have weights of their own.
+        let nv = space.velocity_cells();
+        let term = |i: usize| 1.0 + (i % nv) as f64;
+        let squares: f64 = (0..twin.cells).map(|i| volume(i) * term(i) * term(i)).sum();
         let mut highest = None;
         for mesh in meshes(world, &twin.case) {
             let name = format!("{}, {mesh:?}", twin.name);
+            let rank = world.group().rank();
+            let share = mesh.share(space, rank % mesh.blocks(), rank / mesh.blocks());
+            let found = CellVolumes::new(space, &share).power_sum(&world.group(), 2, term);
+            assert!((found / squares - 1.0).abs() < 1e-13, "{name}: {found} {squares}");
             let weighted = Weighted::new(world, &twin, &mesh);
             for i in 0..twin.cells {
                 let (found, expected) = (weighted.pi[i], volume(i));

@@ -395,4 +395,34 @@ mod tests {
             assert!(cropped || spreads || slopes, "{settings:?}: {boxes:?}");
         }
     }
+
+    /// The formula of the inflow may be other than zero where cells were left out: nothing is there
+    /// all the same, and nothing enters from there.
+    #[test]
+    fn nothing_enters_from_what_was_left_out() {
+        let inside = "inflow.value=1 if abs(x) < 0.9 && abs(v) < 1.2 else 0";
+        let steps = [inside, "scheme.degree=2", "scheme.flux=1", CENTRED, "axis.0.v.lower=-1.4"];
+        for settings in [&[inside][..], &[inside, "scheme.interface=conservative"], &steps] {
+            let whole = scene("1", settings);
+            let planes = filled(&whole, 0, 1).expect("planes");
+            let range = boxes(&whole, planes).expect("boxes")[0].clone();
+            let mut cropped = whole.clone();
+            cropped.space.v[0] = whole.space.v[0].window(&range);
+            let first = range.start * whole.space.v[0].nodes.count();
+            // Cells that draw on what is not there, by their numbers in the whole grid.
+            let drawing = |case: &Case, first: usize| -> BTreeSet<[usize; 2]> {
+                let scheme = Scheme::whole(case).expect("a potential");
+                let mut row = Row::default();
+                let mut draws = |index: &usize| {
+                    scheme.row(&mut row, *index);
+                    assert_eq!(row.inflow[0], 0.0, "{settings:?}: row {index}");
+                    row.draw > 1e-12
+                };
+                let cells: Vec<usize> = (0..case.space.cells()).filter(|i| draws(i)).collect();
+                let cells = cells.into_iter().map(|index| case.space.cell(index));
+                cells.map(|cell| [cell[0], cell[1] + first]).collect()
+            };
+            assert!(!drawing(&cropped, first).is_subset(&drawing(&whole, 0)), "{settings:?}");
+        }
+    }
 }

@@ -203,7 +203,7 @@ fn rounding_is_amplified_as_planned() {
 
 /// `e^{p◇}` times the error of the series on the domain of dependence, relative to the tolerance.
 fn worst(series: &Series, demand: &Demand, window: &Window) -> f64 {
-    let (from, to) = (window.point - demand.growth, window.point + demand.decay);
+    let (from, to) = (window.point - demand.growth, window.point + demand.reach + demand.decay);
     let count = 400;
     (0..=count)
         .map(|i| from + (to - from) * f64::from(i) / f64::from(count))
@@ -248,6 +248,19 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
                 );
             }
         }
+    }
+}
+
+/// What is read over a window, or at a second point, comes from further on.
+#[test]
+fn series_reach_as_far_as_readings() {
+    for (choice, tolerances) in all_profiles() {
+        let demand = Demand::new(tolerances[0], 0.375, 10.0, 1.5);
+        let (profile, window) = planned(&choice, &demand);
+        let modes = window.modes(window.period) as usize;
+        let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
+        let error = worst(&series, &demand, &window);
+        assert!(error < 3.0 * 0.375f64.exp(), "{profile}: {error}");
     }
 }
 

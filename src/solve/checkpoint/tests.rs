@@ -321,6 +321,10 @@ fn runs_that_differ_are_told_apart() {
             change(&|f| f.settings = settings(&[("time.end", "2")])),
             "output.xdmf is not given there, true here",
         ),
+        (
+            change(&|f| f.settings.extend(settings(&[("scheme.flux", "1")]))),
+            "scheme.flux is 1 there, not given here",
+        ),
         // Other points make another plan, too; that is not the reason.
         (change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)), "initial.warped"),
         (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),

@@ -6,7 +6,7 @@ use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::problem::case::Case;
-use phasewarp::problem::grid::Cell;
+use phasewarp::problem::grid::{Axis, Cell};
 use phasewarp::problem::potential::{JumpKind, Potential};
 use phasewarp::scheme::interface::energy::{FaceCoupling, FaceSide};
 use phasewarp::scheme::interface::velocity;
@@ -316,6 +316,34 @@ fn random_scenes() {
     }
     println!("of 100 scenes {jumps} have jumps, {forces} slopes, {open} ends");
     assert!(jumps > 30 && forces > 30 && open > 30, "{jumps} {forces} {open}");
+}
+
+/// What enters is taken where it does: at an end of space, or at or beyond an end of velocity.
+#[test]
+fn inflow_is_that_of_the_ends() {
+    let mut dice = Dice(ChaCha8Rng::seed_from_u64(20));
+    let mut ends = [0, 0];
+    for number in 0..40 {
+        let n = [1, 1, 2, 2][number % 4];
+        let (text, _) = random_case(&mut dice, n);
+        let case = Case::parse("random", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let scheme = Scheme::whole(&case).expect("V is finite");
+        let mut row = Row::default();
+        for i in 0..case.space.cells() {
+            scheme.row(&mut row, i);
+            for (_, point) in &row.ghosts {
+                let at = |axis: &Axis, x: f64| {
+                    let round_off = 1e-12 * (axis.upper - axis.lower);
+                    x <= axis.lower + round_off || x >= axis.upper - round_off
+                };
+                let of_space = (0..n).any(|a| at(&case.space.x[a], point[a]));
+                let of_velocity = (0..n).any(|a| at(&case.space.v[a], point[3 + a]));
+                assert!(of_space || of_velocity, "scene {number}, row {i}, {point:?}\n{text}");
+                ends[usize::from(of_space)] += 1;
+            }
+        }
+    }
+    assert!(ends.iter().all(|&found| found > 100), "{ends:?}");
 }
 
 /// The same scenes with closed ends, where nothing enters: `S ≤ 0` within its bounds, and of the
