@@ -332,7 +332,6 @@ mod tests {
                 dissipation: 2.0 * rate,
                 forces: false,
                 lines: Vec::new(),
-                causes: Causes::default(),
                 coupling: 0.0,
                 jumps: true,
                 kinds: 1,
