@@ -371,7 +371,7 @@ mod tests {
         assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);
     }
 
-    /// Of a flux that hardly dissipates, what is symmetric in an entry is small beside the rest, and
+    /// Of a flux that hardly dissipates, what is symmetric in an entry is small beside the rest. It
     /// is kept.
     #[test]
     fn gathered_rows_keep_small_symmetric_parts() {
