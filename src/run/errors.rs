@@ -13,7 +13,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::summary::{ErrorNorms, GridErrors};
-use crate::run::exact::Exactly;
+use crate::run::exact::solution::Exactly;
 use crate::run::exact::velocities::VelocityIntegrals;
 use std::ops::Range;
 

@@ -1,6 +1,7 @@
 //! The exact solution on a rank's share, where the case names one: at the end, and its moments at
 //! every output time. Nothing else computes the exact density.
 
+pub mod solution;
 pub mod velocities;
 
 use crate::base::error::Result;
@@ -9,11 +10,10 @@ use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
-use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
-use crate::problem::formula::Expression;
 use crate::problem::grid::{PhaseSpace, averaged, describe_point};
 use crate::results::dataset::ExactSolution;
+use crate::run::exact::solution::Exactly;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::place::Place;
 
@@ -90,8 +90,7 @@ fn exact_at<'a>(
 
 /// Exact density, momentum, mean velocity and kinetic energy at a time on `place`. In one dimension
 /// integrals over the velocities, of degree 0 averaged over cells of space; in more the sums over
-/// velocities that the run takes of `f`; of measure-valued data averages over cells. Collective over
-/// `world`.
+/// velocities that the run takes of `f`; of measure-valued data averages over cells. Collective.
 fn moments_of(
     world: &Group,
     case: &Case,
@@ -117,40 +116,6 @@ fn moments_of(
             velocity: exact.velocity.clone(),
             kinetic: Vec::new(),
         },
-    }
-}
-
-/// The exact solution of a case, at any points and times.
-pub enum Exactly<'a> {
-    /// A formula.
-    Given(&'a Expression),
-    /// Characteristics, traced back.
-    Traced(Box<Tracer<'a>>),
-}
-
-impl<'a> Exactly<'a> {
-    /// The solution of `case` that `exact` names. Collective.
-    ///
-    /// # Errors
-    /// Where `V` is not finite.
-    pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
-        world.agree(Self::on_one_rank(case, exact))
-    }
-
-    /// As [`new`](Self::new), on this rank alone.
-    fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
-        Ok(match exact {
-            Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
-            Exact::Formula(formula) => Self::Given(formula),
-        })
-    }
-
-    /// Its values at a time.
-    pub fn values_at(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
-        match self {
-            Self::Given(formula) => formula.at_points(points, time),
-            Self::Traced(tracer) => tracer.values(points, time),
-        }
     }
 }
 

@@ -114,8 +114,8 @@ fn set_moment_errors(
 }
 
 /// Relative L1 distance of the density on this rank's `share` to the averages of the exact one over
-/// cells of degree 0, as `solver.accuracy` counts it; none where the errors of the density are those
-/// already: of elements and in one dimension; none where there is no exact solution. Collective.
+/// cells of degree 0, as `solver.accuracy` counts it. None of elements and in one dimension, where
+/// the error of the density is that already, and where there is no exact solution. Collective.
 fn goal_error(
     world: &Group,
     case: &Case,

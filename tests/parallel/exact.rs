@@ -4,8 +4,9 @@ use crate::bits::report_bits;
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::split;
 use phasewarp::problem::case::{Case, Exact};
+use phasewarp::run::exact::averaged_density;
+use phasewarp::run::exact::solution::Exactly;
 use phasewarp::run::exact::velocities::VelocityIntegrals;
-use phasewarp::run::exact::{Exactly, averaged_density};
 
 /// The case `text`, with an exact solution.
 fn parsed(text: &str) -> (Case, Exact) {

@@ -112,9 +112,7 @@ impl Entry {
     /// not advised: a longer budget may find a smaller one.
     pub fn not_settled_yet(&self) -> &'static str {
         match self.known == Known::Extrapolated && !self.order.settled {
-            true => {
-                "not settled within this budget, a longer --budget may settle it; by the orders so far "
-            }
+            true => "not settled yet, a longer --budget may settle it; by the orders so far ",
             false => "",
         }
     }

@@ -1,0 +1,44 @@
+//! The exact solution at any points.
+
+use crate::base::error::Result;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Exact};
+use crate::problem::exact::Tracer;
+use crate::problem::formula::Expression;
+
+/// The exact solution of a case, at any points and times.
+pub enum Exactly<'a> {
+    /// A formula.
+    Given(&'a Expression),
+    /// Characteristics, traced back.
+    Traced(Box<Tracer<'a>>),
+}
+
+impl<'a> Exactly<'a> {
+    /// The solution of `case` that `exact` names. Collective.
+    ///
+    /// # Errors
+    /// Where `V` is not finite.
+    pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
+        world.agree(Self::on_one_rank(case, exact))
+    }
+
+    /// As [`new`](Self::new), on this rank alone.
+    ///
+    /// # Errors
+    /// Where `V` is not finite.
+    pub fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
+        Ok(match exact {
+            Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
+            Exact::Formula(formula) => Self::Given(formula),
+        })
+    }
+
+    /// Its values at a time.
+    pub fn values_at(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
+        match self {
+            Self::Given(formula) => formula.at_points(points, time),
+            Self::Traced(tracer) => tracer.values(points, time),
+        }
+    }
+}
