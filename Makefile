@@ -19,6 +19,10 @@ export OMPI_MCA_rmaps_base_oversubscribe ?= 1
 export OMPI_MCA_mpi_yield_when_idle ?= 1
 export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
 
+# Tests wait for MPI to start and to end: four at a time on fewer cores.
+export RUST_TEST_THREADS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); \
+    if [ "$$n" -gt 4 ]; then echo "$$n"; else echo 4; fi)
+
 # With HDF5_DIR if cargo would not find the parallel HDF5; expanded when a recipe runs, after setup.
 CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp

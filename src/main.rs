@@ -7,7 +7,6 @@ use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
 use phasewarp::parallel::communicator::World;
 use phasewarp::results::untrusted;
-use std::io::Write;
 
 fn main() {
     if let Some(code) = untrusted::serve() {
@@ -59,13 +58,6 @@ fn main() {
         None => code,
     };
     world.group().barrier();
-    if code != 0 && world.library().starts_with("Open MPI") {
-        // The launcher of Open MPI ends the other ranks as soon as one has ended with a code, and
-        // version 4.1.4 crashes where that meets its finalisation (once in 450 refused runs on a
-        // busy machine, with 139 for the code).
-        let _ = std::io::stdout().flush();
-        machine::leave(code);
-    }
     // Finalises MPI, on every rank, before the exit code is given.
     drop(world);
     std::process::exit(code);

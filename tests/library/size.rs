@@ -1,10 +1,10 @@
-//! Lines of code and of prose are at most 100 columns wide, and functions in `src/` at most 70
+//! Lines of code and of prose are at most 100 columns wide, and functions in `src/` at most 80
 //! lines long.
 
 use std::path::{Path, PathBuf};
 
 const COLUMNS: usize = 100;
-const FUNCTION_LINES: usize = 70;
+const FUNCTION_LINES: usize = 80;
 
 #[test]
 fn lines_and_functions_are_short() {

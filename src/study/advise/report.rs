@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn parts_that_were_not_told_apart_are_said_to_be() {
         let together = parts(&Parts::of_discretisation(0.026, None));
-        assert_eq!(together, "discretisation 2.6e-2 (x and v not told apart)");
+        assert_eq!(together, "error of the grid 2.6e-2 (x and v not told apart)");
         let apart = parts(&Parts::of_discretisation(0.026, Some(1.0)));
         assert_eq!(apart, "error of the grid in x 2.6e-2, in v 0.0e0");
     }
