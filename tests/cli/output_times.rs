@@ -67,8 +67,8 @@ fn results_before_the_end_are_those_of_shorter_runs() {
     });
 }
 
-/// The exact moments are integrals over the velocities, of elements too; those of the start are near
-/// what the run begins with. Those at the end do not change with the times before.
+/// The exact moments are integrals over the velocities, of elements too. Those of the start are
+/// near what the run begins with. Those at the end do not change with the times before.
 #[test]
 fn exact_moments_are_integrals_over_the_velocities() {
     const ELEMENTS: &[&str] = &["scheme.degree=2", "axis.0.x.cells=10", "axis.0.v.cells=8"];
