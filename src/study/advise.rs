@@ -147,6 +147,8 @@ struct Study<'a> {
     share: f64,
     left_out: Vec<String>,
     candidates: Vec<Candidate>,
+    /// Whether the search came to an end, and did not fail at a trial.
+    ended: bool,
 }
 
 impl<'a> Study<'a> {
@@ -163,6 +165,7 @@ impl<'a> Study<'a> {
             share: FOR_SCHEMES,
             left_out: Vec::new(),
             candidates: Vec::new(),
+            ended: false,
         })
     }
 
@@ -172,7 +175,7 @@ impl<'a> Study<'a> {
     /// # Errors
     /// As [`advise`].
     fn search(&mut self) -> Result<Advised> {
-        (self.share, self.candidates) = (FOR_SCHEMES, Vec::new());
+        (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
         self.left_out = match self.case.varies() && !self.case.is_galerkin() {
             true => {
                 vec!["slopes (scheme.limiter): not with an inflow that depends on time".to_owned()]
@@ -192,15 +195,16 @@ impl<'a> Study<'a> {
             Some((scheme, reach)) => self.given(*scheme, reach)?,
             None => None,
         };
+        self.ended = true;
         self.advised(given)
     }
 
-    /// Whether nothing is advised, or a run of it counts as more than a [`DEAR`] part of the budget
-    /// and is expected to take longer than the search did: more trials may find a cheaper one.
-    /// Collective.
+    /// Whether a search that came to its end advised nothing, or what counts as more than a [`DEAR`]
+    /// part of the budget and is expected to take longer than the search did: more trials may find
+    /// something cheaper. Collective.
     fn is_dear(&self, advised: &Result<Advised>) -> bool {
         let best = advised.as_ref().ok().and_then(|advised| advised.best_of(self.case.method));
-        let Some(best) = best else { return true };
+        let Some(best) = best else { return self.ended };
         let budget = &self.trials.budget;
         let is_long = best.seconds.is_none_or(|seconds| seconds > budget.elapsed());
         !budget.holds(best.updates(), DEAR) && budget.decide(is_long)
