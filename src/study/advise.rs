@@ -199,9 +199,9 @@ impl<'a> Study<'a> {
         self.advised(given)
     }
 
-    /// Whether a search that came to its end advised nothing, or what counts as more than a [`DEAR`]
-    /// part of the budget and is expected to take longer than the search did: more trials may find
-    /// something cheaper. Collective.
+    /// Whether a search that came to its end advised nothing, or what counts as more than a
+    /// [`DEAR`] part of the budget and is expected to take longer than the search did: more trials
+    /// may find something cheaper. Collective.
     fn is_dear(&self, advised: &Result<Advised>) -> bool {
         let best = advised.as_ref().ok().and_then(|advised| advised.best_of(self.case.method));
         let Some(best) = best else { return self.ended };
