@@ -30,8 +30,8 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
 .PHONY: run build test torture bench example3 calibration study stability chart examples quantum \
-    baseline slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
-    browser mpich setup clean help
+    baseline slurm docs check check-fmt check-clippy check-doc check-python deny readers qiskit \
+    python mkdocs browser mpich setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
@@ -85,6 +85,11 @@ check-clippy: setup
 
 check-doc: setup
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
+
+deny: ## licences, advisories and duplicates of dependencies, with cargo-deny (ARGS=licenses, …)
+	@cargo deny --version >/dev/null 2>&1 || \
+	    { echo "make deny needs cargo-deny: cargo install cargo-deny --locked" >&2; exit 1; }
+	cargo deny check $(ARGS)
 
 check-python: $(if $(BUILT),,build) python ## test the Python package, notebooks, lints and types
 	cd python && $(PYTHON) -m ruff format --check . && $(PYTHON) -m ruff check . && \
