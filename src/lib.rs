@@ -10,8 +10,8 @@
 //! with a potential `V` that may jump. Particles that meet a jump are transmitted or reflected so
 //! that `|v|²/2 + V` is kept. The Hamiltonian-preserving scheme builds this into its fluxes and
 //! gives `f' = A f + b` ([`scheme`]). With `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, the warped phase
-//! transformation `w(t, p) = g(p) f(t)`, `g = e^{−p}` for `p ≥ 0`, turns it into `w_t = −S w_p + K
-//! w`, whose Fourier modes in `p` evolve unitarily and do not couple:
+//! transformation `w(t, p) = g(p) f(t)`, with `g = e^{−p}` where the recovery reads from, turns it
+//! into `w_t = −S w_p + K w`, whose Fourier modes in `p` evolve unitarily and do not couple:
 //!
 //! ```text
 //! w_l(T) = exp(−iH_l T) f(0),   H_l = μ_l S + iK

@@ -177,7 +177,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, &exact_run, &mut summary)?;
-    let ExactRun { exact, moments: exact_moments } = exact_run;
+    summary.exact_density_warning().into_iter().for_each(|warning| log.warn_later(warning));
+    let ExactRun { exact, moments: exact_moments, .. } = exact_run;
     let volumes = CellVolumes::new(&shown.case.space, &place.share);
     let mass = |moments: &Moments| volumes.integral(&prepared.communicator.world, &moments.density);
     summary.mass_exact = exact_moments.last().map(mass);

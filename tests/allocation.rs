@@ -33,9 +33,11 @@ static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: what the caller promises is what the system's allocator asks.
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: as above.
         unsafe { System.dealloc(at, layout) }
     }
 }
@@ -84,6 +86,10 @@ fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usiz
         tolerances: [1e-8; LANES],
         work: [work; LANES],
     };
+    // As the plan of a run does for all of its modes.
+    for mu in batch.wavenumbers {
+        parts.evolution.bounds.interval(mu);
+    }
     allocations(|| {
         let report = propagator.propagate(&mut parts.evolution, &batch, &parts.initial[0]);
         assert!(report.is_ok_and(|r| r.applications > 0));

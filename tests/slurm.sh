@@ -300,6 +300,31 @@ if grep -q "not finished" "$name/table.csv"; then
     fail "the sweep: $(cat "$name/table.csv")"
 fi
 
+# The script that a plan writes, submitted from another directory, of a case whose name a shell would
+# take apart; then once more, where it is stopped by hand and submits itself again.
+planned="$name/planned; exit 9.sbatch"
+"$program" plan "$name/c d.toml" --ranks "$ranks" --sbatch "$planned" -o "$name/planned" \
+    --set solver.tolerance=1e-2 2>"$place/planned.log" >/dev/null
+planned=$(realpath "$planned")
+mkdir elsewhere
+job=$(cd elsewhere && env -u PHASEWARP sbatch --parsable --time=5 "$planned")
+finish "$job" 120
+ended "$job" "COMPLETED 0:0"
+[ -s "$name/planned/result.h5" ] || fail "the planned script: $(cat elsewhere/*.log)"
+is "files beside the log of job $job" "$(ls elsewhere | wc -l)" 1
+"$program" plan "$case" --ranks "$ranks" --sbatch again.sbatch -o results/again "${settings[@]}" \
+    2>"$place/planned.log" >/dev/null
+job=$(cd elsewhere && submit --time=20 --job-name=again "$place/work/again.sbatch")
+running "$job" "elsewhere/again-$job.log"
+scancel --batch --signal=USR1 "$job"
+finish "$job" 60
+ended "$job" "FAILED 75:0"
+next=$(sed -n 's/^Submitted batch job //p' "elsewhere/again-$job.log")
+[ -n "$next" ] || fail "job $job did not submit another"
+finish "$next" 600
+ended "$next" "COMPLETED 0:0"
+h5diff results/whole/result.h5 results/again/result.h5 /f || fail "f of the planned script differs"
+
 # A mistake in the case ends at once, with its own code, and is not submitted again.
 job=$(submit --time=5 --job-name=mistake jobscripts/run.sbatch "$case" results/mistake \
     --set solver.tolerance=2)

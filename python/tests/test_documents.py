@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
+import shlex
 import subprocess
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -37,17 +40,19 @@ def squeezed(text: str) -> str:
     return re.sub(r" +", " ", text).replace(" …", "")
 
 
-# Of the first two only the lines of Python run: their commands build and install.
-@pytest.mark.parametrize(
-    ("name", "languages"),
-    [
-        ("README.md", ["python"]),
-        ("docs/python.md", ["python"]),
-        ("docs/first-hour.md", ["sh", "python"]),
-        ("docs/first-problem.md", ["toml", "sh", "python"]),
-        ("docs/how-to.md", ["toml", "sh", "python"]),
-    ],
-)
+# Commands that build, install or fetch.
+NOT_HERE = re.compile(r"^(make|git clone|sudo|apt-get|pip) .*\n?", re.MULTILINE)
+# Pages whose blocks run, and the languages of those.
+BLOCKS = {
+    "README.md": ["sh", "python"],
+    "docs/python.md": ["python"],
+    "docs/first-hour.md": ["sh", "python"],
+    "docs/first-problem.md": ["toml", "sh", "python"],
+    "docs/how-to.md": ["toml", "sh", "python"],
+}
+
+
+@pytest.mark.parametrize(("name", "languages"), BLOCKS.items())
 @pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
 def test_blocks_of(
     name: str, languages: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -71,7 +76,8 @@ def test_blocks_of(
         if language == "python":
             exec(compile(block, name, "exec"), names)
         elif language == "sh":
-            run = subprocess.run(["bash", "-ec", block], capture_output=True, text=True)
+            words = NOT_HERE.sub("", block)
+            run = subprocess.run(["bash", "-ec", words], capture_output=True, text=True)
             assert run.returncode == 0, f"{block}\n{run.stdout}\n{run.stderr}"
             output += squeezed(run.stdout + run.stderr)
         else:
@@ -95,12 +101,17 @@ PLACEHOLDERS = {
 LONG = re.compile(r"phasewarp (advise|chart|stability)|--accuracy|--calibrate|scripts/")
 
 
-def commands(text: str) -> Iterator[str]:
-    """Yield the commands of a page that stand indented, each on one line, as they are written."""
+def indented(text: str) -> list[str]:
+    """Return the indented lines of a page, without comments; those that go on are one."""
     lines = [line for line in FENCE.sub("", text).splitlines() if line.startswith("    ")]
     joined = "\n".join(re.sub(r"\s+#\s.*", "", line[4:]) for line in lines)
-    joined = re.sub(r"\s*\\?\n\s+(?=[-\[(])", " ", joined)
-    for line in joined.splitlines():
+    joined = re.sub(r"\s*\\\n\s*|\s*\n\s+(?=[-\[(])", " ", joined)
+    return joined.splitlines()
+
+
+def commands(text: str) -> Iterator[str]:
+    """Yield the commands of a page that stand indented, each on one line, as they are written."""
+    for line in indented(text):
         if re.match(r"(mpirun .*)?(phasewarp|scripts/\w+\.sh) ", line):
             yield line
 
@@ -114,7 +125,11 @@ def runnable(command: str) -> str:
     return command.replace("…", "")
 
 
-@pytest.mark.parametrize("name", ["usage.md", "quantum.md", "high-order.md"])
+# Pages, and the least number of commands that run.
+RUN = {"docs/usage.md": 15, "docs/quantum.md": 7, "docs/high-order.md": 2, "cases/README.md": 3}
+
+
+@pytest.mark.parametrize("name", RUN)
 def test_commands_of(
     name: str, small: pw.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -136,7 +151,7 @@ def test_commands_of(
     small.replace(settings).save("small.toml")
     subprocess.run(["phasewarp", "run", "small.toml"], check=True, capture_output=True)
     found = 0
-    for written in commands((ROOT / "docs" / name).read_text("utf-8")):
+    for written in commands((ROOT / name).read_text("utf-8")):
         command = re.search(r"phasewarp ([a-z-]+)", written)
         if command:
             said = subprocess.run(
@@ -158,12 +173,135 @@ def test_commands_of(
         assert run.returncode == 0, f"{written}\n{words}\n{run.stdout}\n{run.stderr}"
         found += 1
     # The same in fences; of a row of sizes the first two.
-    for language, _, block in FENCE.findall((ROOT / "docs" / name).read_text("utf-8")):
+    for language, _, block in FENCE.findall((ROOT / name).read_text("utf-8")):
         if language == "sh":
             words = re.sub(r"(for N in \d+ \d+)[ \d]*", r"\1", block)
             subprocess.run(["bash", "-ec", words], check=True, capture_output=True, timeout=60)
             found += 1
-    assert found >= {"usage.md": 15, "quantum.md": 7, "high-order.md": 2}[name]
+    assert found >= RUN[name]
+
+
+# What stands for values in commands, and what a test takes for it.
+VALUES = {
+    "KEY=VALUE": "solver.tolerance=1e-3",
+    "K=V": "solver.tolerance=1e-3",
+    "NAME": "example1",
+    "exampleN": "example1",
+    "cases/CASE.toml": "cases/example1.toml",
+    "EPSILON": "1e-2",
+    "ε": "1e-2",
+    "T": "1e-3",
+    "K": "2",
+    "N": "2",
+}
+COMMAND = re.compile(r"(?:mpirun -np \S+ )?phasewarp (?=[a-z])[^`]*")
+
+
+def all_commands(text: str, languages: Collection[str] = ("sh", "console")) -> Iterator[str]:
+    """Yield the commands of a page: in blocks of `languages`, indented, and in the lines."""
+    for block in (block for language, _, block in FENCE.findall(text) if language in languages):
+        for line in re.sub(r"\s*\\\n\s*", " ", block).splitlines():
+            yield re.sub(r"\s#\s.*", "", line.removeprefix("$ "))
+    rest = FENCE.sub("", text)
+    yield from commands(rest)
+    for line in indented(rest):
+        if re.match(r"(make|scripts/\w+\.py|jobscripts/|sbatch|bash) ?\S", line):
+            yield line
+    for span in re.findall(r"`([^`]+)`", rest):
+        if re.match(r"make \w|scripts/\S+ ", span) or COMMAND.match(span):
+            yield " ".join(span.split())
+
+
+@functools.cache
+def help_of(command: str) -> str | None:
+    """Return what the program says of one of its commands, or nothing if there is none."""
+    said = subprocess.run(["phasewarp", "help", command], capture_output=True, text=True)
+    return said.stdout if said.returncode == 0 else None
+
+
+@functools.cache
+def refusal(*words: str) -> str | None:
+    """Return why `phasewarp check` refuses a case."""
+    found = subprocess.run(["phasewarp", "check", *words], capture_output=True, text=True)
+    return found.stderr if found.returncode else None
+
+
+def wrong_in(command: str, made: set[str]) -> str | None:
+    """Return what is wrong with a command: an option, a case, a script, a target of `make`.
+
+    Nothing is solved: of a command with a case the case is checked with its `--set` options.
+    Files that a page makes itself, `made`, are not looked for.
+    """
+    words = shlex.split(command.replace("…", " "))
+    if words[:1] == ["make"]:
+        targets = re.findall(r"^([\w-]+)(?=[^=]*:)", (ROOT / "Makefile").read_text("utf-8"), re.M)
+        targets += [f"example3-{n}" for n in (8, 16, 32, 64)]
+        named = [word for word in words[1:] if re.fullmatch(r"[a-z][\w-]*", word)]
+        return next((f"make has no {word}" for word in named if word not in targets), None)
+    named = [word for word in words if re.match(r"(cases|scripts|jobscripts)/.+\.\w+$", word)]
+    for path in named:
+        path = re.sub(r"\b(NAME|CASE|exampleN)\b", "example1", path)
+        if not (ROOT / path).exists():
+            return f"there is no {path}"
+    if "phasewarp" not in words:
+        return None
+    words = words[words.index("phasewarp") + 1 :]
+    said = help_of(words[0])
+    if said is None:
+        return f"no command {words[0]}"
+    for word in words:
+        option = re.match(r"\[*(--[a-z-]+)", word)
+        if option and not re.search(rf"{option[1]}(?![a-z-])", said):
+            return f"{words[0]} has no {option[1]}"
+    if len(words) < 2 or not words[1].endswith(".toml") or words[1] in made or words[0] == "init":
+        return None
+    settings = [word for before, word in pairwise(words) if before == "--set"]
+    settings = [f"--set={valued(word)}" for word in settings if not word.endswith("=")]
+    return refusal(valued(words[1]), *settings)
+
+
+def valued(word: str) -> str:
+    """Return a word of a command with values in the place of names for them."""
+    for name, value in VALUES.items():
+        word = re.sub(rf"(?<![\w-]){re.escape(name)}(?!\w)", value, word)
+    return word
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_are_those_of_the_program(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commands of every page parse, and name cases, keys, scripts and targets that are there."""
+    program = pw.find_program()
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cases").symlink_to(CASES)
+    text = page.read_text("utf-8")
+    made = {title for _, title, _ in FENCE.findall(text)} | {"mine.toml"}
+    # Those of blocks that run are tested by that.
+    name = str(page.relative_to(ROOT))
+    run = name in RUN or "sh" in BLOCKS.get(name, [])
+    languages = ["console"] if run else ["console", "sh"]
+    found = {command: wrong_in(command, made) for command in set(all_commands(text, languages))}
+    assert {command: why for command, why in found.items() if why} == {}
+
+
+def test_wrong_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = pw.find_program()
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(ROOT)
+    text = (
+        "```sh\nphasewarp run cases/example1.toml \\\n    --sett time.end=1   # why\n```\n"
+        "```console\n$ sbatch jobscripts/absent.sbatch\n```\n"
+        "Of `phasewarp check cases/absent.toml`, `phasewarp rn CASE`, `make absent` and\n"
+        "`phasewarp plan cases/example1.toml --set solver.tolerence=T`,\n"
+        "`phasewarp plan cases/example1.toml --set solver.tolerance=T`:\n\n"
+        "    scripts/absent.sh smooth     # why\n"
+    )
+    found = [wrong_in(command, set()) or "" for command in all_commands(text)]
+    said = ["no --sett", "absent.sbatch", "absent.sh", "absent.toml", "no command rn", "no absent"]
+    for why, words in zip(found, [*said, "did you mean", ""], strict=True):
+        assert words in why and bool(words) == bool(why), found
 
 
 def test_parts_of_a_case_in_readout(small: pw.Case) -> None:

@@ -1,6 +1,6 @@
 //! What the operating system says about caches and disks; signals, and the end of the process.
 
-use std::ffi::CString;
+use std::ffi::{CStr, CString};
 use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
@@ -166,6 +166,36 @@ fn stop_on(signal: i32, says: &'static str) {
 pub fn leave(code: i32) -> ! {
     // SAFETY: nothing runs afterwards.
     unsafe { libc::_exit(code) }
+}
+
+/// Keeps each shared library whose path contains `part` in memory until the process ends, also
+/// where whoever loaded it unloads it.
+pub fn keep_libraries(part: &str) {
+    /// Adds the path of a library to the list that `paths` points to.
+    unsafe extern "C" fn add(
+        library: *mut libc::dl_phdr_info,
+        _size: libc::size_t,
+        paths: *mut libc::c_void,
+    ) -> libc::c_int {
+        // SAFETY: `paths` is the list below, which nothing else refers to during the call; the name
+        // is null or ends with a zero.
+        unsafe {
+            let paths = &mut *paths.cast::<Vec<CString>>();
+            if !(*library).dlpi_name.is_null() {
+                paths.push(CStr::from_ptr((*library).dlpi_name).to_owned());
+            }
+        }
+        0
+    }
+    let mut paths: Vec<CString> = Vec::new();
+    // SAFETY: `add` has the type that is called, and `paths` outlives the call.
+    unsafe { libc::dl_iterate_phdr(Some(add), (&raw mut paths).cast()) };
+    for path in paths.iter().filter(|path| path.to_string_lossy().contains(part)) {
+        // SAFETY: the library is there already: no code of it runs. The handle is never closed.
+        unsafe {
+            libc::dlopen(path.as_ptr(), libc::RTLD_LAZY | libc::RTLD_NOLOAD | libc::RTLD_NODELETE)
+        };
+    }
 }
 
 /// Ends this process when the one that started it ends.

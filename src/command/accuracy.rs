@@ -54,8 +54,7 @@ fn checksum_of(case: &Case) -> String {
 pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path) -> Option<Case> {
     let accuracy = args.accuracy.accuracy.or(case.accuracy)?;
     let of_file = || -> Option<Vec<String>> {
-        let text = disk::read_text(&directory.join(CHOICE)).ok()?;
-        let found: Choice = serde_json::from_str(&text).ok()?;
+        let found = read_choice(&directory.join(CHOICE))?;
         let same = found.accuracy == accuracy && found.case == checksum_of(case);
         same.then_some(found.settings)
     };
@@ -68,12 +67,32 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
     Some(Case { accuracy: Some(accuracy), ..found.with_tables_of(case) })
 }
 
+/// What a run wrote into the file `path`, if it is such a file.
+fn read_choice(path: &Path) -> Option<Choice> {
+    serde_json::from_str(&disk::read_text(path).ok()?).ok()
+}
+
+/// Refuses to replace a file of that name which no run wrote.
+fn refuse_foreign(directory: &Path) -> Result<()> {
+    let path = directory.join(CHOICE);
+    if !path.exists() || read_choice(&path).is_some() {
+        return Ok(());
+    }
+    let reason = format!(
+        "it holds {CHOICE}, which no run wrote; --force replaces it, -o gives another directory"
+    );
+    Err(Error::Directory { path: directory.to_owned(), reason })
+}
+
 /// The case of a run: where an accuracy is asked for, with what [`advise`] chooses for it, which is
 /// kept in `directory`. Collective.
 ///
 /// # Errors
-/// As [`load_for_accuracy`]; where the directory cannot be written.
+/// As [`load_for_accuracy`]; where the directory cannot be written, or holds a foreign file.
 pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
+    if !args.force && args.accuracy.accuracy.or(case.accuracy).is_some() {
+        world.group().on_first_rank(|| refuse_foreign(directory))?;
+    }
     let found = with_accuracy(world, case.clone(), &args.changes, &args.accuracy)?;
     if let Some(accuracy) = found.accuracy {
         world.group().on_first_rank(|| {
@@ -148,10 +167,7 @@ fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
             key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));
         of_axis
             || [
-                "scheme.degree",
-                "scheme.flux",
-                "scheme.interface",
-                "scheme.limiter",
+                "scheme.degree", "scheme.flux", "scheme.interface", "scheme.limiter",
                 "solver.tolerance",
             ]
             .contains(&key)

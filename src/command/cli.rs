@@ -32,7 +32,7 @@ pub enum Command {
     Plan(PlanArgs),
     /// Validate a case and print it as it was read
     Check(CheckArgs),
-    /// Read DIR/result.h5 and DIR/warped_*.h5 and compare every dataset with its checksum
+    /// Compare the datasets and files of DIR with their checksums
     CheckResult(CheckResultArgs),
     /// Which grid and set-up bring the density to an accuracy, from runs on coarse grids
     Advise(AdviseArgs),
@@ -52,7 +52,7 @@ pub enum Command {
     /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
     /// jumps of V, no forces
     ExportCircuit(CircuitArgs),
-    /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
+    /// What the case takes on a quantum computer: sparsity, queries, qubits; only --accuracy solves
     Resources(ResourcesArgs),
     /// Where methods fail on this case: measured limits beside theory; writes
     /// DIR/stability.csv, .json, .svg and .png
@@ -268,7 +268,7 @@ pub struct PlanArgs {
     #[arg(long)]
     pub calibrate: bool,
     /// Write a job script for Slurm that runs the case on that number of ranks, of many on the last
-    /// that is worth it
+    /// that is worth it; it can be submitted from any directory
     #[arg(long, value_name = "FILE")]
     pub sbatch: Option<PathBuf>,
     /// Directory of the results of that job; by default results/NAME of the case file
@@ -322,8 +322,8 @@ pub struct PlotArgs {
     /// Directory of what is written; by default DIR/plots, of reports DIR
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; repeat it for more
-    /// pictures
+    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; by default where
+    /// the data are; repeat it for more pictures
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
     pub slices: Vec<String>,
     /// Results of another run on the same grid, drawn beside
@@ -351,8 +351,8 @@ pub struct MovieArgs {
     /// Directory of what is written; by default DIR/plots
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; repeat it for more
-    /// movies
+    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; by default where
+    /// the data are; repeat it for more movies
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
     pub slices: Vec<String>,
     /// Frames a second; the last one stays for a second

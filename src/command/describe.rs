@@ -5,7 +5,7 @@ use crate::base::text::{
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case;
-use crate::problem::case::{Case, Data, Method};
+use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::problem::grid::axis_names;
 
 /// The case in lines: axes, formulas, method, what was reduced, cells and rates.
@@ -199,11 +199,12 @@ fn schrodingerized(bounds: &Bounds) -> String {
 pub(crate) fn errors(case: &Case) -> String {
     let of_algorithm = match case.method {
         Method::Schrodingerized => format!("at most {:e} (solver.tolerance)", case.tolerance),
+        Method::Classical if case.integrator == Integrator::Exponential => "round-off".to_owned(),
         Method::Classical => "that of the time steps, not estimated".to_owned(),
     };
     let of_grid = match case.accuracy {
         Some(goal) => format!("at most {goal:e} of the density, by trials (accuracy)"),
-        None => "said by a run; phasewarp advise finds a grid for it".to_owned(),
+        None => "printed at the end of a run; phasewarp advise finds a grid for it".to_owned(),
     };
     format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))
 }

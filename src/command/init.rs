@@ -19,7 +19,7 @@ pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
     world.group().on_first_rank(|| {
         if !args.force && std::fs::symlink_metadata(&args.file).is_ok() {
             let file = args.file.display();
-            return Err(Error::Input(format!("{file} is there; --force replaces it")));
+            return Err(Error::Input(format!("{file} exists; --force replaces it")));
         }
         disk::write(&args.file, text(usize::from(args.dimension)).as_bytes())
     })?;

@@ -30,7 +30,7 @@ fn movies(args: &MovieArgs) -> Result<Written> {
     let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
     let mut cuts = cuts?;
     if cuts.is_empty() {
-        cuts.push(Cut::usual(&run));
+        cuts.push(Cut::usual(&run, &times));
     }
     let names: Vec<String> = (1..=cuts.len()).map(name).collect();
     let place = Place::new(&run, args.output.as_deref());

@@ -170,7 +170,7 @@ fn write_report(
         Error::Input(format!("{why}; {what}"))
     })?;
     let missing = missing(summary);
-    let times = Times::new(&run, &cut).unwrap_or_else(|why| {
+    let times = Times::new(&run, cut).unwrap_or_else(|why| {
         album.left_out.push(("times".to_owned(), why));
         None
     });
@@ -227,8 +227,8 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
 struct Drawn {
     run: Stored,
     album: Album,
-    /// Where the first of them cut it.
-    cut: Cut,
+    /// Where the first of them cut it, if that was asked for.
+    cut: Option<Cut>,
 }
 
 /// The run in a directory, with the tables that it was computed of as far as they are there.
@@ -248,6 +248,5 @@ fn album(args: &PlotArgs) -> Result<Drawn> {
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
-    let cut = cuts.into_iter().next().unwrap_or_else(|| Cut::usual(&run));
-    Ok(Drawn { run, album, cut })
+    Ok(Drawn { run, album, cut: cuts.into_iter().next() })
 }

@@ -1,4 +1,5 @@
-//! A job script for Slurm that runs a case as it was planned.
+//! A job script for Slurm that runs a case as it was planned, from any directory: it holds what the
+//! scripts in `jobscripts/` share, and names program, case and results by absolute paths.
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -21,6 +22,21 @@ const MEMORY_BESIDE: f64 = (32 << 20) as f64;
 const TIME_MARGIN: f64 = 1.5;
 /// ... and beside: the start of MPI, and what Slurm's signal leaves to write a checkpoint.
 const SECONDS_BESIDE: f64 = 240.0;
+/// The settings of the site, read where the case is planned.
+const SITE: &str = "jobscripts/env.sh";
+/// The same where there are none.
+const USUAL_SITE: &str = include_str!("../../jobscripts/env.sh");
+/// The functions of job scripts.
+const STEPS: &str = include_str!("../../jobscripts/steps.sh");
+
+/// What a script says of itself.
+const HEAD: &str = "\
+# Submit it from any directory; logs go there. A job that stops with a checkpoint submits it again,
+# until the run is finished. `plan --sbatch` replaces it with --force.";
+/// In the place of a time that is not known.
+const NO_TIME: &str = "\
+# Fill in the time, and take one # away; plan --calibrate predicts it.
+##SBATCH --time=01:00:00";
 
 /// What a job needs.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +56,12 @@ struct JobScript {
     /// Name of the job: letters, digits and `._-` only.
     name: String,
     needs: Needs,
-    /// Words of `jobscripts/run.sbatch`: case, results, options.
+    /// Settings of the site.
+    site: String,
+    /// Absolute paths of the program and of the script.
+    program: String,
+    script: String,
+    /// Case, results, options.
     words: Vec<String>,
 }
 
@@ -60,7 +81,7 @@ pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
     }
     world.group().on_first_rank(|| {
         if !args.force && std::fs::symlink_metadata(file).is_ok() {
-            let what = "is there; --force replaces it";
+            let what = "exists; --force replaces it";
             return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
         }
         Ok(())
@@ -76,20 +97,20 @@ pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Resul
         return Ok(());
     };
     world.group().on_first_rank(|| {
-        let script = JobScript::new(args, case, needs)?;
+        let script = JobScript::new(args, file, case, needs)?;
         disk::write(file, script.to_string().as_bytes())?;
         // Not on standard output, which may be JSON.
-        let word = quoted(&path_word(file)?);
+        let word = quoted(&absolute(file)?);
         report(&format!("{} is written. Submit it:\n  sbatch {word}", file.display()));
         Ok(())
     })
 }
 
 impl JobScript {
-    fn new(args: &PlanArgs, case: &Case, needs: Needs) -> Result<Self> {
+    fn new(args: &PlanArgs, script: &Path, case: &Case, needs: Needs) -> Result<Self> {
         let file = &args.case.case;
         let results = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
-        let mut words = vec![path_word(file)?, path_word(&results)?];
+        let mut words = vec![absolute(file)?, absolute(&results)?];
         for set in &case.overrides {
             words.extend(["--set".to_owned(), set.clone()]);
         }
@@ -99,24 +120,29 @@ impl JobScript {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let plain = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' };
         let name = format!("phasewarp-{}", stem.chars().map(plain).collect::<String>());
-        Ok(Self { name, needs, words })
+        let site = match Path::new(SITE) {
+            site if site.is_file() => disk::read_text(site)?,
+            _ => USUAL_SITE.to_owned(),
+        };
+        let program = std::env::current_exe()
+            .map_err(|e| Error::Input(format!("--sbatch: the program's own path: {e}")))?;
+        let [program, script] = [absolute(&program)?, absolute(script)?];
+        Ok(Self { name, needs, site, program, script, words })
     }
 }
 
-/// A path as a word that is no option.
-fn path_word(path: &Path) -> Result<String> {
-    let word = path.to_str().ok_or_else(|| {
-        Error::Input(format!("--sbatch: {} is no UTF-8 text; rename it", path.display()))
-    })?;
-    Ok(if word.starts_with('-') { format!("./{word}") } else { word.to_owned() })
+/// A path from the root on.
+fn absolute(path: &Path) -> Result<String> {
+    let refused =
+        |why: &dyn fmt::Display| Error::Input(format!("--sbatch: {}: {why}", path.display()));
+    let found = std::path::absolute(path).map_err(|e| refused(&e))?;
+    found.to_str().map(str::to_owned).ok_or_else(|| refused(&"is no UTF-8 text; rename it"))
 }
 
 impl fmt::Display for JobScript {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Needs { ranks, ranks_per_node, memory, seconds } = self.needs;
-        writeln!(f, "#!/bin/bash")?;
-        writeln!(f, "# Written by phasewarp {VERSION}, plan --sbatch. Submit it with sbatch from")?;
-        writeln!(f, "# the directory in which it was planned, which has jobscripts/ in it.")?;
+        writeln!(f, "#!/bin/bash\n# Written by phasewarp {VERSION}.\n{HEAD}")?;
         writeln!(f, "#SBATCH --job-name={}", self.name)?;
         writeln!(f, "#SBATCH --ntasks={ranks}")?;
         if let Some(each) = ranks_per_node {
@@ -132,12 +158,18 @@ impl fmt::Display for JobScript {
                 let (hours, minutes) = ((minutes / 60.0).floor(), minutes % 60.0);
                 writeln!(f, "#SBATCH --time={hours:02}:{minutes:02}:00")?;
             }
-            None => writeln!(f, "# No --time: plan --calibrate predicts it.")?,
+            None => writeln!(f, "{NO_TIME}")?,
         }
         writeln!(f, "#SBATCH --signal=B:USR1@120")?;
         writeln!(f, "#SBATCH --output=%x-%j.log")?;
-        writeln!(f, "\nset -euo pipefail\ncd \"${{SLURM_SUBMIT_DIR:-.}}\"")?;
-        write!(f, "exec bash jobscripts/run.sbatch")?;
+        writeln!(f, "\nset -euo pipefail\n")?;
+        writeln!(f, "# --- the site: {SITE}, copied ---\n\n{}", self.site.trim_end())?;
+        writeln!(f, "\n# --- what job scripts share ---\n\n{}", STEPS.trim_end())?;
+        writeln!(f, "\n# --- this run ---\n")?;
+        writeln!(f, "program=${{PHASEWARP:-}}")?;
+        writeln!(f, "[ -n \"$program\" ] || program={}", quoted(&self.program))?;
+        writeln!(f, "again=({})", quoted(&self.script))?;
+        write!(f, "solve_in_jobs")?;
         for word in &self.words {
             write!(f, " \\\n    {}", quoted(word))?;
         }

@@ -84,7 +84,7 @@ const DURATIONS: &str = "3600, 90s, 90m, 1.5h, 2d, 1h30m, 12:30, 1:30:00 and 2-0
 fn number(text: &str, unit: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if text.starts_with(|c: char| c.is_ascii_digit() || c == '.') => Ok(value),
-        _ => Err(format!("\"{text}\" is no number of {unit}; {DURATIONS} are understood")),
+        _ => Err(format!("\"{text}\" is not a number of {unit}; a duration is one of {DURATIONS}")),
     }
 }
 
@@ -97,7 +97,7 @@ fn clock_seconds(text: &str) -> Result<f64, String> {
             let clock = fields.iter().fold(0.0, |sum, &field| 60.0 * sum + f64::from(field));
             Ok(86400.0 * number(days, "days")? + clock)
         }
-        _ => Err(format!("\"{text}\" is no time; {DURATIONS} are understood")),
+        _ => Err(format!("\"{text}\" is not a duration; one is {DURATIONS}")),
     }
 }
 
@@ -134,7 +134,9 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = text.split_at(split);
     let factor = match unit.trim().to_ascii_lowercase().as_str() {
         "" if !number.is_empty() => {
-            return Err(format!("{number} of what? KiB, MiB, GiB, TiB, kB, MB, GB, TB or B"));
+            return Err(format!(
+                "{number} has no unit; KiB, MiB, GiB, TiB, kB, MB, GB, TB and B are known"
+            ));
         }
         "b" => 1.0,
         "kb" => 1e3,
@@ -146,7 +148,9 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
         "g" | "gib" => 1024f64.powi(3),
         "t" | "tib" => 1024f64.powi(4),
         other => {
-            return Err(format!("unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB do"));
+            return Err(format!(
+                "unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB and B are known"
+            ));
         }
     };
     let value: f64 = number.trim().parse().map_err(|_| format!("\"{number}\" is not a number"))?;

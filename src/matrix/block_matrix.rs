@@ -203,6 +203,7 @@ impl BlockMatrix {
             // SAFETY: the processor was asked.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx512 => unsafe { self.sum_avx512(lines, operator, y, x) },
+            // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx2 => unsafe { self.sum_avx2(lines, operator, y, x) },
             _ => self.sum_lines(lines, operator, y, x),

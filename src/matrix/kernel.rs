@@ -332,6 +332,7 @@ pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
         InstructionSet::Avx512 => |matrix, lines, constants, y, x, start| unsafe {
             step_avx512(matrix, lines, constants, y, x, start)
         },
+        // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx2 => |matrix, lines, constants, y, x, start| unsafe {
             step_avx2(matrix, lines, constants, y, x, start)

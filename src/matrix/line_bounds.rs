@@ -265,8 +265,8 @@ struct Bounded {
     dissipation: f64,
     /// Bound on `‖K‖`.
     skew: f64,
-    /// Lower and upper bound at each of the [`wavenumbers`].
-    table: OnceLock<Vec<[f64; 2]>>,
+    /// Lower and upper bound at each of the [`wavenumbers`], computed when first asked for.
+    table: Vec<OnceLock<[f64; 2]>>,
 }
 
 impl PartialEq for LineBounds {
@@ -280,7 +280,7 @@ impl LineBounds {
     pub fn new(lines: Lines) -> Self {
         let [lower, upper] = lines.interval(Form { flux: lines.flux, mu: 0.0, skew: 1.0 });
         let dissipation = lines.dissipation();
-        let table = OnceLock::new();
+        let table = vec![OnceLock::new(); wavenumbers().len()];
         Self(Arc::new(Bounded { lines, dissipation, skew: upper.max(-lower), table }))
     }
 
@@ -292,9 +292,10 @@ impl LineBounds {
     /// `[lower, upper]` at a tabulated wavenumber, by its number.
     fn tabulated(&self, k: usize) -> [f64; 2] {
         let Bounded { lines, table, .. } = &*self.0;
-        let bounds = |&mu: &f64| lines.interval(Form { flux: lines.flux, mu, skew: 1.0 });
-        // All at once, before a run's loop, which allocates nothing.
-        table.get_or_init(|| wavenumbers().iter().map(bounds).collect())[k]
+        // A plan asks for all modes of a run, whose loop allocates nothing.
+        *table[k].get_or_init(|| {
+            lines.interval(Form { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 })
+        })
     }
 
     /// `[lower, upper]` of the spectrum of `μS + iK`, `mu ≥ 0`.

@@ -161,6 +161,7 @@ impl Rows {
             let [s, k] = *self.values.get_unchecked(e);
             (*self.distances.get_unchecked(e), s, k)
         };
+        // SAFETY: as above.
         let (start, end) = unsafe {
             let start = *self.offsets.get_unchecked(template);
             (start, *self.offsets.get_unchecked(template + 1))

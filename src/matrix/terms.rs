@@ -39,6 +39,7 @@ impl TermRows<'_> {
             // SAFETY: the processor was asked.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx512 => unsafe { read_avx512(self) },
+            // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             InstructionSet::Avx2 => unsafe { read_avx2(self) },
             _ => read_moments::<{ cfg!(target_arch = "aarch64") }>(self),

@@ -269,12 +269,8 @@ mod tests {
         assert!(value("sqrt(-x) else 1").is_nan());
         assert!(value("1 if x < 0").is_nan());
         for hidden in [
-            "min(1, sqrt(-x))",
-            "sqrt(-x) < 1",
-            "1 if sqrt(-x) > 0 else 2",
-            "!sqrt(-x)",
-            "step(ln(-x))",
-            "sign(ln(-x))",
+            "min(1, sqrt(-x))", "sqrt(-x) < 1", "1 if sqrt(-x) > 0 else 2", "!sqrt(-x)",
+            "step(ln(-x))", "sign(ln(-x))",
         ] {
             assert!(value(hidden).is_nan(), "{hidden}");
         }

@@ -115,15 +115,8 @@ pub struct Export {
 
 /// Names of all files but the description.
 pub const NAMES: [&str; 9] = [
-    "initial_modes.npy",
-    "final_modes.npy",
-    "initial.npy",
-    "final.npy",
-    "field.npy",
-    "weights.npy",
-    "hamiltonian.mtx",
-    "transform.qasm",
-    "preparation.qasm",
+    "initial_modes.npy", "final_modes.npy", "initial.npy", "final.npy", "field.npy", "weights.npy",
+    "hamiltonian.mtx", "transform.qasm", "preparation.qasm",
 ];
 
 /// Refuses what cannot be exported, before it is assembled.
@@ -369,12 +362,7 @@ impl Export {
         };
         Ok(Self {
             description: Description::new(
-                case,
-                &registers,
-                &grid,
-                &reading,
-                norm_of_state,
-                refused,
+                case, &registers, &grid, &reading, norm_of_state, refused,
             ),
             hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
             transform: circuit::transform(registers.p),

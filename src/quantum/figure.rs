@@ -6,122 +6,105 @@ use crate::base::text::short;
 use serde::Serialize;
 use std::fmt;
 
+/// How far a number is to be trusted, the most trusted first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trust {
+    /// Computed for this case, but for round-off.
+    Exact,
+    /// Exact, and counted in gates that were emitted.
+    Emitted,
+    /// Not below what it stands for.
+    UpperBound,
+    /// Rests on what was measured, sampled or solved roughly.
+    Estimate,
+    /// From a formula whose constants are assumed.
+    Model,
+    /// Not known.
+    Unavailable,
+}
+
 /// A number and how far it is to be trusted.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "label", rename_all = "kebab-case")]
-pub enum Figure {
-    /// Computed for this case, but for round-off.
-    Exact {
-        /// The number.
-        value: f64,
-    },
-    /// Exact, and counted in gates that were emitted.
-    Emitted {
-        /// The number.
-        value: f64,
-    },
-    /// Not below what it stands for.
-    UpperBound {
-        /// The number.
-        value: f64,
-    },
-    /// Rests on what was measured, sampled or solved roughly.
-    Estimate {
-        /// The number.
-        value: f64,
-        /// What was assumed.
-        because: String,
-    },
-    /// From a formula whose constants are assumed.
-    Model {
-        /// The number.
-        value: f64,
-        /// What was assumed.
-        because: String,
-    },
-    /// Not known.
-    Unavailable {
-        /// Why.
-        because: String,
-    },
+pub struct Figure {
+    label: Trust,
+    /// None if it is unavailable.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<f64>,
+    /// What an estimate or a model assumes, or why there is no number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    because: Option<String>,
 }
 
 impl Figure {
     /// An exact number.
     pub fn exact(value: f64) -> Self {
-        Self::Exact { value }
+        Self { label: Trust::Exact, value: Some(value), because: None }
     }
 
     /// A number of emitted gates.
     pub fn emitted(value: f64) -> Self {
-        Self::Emitted { value }
+        Self { label: Trust::Emitted, ..Self::exact(value) }
     }
 
     /// An upper bound.
     pub fn bound(value: f64) -> Self {
-        Self::UpperBound { value }
+        Self { label: Trust::UpperBound, ..Self::exact(value) }
     }
 
     /// An estimate.
     pub fn estimate(value: f64, because: &str) -> Self {
-        Self::Estimate { value, because: because.to_owned() }
+        Self { label: Trust::Estimate, value: Some(value), because: Some(because.to_owned()) }
     }
 
     /// A number of a model.
     pub fn model(value: f64, because: &str) -> Self {
-        Self::Model { value, because: because.to_owned() }
+        Self { label: Trust::Model, ..Self::estimate(value, because) }
     }
 
     /// No number.
     pub fn unavailable(because: &str) -> Self {
-        Self::Unavailable { because: because.to_owned() }
+        Self { label: Trust::Unavailable, value: None, because: Some(because.to_owned()) }
     }
 
     /// Another number with this one's label.
     pub fn with(&self, number: f64) -> Self {
-        let mut figure = self.clone();
-        match &mut figure {
-            Self::Exact { value }
-            | Self::Emitted { value }
-            | Self::UpperBound { value }
-            | Self::Estimate { value, .. }
-            | Self::Model { value, .. } => *value = number,
-            Self::Unavailable { .. } => {}
-        }
-        figure
+        Self { value: self.value.map(|_| number), ..self.clone() }
     }
 
     /// The product, labelled as the less trusted of both.
     pub fn times(&self, other: &Self) -> Self {
-        let (more, less) =
-            if self.distrust() < other.distrust() { (self, other) } else { (other, self) };
-        match (more.value(), less.value()) {
+        let (more, less) = if self.label < other.label { (self, other) } else { (other, self) };
+        match (more.value, less.value) {
             (Some(a), Some(b)) => less.with(a * b),
             _ => less.clone(),
         }
     }
 
-    /// The order of the labels.
-    fn distrust(&self) -> u8 {
-        match self {
-            Self::Exact { .. } => 0,
-            Self::Emitted { .. } => 1,
-            Self::UpperBound { .. } => 2,
-            Self::Estimate { .. } => 3,
-            Self::Model { .. } => 4,
-            Self::Unavailable { .. } => 5,
-        }
+    /// How far it is to be trusted.
+    pub fn trust(&self) -> Trust {
+        self.label
+    }
+
+    /// What an estimate or a model assumes, or why there is no number.
+    pub fn because(&self) -> Option<&str> {
+        self.because.as_deref()
+    }
+
+    /// The number, if there is one.
+    pub fn value(&self) -> Option<f64> {
+        self.value
     }
 
     /// The label and its letter in tables.
-    fn label(&self) -> Label {
-        let (word, mark) = match self {
-            Self::Exact { .. } => ("exact", 'x'),
-            Self::Emitted { .. } => ("emitted", 'g'),
-            Self::UpperBound { .. } => ("upper-bound", 'b'),
-            Self::Estimate { .. } => ("estimate", 'm'),
-            Self::Model { .. } => ("model", 'm'),
-            Self::Unavailable { .. } => ("unavailable", ' '),
+    fn column_label(&self) -> Label {
+        let (word, mark) = match self.label {
+            Trust::Exact => ("exact", 'x'),
+            Trust::Emitted => ("emitted", 'g'),
+            Trust::UpperBound => ("upper-bound", 'b'),
+            Trust::Estimate => ("estimate", 'm'),
+            Trust::Model => ("model", 'm'),
+            Trust::Unavailable => ("unavailable", ' '),
         };
         Label { word, mark }
     }
@@ -133,7 +116,7 @@ impl Figure {
             false => format!("{x:.3e}"),
         };
         let Some(value) = self.value() else { return "-".to_owned() };
-        format!("{} {}", number(value), self.label().mark)
+        format!("{} {}", number(value), self.column_label().mark)
     }
 
     /// Figures as a column of a table, with their labels.
@@ -141,21 +124,9 @@ impl Figure {
         let mut column = Values::new(name, []);
         for figure in figures {
             column.cells.push(figure.value().into());
-            column.labels.push(figure.label());
+            column.labels.push(figure.column_label());
         }
         column
-    }
-
-    /// The number, if there is one.
-    pub fn value(&self) -> Option<f64> {
-        match self {
-            Self::Exact { value }
-            | Self::Emitted { value }
-            | Self::UpperBound { value }
-            | Self::Estimate { value, .. }
-            | Self::Model { value, .. } => Some(*value),
-            Self::Unavailable { .. } => None,
-        }
     }
 }
 
@@ -165,19 +136,15 @@ impl fmt::Display for Figure {
             true => format!("{x}"),
             false => short(x),
         };
-        match self {
-            Self::Exact { value } => write!(f, "{:>12}  exact", number(*value)),
-            Self::Emitted { value } => {
-                write!(f, "{:>12}  exact (emitted gates)", number(*value))
-            }
-            Self::UpperBound { value } => write!(f, "{:>12}  upper bound", number(*value)),
-            Self::Estimate { value, because } => {
-                write!(f, "{:>12}  estimate: {because}", number(*value))
-            }
-            Self::Model { value, because } => {
-                write!(f, "{:>12}  model: {because}", number(*value))
-            }
-            Self::Unavailable { because } => write!(f, "{:>12}  unavailable: {because}", "-"),
-        }
+        let word = match self.label {
+            Trust::Exact => "exact",
+            Trust::Emitted => "exact (emitted gates)",
+            Trust::UpperBound => "upper bound",
+            Trust::Estimate => "estimate",
+            Trust::Model => "model",
+            Trust::Unavailable => "unavailable",
+        };
+        write!(f, "{:>12}  {word}", self.value.map_or_else(|| "-".to_owned(), number))?;
+        self.because.iter().try_for_each(|because| write!(f, ": {because}"))
     }
 }

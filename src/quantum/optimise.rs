@@ -146,9 +146,9 @@ impl Choice {
 
     /// Why it cannot be planned, if so.
     pub fn why_not(&self) -> Option<&str> {
-        match &self.recovery {
-            Figure::Unavailable { because } => Some(because),
-            _ => None,
+        match self.recovery.value() {
+            None => self.recovery.because(),
+            Some(_) => None,
         }
     }
 
@@ -428,12 +428,13 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
         return too_many(modes as f64);
     }
     let time = case.duration();
-    let label = |x: f64| Figure::estimate(x, "norms of the classical solution to three digits");
+    let label = |x: f64| Figure::estimate(x, "norms of the classical solution, 3 digits");
     let points = points(&series).next_power_of_two();
     let bounds = system.bounds;
     let planned = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
     let found = Probabilities::new(&planned, system.norms, &label);
-    if let Figure::Unavailable { because } = &found.nearest().all {
+    let all = &found.nearest().all;
+    if let (None, Some(because)) = (all.value(), all.because()) {
         return Choice::unavailable(candidate, delta, because);
     }
     let demand = Demand {

@@ -272,7 +272,7 @@ fn qubits(count: usize) -> usize {
 }
 
 /// What the norms rest on.
-const NORMS: &str = "norms of the classical solution to three digits";
+const NORMS: &str = "norms of the classical solution, 3 digits";
 
 impl Record {
     /// What the case of `prepared` takes with the state of `preparation`, from this rank's part of

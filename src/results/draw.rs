@@ -197,13 +197,8 @@ mod tests {
         let svg = example().svg().unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
         for text in [
-            "errors &amp; &lt;costs&gt;",
-            "applications",
-            "10⁻⁴",
-            "here",
-            "there",
-            "data:image/png",
-            "two",
+            "errors &amp; &lt;costs&gt;", "applications", "10⁻⁴", "here", "there",
+            "data:image/png", "two",
         ] {
             assert!(svg.contains(text), "{text}");
         }

@@ -135,19 +135,21 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
             Err(_) => Some(format!("it holds a result.h5 that is not phasewarp's; {instead}")),
         };
     }
-    let ours = |name: &str| {
-        let path = directory.join(name);
-        let sound = untrusted::inspect(&path, Inspection::Shapes).is_ok();
-        let program = || File::open(&path).and_then(|file| text_attribute(&file, "program"));
-        sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
-    };
     // A run that was stopped leaves the warped fields of times that it came to.
+    let foreign = |name: &&str| !is_of_this_program(&directory.join(name));
     let warped = warped::names(case);
-    let warped = warped.iter().map(String::as_str).filter(|name| !ours(name));
+    let warped = warped.iter().map(String::as_str).filter(foreign);
     let grids: Vec<String> = grids::names().collect();
     let mut names = TEXTS.into_iter().chain(grids.iter().map(String::as_str)).chain(warped);
     let name = names.find(there)?;
     Some(format!("it holds {name}, which belongs to no result.h5 there; {instead}"))
+}
+
+/// Whether `path` is an HDF5 file that this program wrote.
+fn is_of_this_program(path: &Path) -> bool {
+    let is_sound = untrusted::inspect(path, Inspection::Shapes).is_ok();
+    let program = || File::open(path).and_then(|file| text_attribute(&file, "program"));
+    is_sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
 }
 
 /// Removes from `directory` what an earlier run left and this one does not write: its warped
@@ -156,7 +158,11 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
 /// # Errors
 /// [`Error::Output`].
 pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
-    warped::remove_older(directory, case)?;
+    let is_replaced = std::fs::symlink_metadata(directory.join(RESULT)).is_ok();
+    warped::remove_older(directory, case, |path| is_replaced || is_of_this_program(path))?;
+    if !is_replaced {
+        return Ok(());
+    }
     let table = case.readout.is_none().then_some(Path::new("readout.csv").to_owned());
     let others = [report::NAME.into()].into_iter().chain(table).chain(pictures::files(directory));
     for name in others {

@@ -4,7 +4,7 @@
 //! flow; all else is measured on the grid, or is an integral of the case's formulas. What is not
 //! known is `null` in `summary.json`.
 
-use crate::base::text::{percent, rounded, short};
+use crate::base::text::{counted, percent, rounded, short};
 use serde::{Deserialize, Serialize};
 
 /// Parts above this are worth a warning.
@@ -12,6 +12,11 @@ pub const NOTICEABLE: f64 = 0.01;
 /// Parts of the mass above this that are gone without leaving, or that enter otherwise than they
 /// should, are worth a warning; below it is the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.05;
+/// Regions of `V` of so many cells or more are resolved; an element of degree 1 or more resolves
+/// what is as wide as itself.
+const CELLS_OF_REGION: usize = 4;
+/// Jumps of `V` larger than this many times the largest `v²/2` are a wall, or a slip of units.
+const WALL: f64 = 100.0;
 /// Differences within so many standard errors are not seen.
 const STANDARD_ERRORS: f64 = 4.0;
 
@@ -120,6 +125,9 @@ pub struct Region {
     pub axis: String,
     /// Cells across it; elements of a degree above 0.
     pub cells: usize,
+    /// Degree of the scheme along this axis.
+    #[serde(default)]
+    pub degree: usize,
 }
 
 impl Ledger {
@@ -149,6 +157,13 @@ impl Ledger {
 
     /// What the user should know, each with what to do.
     pub fn warnings(&self) -> Vec<String> {
+        let found = self.doubts().into_iter();
+        found.chain(self.wall_warnings()).chain(self.narrow_warnings()).collect()
+    }
+
+    /// Those of the warnings that put mass and energy in doubt. The others tell of potentials that
+    /// may be meant.
+    pub fn doubts(&self) -> Vec<String> {
         let found = [
             self.grid_warning(),
             self.start_warning(),
@@ -276,10 +291,10 @@ impl Ledger {
         let warning = |end: &End| {
             let [all, jumps] = [end.outflow + end.outflow_at_jumps, end.outflow_at_jumps]
                 .map(|mass| self.share(mass).unwrap_or(0.0));
-            let by_jumps = if jumps == 0.0 {
-                String::new()
-            } else {
-                format!(", {} at jumps of V", percent(jumps))
+            let by_jumps = match jumps {
+                0.0 => String::new(),
+                _ if percent(jumps) == percent(all) => ", at jumps of V".to_owned(),
+                _ => format!(", {} at jumps of V", percent(jumps)),
             };
             format!(
                 "mass: an estimated {} leaves through the {} end of {}{by_jumps}: the velocity box \
@@ -306,6 +321,39 @@ impl Ledger {
                     short(mean)
                 )
             })
+        })
+    }
+
+    /// Warnings of jumps that no velocity of the box passes by far.
+    fn wall_warnings(&self) -> impl Iterator<Item = String> + '_ {
+        let walls = self.jumps.iter().filter(|jump| jump.largest > WALL * jump.largest_energy);
+        walls.map(|jump| {
+            format!(
+                "potential: the largest jump along {}, {}, is far above the largest v^2/2 of the \
+                 box there, {}: it reflects all velocities of the box; for a wall this is what is \
+                 meant; if not, are the units those of v^2?",
+                jump.axis,
+                short(jump.largest),
+                short(jump.largest_energy)
+            )
+        })
+    }
+
+    /// Warnings of regions that are too narrow for the grid, where particles may enter them.
+    fn narrow_warnings(&self) -> impl Iterator<Item = String> + '_ {
+        let entered = |region: &&Region| {
+            let jump = self.jumps.iter().find(|jump| jump.axis == region.axis);
+            jump.is_some_and(|jump| jump.least <= jump.largest_energy)
+        };
+        let narrow = |region: &&Region| region.degree == 0 && region.cells < CELLS_OF_REGION;
+        self.regions.iter().filter(narrow).filter(entered).map(|region| {
+            let Region { potential, axis, cells, .. } = region;
+            format!(
+                "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
+                 where slow particles may be several times as many as they should be; more cells \
+                 ({CELLS_OF_REGION} across it), or scheme.degree = 2",
+                counted(*cells, "cell", "cells")
+            )
         })
     }
 
@@ -383,8 +431,10 @@ impl Ledger {
 
     fn regions_line(&self) -> Option<String> {
         let narrowest = self.regions.iter().min_by_key(|region| region.cells)?;
-        let Region { potential, axis, cells } = narrowest;
-        Some(format!("narrowest region of V: potential.{potential}, {cells} cells along {axis}"))
+        let Region { potential, axis, cells, degree } = narrowest;
+        let [one, many] = if *degree == 0 { ["cell", "cells"] } else { ["element", "elements"] };
+        let cells = counted(*cells, one, many);
+        Some(format!("narrowest region of V: potential.{potential}, {cells} along {axis}"))
     }
 }
 
@@ -471,6 +521,41 @@ mod tests {
         let mut uncertain = sound();
         (uncertain.mass.lost, uncertain.mass.left_error) = (Some(1.7), Some(0.05));
         assert!(uncertain.warnings().is_empty());
+    }
+
+    /// Walls and narrow regions are said, and put neither mass nor energy in doubt.
+    #[test]
+    fn potentials_that_may_be_meant_are_no_doubts() {
+        let narrow = |cells, degree, least| {
+            let mut ledger = sound();
+            ledger.jumps[0].least = least;
+            let axis = "x".to_owned();
+            ledger.regions = vec![Region { potential: 2, axis, cells, degree }];
+            ledger
+        };
+        let wall = |largest| {
+            let mut ledger = sound();
+            ledger.jumps[0].largest = largest;
+            ledger
+        };
+        let rows = [
+            (narrow(1, 0, 0.1), "potential.2: 1 cell wide along x"),
+            (narrow(3, 0, 0.1), "potential.2: 3 cells wide along x"),
+            (narrow(4, 0, 0.1), ""),
+            (narrow(1, 1, 0.1), ""),
+            // Nothing gets in.
+            (narrow(1, 0, 2e3), ""),
+            (wall(2e5), "the largest jump along x, 2e5, is far above"),
+            (wall(9e4), ""),
+        ];
+        for (ledger, words) in rows {
+            let found = ledger.warnings();
+            assert_eq!(found.len(), usize::from(!words.is_empty()), "{words}: {found:?}");
+            assert!(found.iter().all(|warning| warning.contains(words)), "{words}: {found:?}");
+            assert!(ledger.doubts().is_empty());
+        }
+        let text = narrow(1, 3, 0.1).text();
+        assert!(text.contains("potential.2, 1 element along x\n"), "{text}");
     }
 
     #[test]

@@ -42,17 +42,8 @@ pub const MOVIE: &str = "movie";
 const ENDINGS: [&str; 4] = [".svg", ".png", ".gif", ".webm"];
 /// Names of pictures; a number may follow.
 const NAMES: [&str; 11] = [
-    MOVIE,
-    "phase_space",
-    "moments",
-    "density",
-    "velocity",
-    "history",
-    "profile",
-    "modes",
-    "plateau",
-    "readout",
-    "time",
+    MOVIE, "phase_space", "moments", "density", "velocity", "history", "profile", "modes",
+    "plateau", "readout", "time",
 ];
 
 /// The files of pictures and movies in `directory/plots`, from `directory`.
@@ -101,7 +92,7 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
         )));
     }
     let runs = Runs::new(run, beside);
-    let usual = Cut::usual(run);
+    let usual = Cut::usual(run, &[run.end()]);
     let cuts = if cuts.is_empty() { std::slice::from_ref(&usual) } else { cuts };
     let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
     for (k, cut) in cuts.iter().enumerate() {

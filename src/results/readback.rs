@@ -210,14 +210,18 @@ fn sum_of(
 /// An attribute that [`crate::results::writer::text`] made.
 pub(crate) fn text_attribute(at: &Location, name: &str) -> Outcome<String> {
     let text: VarLenUnicode = at.attr(name)?.read_scalar()?;
-    Ok(text.to_string())
+    utf8(text.as_bytes().to_vec())
+}
+
+/// A text of a file, which the HDF5 crate takes for UTF-8 without a look.
+fn utf8(bytes: Vec<u8>) -> Outcome<String> {
+    String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))
 }
 
 /// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one
 /// zero byte.
 pub(crate) fn read_text(dataset: &Dataset) -> Outcome<String> {
-    let bytes = read_bytes(dataset, dataset.dtype()?.size())?;
-    let text = String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))?;
+    let text = utf8(read_bytes(dataset, dataset.dtype()?.size())?)?;
     Ok(text.trim_end_matches('\0').to_owned())
 }
 
@@ -241,4 +245,31 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
         )
     };
     if status >= 0 { Ok(bytes) } else { Err(hdf5::Error::from("a text could not be read")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::writer::text;
+
+    /// The file says UTF-8, and the bytes are not: an error, no text that crashes its readers.
+    #[test]
+    fn attributes_that_are_not_utf8_are_refused() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("attributes.h5");
+        let file = hdf5::File::create(&path).expect("a file");
+        for value in ["first", "second"] {
+            let attribute = file.new_attr::<VarLenUnicode>().create(value).expect("an attribute");
+            attribute.write_scalar(&text(&format!("the {value}"))).expect("written");
+        }
+        drop(file);
+        let mut bytes = std::fs::read(&path).expect("a file");
+        let at = bytes.windows(10).position(|found| found == b"the second").expect("the text");
+        bytes[at + 9] = 0xff;
+        std::fs::write(&path, bytes).expect("a file");
+        let file = hdf5::File::open(&path).expect("a file");
+        assert_eq!(text_attribute(&file, "first").expect("a text"), "the first");
+        let refused = text_attribute(&file, "second").map_err(|e| e.to_string());
+        assert!(refused.as_ref().is_err_and(|e| e.contains("utf-8")), "{refused:?}");
+    }
 }

@@ -20,7 +20,7 @@ use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
 use crate::results::report::times::Times;
-use crate::results::report::trust::trust;
+use crate::results::report::trust::{said, trust};
 use crate::results::summary::{Accuracy, Continued};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
@@ -50,8 +50,8 @@ const TO_SEMIDISCRETE: [(&str, &str); 6] = [
     ("error_estimate", "estimate of that distance, by a second reading"),
     ("error_estimate_reliable", "whether the estimate can be relied on"),
     ("error_semidiscrete", "that distance, measured"),
-    ("step_error", "part of an implicit step"),
-    ("time_error", "part of the steps of an inflow in time"),
+    ("step_error", "part of that from the steps of an implicit method"),
+    ("time_error", "part of that from the steps of an inflow in time"),
 ];
 
 /// Errors to the exact solution, what each is relative to, and labels.
@@ -106,13 +106,13 @@ const MEMORY: [(&str, &str); 2] = [
 
 /// The chain of postselected conditions.
 const PROBABILITIES: [(&str, &str); 7] = [
-    ("in_p", "p is found there"),
-    ("field_given_p", "and not the auxiliary unknowns of the inflow"),
-    ("weights_given_field", "and the weights are undone"),
-    ("all", "all of it"),
+    ("in_p", "p is measured in the range"),
+    ("field_given_p", "given that, the state is not in an unknown of the inflow"),
+    ("weights_given_field", "given both, the weights are undone"),
+    ("all", "all three"),
     ("repetitions", "repetitions until it succeeds"),
-    ("amplification_rounds", "or rounds of amplitude amplification"),
-    ("amplified_evolutions", "with so many evolutions"),
+    ("amplification_rounds", "rounds of amplitude amplification instead"),
+    ("amplified_evolutions", "evolutions in those rounds"),
 ];
 
 /// What a report is made of.
@@ -302,11 +302,15 @@ impl Report<'_> {
             )
         });
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
+        let of = match self.run.plan["method"] == "classical" {
+            true => "the grid and of the steps in time",
+            false => "the grid",
+        };
         let exact = exact.map(|(error, exact)| {
             let part = percent(error / exact);
             format!(
                 "The L1 distance to the exact solution is {part} of that solution's norm. It is \
-                 the error of the grid."
+                 the error of {of}."
             )
         });
         let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
@@ -329,6 +333,8 @@ impl Report<'_> {
     fn warnings(&self) -> Markup {
         let list = self.summary["warnings"].as_array();
         let mut all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
+        let said = said(self.summary);
+        all.retain(|warning| Some(*warning) != said.as_deref());
         // What is wrong with the result before what was made of the case.
         all.sort_by_key(|warning| !warning.starts_with("mass:"));
         let (first, others) = all.split_at(all.len().min(WARNINGS_SHOWN));

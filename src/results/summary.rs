@@ -4,7 +4,7 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::{OF_ALGORITHM, OF_GRID, one_digit, percent, rounded_down, short};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, one_digit, percent, quoted, rounded_down, short};
 use crate::problem::case::{Case, Data, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::quantum::probability::Probabilities;
@@ -101,6 +101,8 @@ pub struct Accuracy {
 
 /// A grid's error above this is large by itself.
 const MUCH: f64 = 0.1;
+/// An exact density is to be known to this part of the run's error.
+const KNOWN: f64 = 0.25;
 /// A grid's error above this many times the algorithm's is what limits a run.
 const MANY_TIMES: f64 = 10.0;
 
@@ -201,7 +203,7 @@ impl Accuracy {
             let enough = rounded_down(self.worst() / MANY_TIMES);
             format!("; with this grid solver.tolerance = {enough:e} would do")
         } else if is_start {
-            format!("; phasewarp advise {} --accuracy ε finds a grid", case.name)
+            format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
         } else {
             String::new()
         };
@@ -461,6 +463,10 @@ pub struct Summary {
     pub error_density_l1_relative: Option<f64>,
     /// `error_density_l2` relative to (∫ ρ_exact² dx)^½.
     pub error_density_l2_relative: Option<f64>,
+    /// An estimate of the relative L1 error of ρ_exact itself, where that is integrated over the
+    /// velocities.
+    #[serde(default)]
+    pub exact_density_error: Option<f64>,
     /// Σ_a ∫ |m_a − m_exact,a| dx.
     pub error_momentum_l1: Option<f64>,
     /// (Σ_a ∫ |m_a − m_exact,a|² dx)^½.
@@ -535,6 +541,18 @@ impl Summary {
             self.error_momentum_l1_relative = momentum.relative_l1();
             self.error_momentum_l2_relative = momentum.relative_l2();
         }
+    }
+
+    /// Warns of an exact density that is not known well enough to tell the run's error.
+    pub fn exact_density_warning(&self) -> Option<String> {
+        let (own, error) = (self.exact_density_error?, self.error_density_l1_relative?);
+        (own > KNOWN * error).then(|| {
+            format!(
+                "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
+                 density's error of {error:.1e} is measured against it: what passed jumps of V \
+                 leaves filaments that take too many velocities to integrate"
+            )
+        })
     }
 
     /// Prints the warnings that were not printed before the run. On one rank.

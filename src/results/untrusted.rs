@@ -277,6 +277,12 @@ pub fn open(directory: &Path) -> Result<Stored> {
             path.display()
         ))
     };
+    if !path.exists() && directory.join("checkpoint").is_dir() {
+        return Err(Error::Input(format!(
+            "{}: the run was stopped and is not finished; with --resume it goes on",
+            directory.display()
+        )));
+    }
     match std::fs::metadata(&path) {
         Ok(found) if found.is_file() => {}
         Ok(_) => return Err(wrong(&"is no file")),

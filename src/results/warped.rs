@@ -60,11 +60,11 @@ fn is_ours(name: &str) -> bool {
 }
 
 /// Removes from `directory` the files of runs before that this one did not write, but for the one
-/// that it started from. By one rank.
+/// that it started from, and those that `is_older` does not know. By one rank.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
+pub fn remove_older(directory: &Path, case: &Case, is_older: impl Fn(&Path) -> bool) -> Result<()> {
     let failed = |e: std::io::Error| failure(directory, &e);
     let written = names(case);
     let start = case.start.as_ref();
@@ -76,6 +76,7 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
         let path = directory.join(&name);
         if older
             && !path.is_dir()
+            && is_older(&path)
             && (start.is_none() || std::fs::canonicalize(&path).ok() != start)
         {
             std::fs::remove_file(&path).map_err(|e| failure(&path, &e))?;

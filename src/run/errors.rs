@@ -2,7 +2,7 @@
 //!
 //! Of degree 0, sums over cells. Of a higher degree, integrals of the polynomials over each
 //! element by Gauss's rule, with more points than nodes: nothing is compared at nodes only, where a
-//! Galerkin scheme is better than in between. In one dimension the exact density and momentum are
+//! Galerkin scheme is better than in between. The exact density and momentum are
 //! [`VelocityIntegrals`].
 
 use crate::base::error::Result;
@@ -11,7 +11,7 @@ use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
-use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::Exactly;
 use crate::run::exact::velocities::VelocityIntegrals;
@@ -67,12 +67,11 @@ pub fn by_elements(
     f: &[f64],
 ) -> Result<GridErrors> {
     let exactly = Exactly::new(world, case, exact)?;
-    let mut sums = ElementSums::new(case);
-    sums.integrate(world, &exactly, share);
+    let mut sums = ElementSums::new(world, case, &exactly);
     for_each_element(&case.space, share, |element| {
         let mut nodal = vec![0.0; element.shape().iter().product()];
         element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
-        sums.add(element, &nodal, &exactly);
+        sums.add(element, &nodal);
     });
     Ok(sums.finish(world))
 }
@@ -80,6 +79,9 @@ pub fn by_elements(
 /// Rules of an element, and sums over elements.
 struct ElementSums<'a> {
     case: &'a Case,
+    exactly: &'a Exactly<'a>,
+    /// Density and momentum of the exact solution.
+    integrals: VelocityIntegrals<'a>,
     /// Points of each axis.
     points: Vec<Vec<f64>>,
     /// Weights of the points times half the element's width.
@@ -90,11 +92,8 @@ struct ElementSums<'a> {
     counts: [usize; 2],
     /// The element of space whose velocities are being summed.
     place: Option<Vec<usize>>,
-    /// In one dimension, density and momentum of the exact solution at the points of the elements
-    /// of space that were not summed yet.
-    integrals: Option<std::vec::IntoIter<[f64; SUMS]>>,
-    /// Sums over velocities at its points, of the field and of the exact one.
-    here: [Vec<[f64; SUMS]>; 2],
+    /// Sums over velocities of the field at its points.
+    here: Vec<[f64; SUMS]>,
     /// Terms by element of space: norms of `f`, density, momentum.
     terms: [[Vec<f64>; 4]; 3],
     /// Terms of the element of space whose velocities are being summed.
@@ -107,7 +106,8 @@ fn norm_terms(a: f64, b: f64) -> [f64; 4] {
 }
 
 impl<'a> ElementSums<'a> {
-    fn new(case: &'a Case) -> Self {
+    /// Collective (the largest exact density).
+    fn new(world: &Group, case: &'a Case, exactly: &'a Exactly<'a>) -> Self {
         let space = &case.space;
         let total = |more: usize| -> f64 {
             space.axes().map(|a| (a.elements() * (a.nodes.count() + more)) as f64).product()
@@ -129,39 +129,25 @@ impl<'a> ElementSums<'a> {
         let n = space.dimension();
         let count = |axes: &[Vec<f64>]| axes.iter().map(Vec::len).product();
         let counts = [count(&points[..n]), count(&points[n..])];
-        let here = [vec![[0.0; SUMS]; counts[0]], vec![[0.0; SUMS]; counts[0]]];
+        let elements: usize = space.x.iter().map(Axis::elements).product();
+        let places = elements * counts[0];
         Self {
             case,
+            exactly,
+            integrals: VelocityIntegrals::new(world, exactly, case, case.end, places),
             points,
             weights,
             matrices,
             counts,
             place: None,
-            integrals: None,
-            here,
+            here: vec![[0.0; SUMS]; counts[0]],
             terms: Default::default(),
             field: [0.0; 4],
         }
     }
 
-    /// Integrates the exact solution over the velocities at all points of the `share` of space, in
-    /// one dimension. Collective.
-    fn integrate(&mut self, world: &Group, exactly: &Exactly<'_>, share: &[Range<usize>]) {
-        let Some(integrals) = VelocityIntegrals::new(exactly, self.case, self.case.end) else {
-            return;
-        };
-        let (axis, points) = (&self.case.space.x[0], &self.points[0]);
-        let nodes = axis.nodes.count();
-        let elements = share[0].start / nodes..share[0].end.div_ceil(nodes);
-        let places: Vec<f64> =
-            elements.flat_map(|e| points.iter().map(move |xi| axis.at(e as i64, *xi))).collect();
-        let found = integrals.at(world, &places).into_iter();
-        let sums: Vec<[f64; SUMS]> = found.map(|[rho, x, y, z, _]| [rho, x, y, z]).collect();
-        self.integrals = Some(sums.into_iter());
-    }
-
     /// Adds an element with the values `nodal` at its nodes.
-    fn add(&mut self, element: &Element<'_>, nodal: &[f64], exactly: &Exactly<'_>) {
+    fn add(&mut self, element: &Element<'_>, nodal: &[f64]) {
         let n = self.case.space.dimension();
         let place = element.place[..n].to_vec();
         if self.place.as_ref() != Some(&place) {
@@ -169,7 +155,7 @@ impl<'a> ElementSums<'a> {
             self.place = Some(place);
         }
         let found = apply_along_all(nodal, &self.matrices);
-        let exact = exactly.values_at(&element.points(&self.points), self.case.end);
+        let exact = self.exactly.values_at(&element.points(&self.points), self.case.end);
         let space_weights = products(&self.weights[..n]);
         let velocity_weights = products(&self.weights[n..]);
         let velocities = self.velocities(element);
@@ -180,11 +166,9 @@ impl<'a> ElementSums<'a> {
                 for (sum, term) in self.field.iter_mut().zip(norm_terms(pair[0], pair[1])) {
                     *sum += space_weight * velocity_weight * term;
                 }
-                for (here, f) in self.here.iter_mut().zip(pair) {
-                    here[q][0] += velocity_weight * f;
-                    for (a, v) in velocities[r].iter().enumerate().take(n) {
-                        here[q][1 + a] += velocity_weight * f * v;
-                    }
+                self.here[q][0] += velocity_weight * found[at];
+                for (a, v) in velocities[r].iter().enumerate().take(n) {
+                    self.here[q][1 + a] += velocity_weight * found[at] * v;
                 }
             }
         }
@@ -200,17 +184,18 @@ impl<'a> ElementSums<'a> {
 
     /// Ends the element of space whose velocities were summed.
     fn flush(&mut self) {
-        if self.place.take().is_none() {
+        let Some(element) = self.place.take() else {
             return;
-        }
+        };
         let n = self.case.space.dimension();
-        if let Some(integrals) = &mut self.integrals {
-            self.here[1].iter_mut().zip(integrals).for_each(|(here, exact)| *here = exact);
-        }
+        let places = self.case.space.points_in(&element, &self.points[..n]);
         let mut sums = [[0.0; 4]; 2];
-        for (q, weight) in products(&self.weights[..n]).iter().enumerate() {
+        let weights = products(&self.weights[..n]);
+        for ((here, place), weight) in self.here.iter().zip(places).zip(weights) {
+            let [x, y, z, ..] = place;
+            let exact = self.integrals.at(&[x, y, z]).moments;
             for k in 0..=n {
-                let terms = norm_terms(self.here[0][q][k], self.here[1][q][k]);
+                let terms = norm_terms(here[k], exact[k]);
                 for (sum, term) in sums[usize::from(k > 0)].iter_mut().zip(terms) {
                     *sum += weight * term;
                 }
@@ -222,7 +207,7 @@ impl<'a> ElementSums<'a> {
                 terms.push(sum);
             }
         }
-        self.here.iter_mut().for_each(|here| here.fill([0.0; SUMS]));
+        self.here.fill([0.0; SUMS]);
     }
 
     /// The norms over all elements. Collective.

@@ -3,20 +3,17 @@
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
-use crate::problem::case::Case;
 use crate::problem::exact::sheet::ExactMoments;
-use crate::problem::grid::for_each_cell;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, ExactSolution, slices};
 use crate::results::shown::Shown;
 use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
-use crate::run::exact::{ExactRun, averaged_density};
+use crate::run::exact::ExactRun;
 use crate::run::files::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
-use std::ops::Range;
 use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
@@ -75,24 +72,27 @@ pub(crate) fn expand(
     let began = Instant::now();
     match (&exact.exact, exact.moments.last()) {
         (None, _) | (_, None) => {}
-        (Some(ExactSolution::Field(exact)), Some(exact_moments)) => {
+        (Some(ExactSolution::Field(values)), Some(exact_moments)) => {
             let share = &shown.share(share);
             let errors = match (&case.exact, case.space.degree()) {
                 (Some(kind), 1..) => errors::by_elements(world, case, kind, share, &fields[0])?,
                 _ => {
-                    let field = field_errors(&norms(&fields[0]), &norms(exact), volumes.mean());
+                    let field = field_errors(&norms(&fields[0]), &norms(values), volumes.mean());
                     errors::by_cells(world, &volumes, field, &moments, exact_moments)
                 }
             };
             summary.set_errors(&errors);
+            let sizes: Vec<f64> = exact_moments.density.iter().map(|rho| rho.abs()).collect();
+            let [error, size] =
+                [&exact.density_errors, &sizes].map(|terms| volumes.integral(world, terms));
+            summary.exact_density_error = Some(error / size).filter(|error| error.is_finite());
         }
         (Some(ExactSolution::Moments(exact)), _) => {
             set_moment_errors(world, &volumes, &moments, exact, summary);
         }
     }
     if case.accuracy.is_some() {
-        summary.accuracy.goal_error = goal_error(world, case, &shown.share(share), &moments)?
-            .or(summary.error_density_l1_relative);
+        summary.accuracy.goal_error = summary.error_density_l1_relative;
     }
     let exact_seconds = began.elapsed().as_secs_f64();
     Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
@@ -111,33 +111,6 @@ fn set_moment_errors(
     let density = ErrorNorms { l1: density, ..norms };
     summary.set_errors(&GridErrors { field: None, density, momentum: None });
     summary.error_velocity_l1 = Some(velocity);
-}
-
-/// Relative L1 distance of the density on this rank's `share` to the averages of the exact one over
-/// cells of degree 0, as `solver.accuracy` counts it. None of elements and in one dimension, where
-/// the error of the density is that already, and where there is no exact solution. Collective.
-fn goal_error(
-    world: &Group,
-    case: &Case,
-    share: &[Range<usize>],
-    moments: &Moments,
-) -> Result<Option<f64>> {
-    let differs = case.space.degree() == 0 && case.space.dimension() > 1;
-    let Some(exact) = case.exact.as_ref().filter(|_| differs) else {
-        return Ok(None);
-    };
-    let expected = averaged_density(world, case, exact)?;
-    let mut found = moments.density.iter();
-    let (mut distances, mut sizes) = (Vec::new(), Vec::new());
-    for_each_cell(share, |i| {
-        let index = case.space.x.iter().zip(i).fold(0, |k, (axis, i)| k * axis.cells + i);
-        if let Some(found) = found.next() {
-            distances.push((found - expected[index]).abs());
-            sizes.push(expected[index].abs());
-        }
-    });
-    let error = world.sum_terms(&distances) / world.sum_terms(&sizes);
-    Ok(Some(error).filter(|error| error.is_finite()))
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.

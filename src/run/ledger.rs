@@ -91,6 +91,7 @@ fn regions(case: &Case) -> Vec<Region> {
         potential: width.region,
         axis: names[width.axis].to_owned(),
         cells: width.elements,
+        degree: case.space.x[width.axis].nodes.degree,
     };
     widths.map(region).collect()
 }

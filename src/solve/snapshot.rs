@@ -13,16 +13,8 @@ use std::collections::BTreeMap;
 
 /// Beginnings of the keys that change no bit of a checkpoint.
 pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
-    "title",
-    "reference",
-    "initial.warped",
-    "initial.field",
-    "output.compression",
-    "output.chunks",
-    "output.expand",
-    "output.positive",
-    "output.xdmf",
-    "checkpoint.",
+    "title", "reference", "initial.warped", "initial.field", "output.compression", "output.chunks",
+    "output.expand", "output.positive", "output.xdmf", "checkpoint.",
 ];
 
 /// What runs share that may go on where the other was stopped, with the same bits.

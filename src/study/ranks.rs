@@ -7,7 +7,7 @@
 //! a block; what all ranks share by their number; the rest stays.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::{bytes_text, shortened};
+use crate::base::text::{bytes_text, counted, shortened};
 use crate::plan::Plan;
 use crate::plan::advice::Node;
 use crate::problem::case::Case;
@@ -266,8 +266,9 @@ impl fmt::Display for RankTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         /// So that lines have at most 100 columns.
         const LONGEST: usize = 80;
-        write!(f, "{:>7} {:>8} {:>6} {:>7}", "ranks", "blocks", "groups", "time")?;
-        if self.costs().any(|cost| cost.seconds.is_some()) {
+        write!(f, "{:>7} {:>8} {:>6} {:>9}", "ranks", "blocks", "groups", "rel. time")?;
+        let timed = self.costs().any(|cost| cost.seconds.is_some());
+        if timed {
             write!(f, " {:>8} {:>8}", "takes", "core-h")?;
         }
         write!(f, " {:>10} {:>10}", "efficiency", "a rank")?;
@@ -283,6 +284,11 @@ impl fmt::Display for RankTable {
                 }
             }
         }
+        if let Some(first) = self.costs().next() {
+            let ranks = counted(first.ranks, "rank", "ranks");
+            let seconds = if timed { "" } else { "; --calibrate predicts seconds" };
+            writeln!(f, "rel. time       the time over that of {ranks}, no unit{seconds}")?;
+        }
         writeln!(f, "{}", self.conclusion())
     }
 }
@@ -291,7 +297,7 @@ impl fmt::Display for RankCost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let blocks: Vec<String> = self.space_blocks.iter().map(usize::to_string).collect();
         let (blocks, groups) = (blocks.join("x"), self.mode_groups);
-        write!(f, "{:>7} {blocks:>8} {groups:>6} {:>7.4}", self.ranks, self.time)?;
+        write!(f, "{:>7} {blocks:>8} {groups:>6} {:>9.4}", self.ranks, self.time)?;
         if let (Some(seconds), Some(hours)) = (self.seconds, self.core_hours) {
             write!(f, " {:>8} {hours:>8.1e}", time_text(seconds))?;
         }

@@ -58,6 +58,14 @@ pub struct Run {
     overrides: Vec<String>,
 }
 
+impl Run {
+    /// It in the table when it ended: with its `summary.json`, or null, and what went wrong.
+    fn row(&self, summary: Value, error: Option<String>) -> Row {
+        let directory = self.directory.display().to_string();
+        Row { values: self.values.clone(), directory, ended: true, summary, error }
+    }
+}
+
 /// All runs, the last key varying fastest.
 pub struct Sweep {
     /// The runs.
@@ -218,7 +226,7 @@ impl Sweep {
                     finished += 1;
                     computed += usize::from(!matches!(done, Done::Before));
                     let row = self.row(world, run)?;
-                    match row.error() {
+                    match row.error.as_deref() {
                         Some(missed) => self.report_end(world, run, &missed),
                         None => self.report_end(world, run, &done),
                     }
@@ -236,7 +244,7 @@ impl Sweep {
                 return Ok(Outcome { table, stopped });
             }
             self.report_end(world, run, &error);
-            table.rows.push(Row::failed(run.values.clone(), &run.directory, &error));
+            table.rows.push(run.row(Value::Null, Some(error.to_string())));
         }
         Ok(Outcome { table, stopped: None })
     }
@@ -250,8 +258,8 @@ impl Sweep {
         for run in &self.runs {
             table.rows.push(match self.case(run) {
                 Ok(case) if run::is_done(world, &run.directory, &case) => self.row(world, run)?,
-                Ok(_) => Row::unfinished(run.values.clone(), &run.directory),
-                Err(error) => Row::failed(run.values.clone(), &run.directory, &error),
+                Ok(_) => Row { ended: false, ..run.row(Value::Null, None) },
+                Err(error) => run.row(Value::Null, Some(error.to_string())),
             });
         }
         Ok(table)
@@ -293,11 +301,7 @@ impl Sweep {
     fn row(&self, world: &World, run: &Run) -> Result<Row> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
         let missed = run::refuse_missed(world, &run.directory, &self.case(run)?);
-        let (values, directory) = (run.values.clone(), &run.directory);
-        Ok(match missed {
-            Ok(()) => Row::finished(values, directory, found),
-            Err(error) => Row::missed(values, directory, found, &error),
-        })
+        Ok(run.row(found, missed.err().map(|error| error.to_string())))
     }
 
     fn stopped(&self, why: String, finished: usize, runs: usize) -> Error {

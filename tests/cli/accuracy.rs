@@ -134,7 +134,7 @@ fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
     assert!(!all.contains("error of the grid"), "{}", empty.report("an error of nothing"));
 
     let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--budget", "20s", "--force"]);
-    let finished = goal.within(120).into(place.path()).succeed().unwrap();
+    let finished = goal.into(place.path()).succeed().unwrap();
     let said = ["accuracy 2e-1 of the density (relative L1): reached, "];
     finished.says(&finished.output, &said).unwrap();
 }
@@ -146,7 +146,7 @@ fn what_is_chosen_is_reached_and_kept() {
     let place = directory();
     let job = || {
         let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--budget", "60s"]);
-        job.into(place.path()).within(120)
+        job.into(place.path())
     };
     let first = job().on(2).succeed().unwrap();
     first.says(&first.errors, &["accuracy 1.5e-1: ", "(measured)"]).unwrap();
@@ -182,7 +182,7 @@ v = { lower = -2.5, upper = 2.5, cells = 50 }
         std::fs::write(&file, format!("{exact}{case}")).map_err(|e| e.to_string())?;
         let job = Job::new(["run", &file.display().to_string(), "--accuracy", "1e-1"]);
         let out = place.path().join("out");
-        let finished = job.on(2).within(120).into(&out).succeed()?;
+        let finished = job.on(2).into(&out).succeed()?;
         let found = datasets(&out)?;
         // Averages over elements; of degree 0 over cells.
         let density = found.get("/averages/density").unwrap_or(&found["/density"]).numbers();

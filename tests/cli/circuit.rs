@@ -31,13 +31,8 @@ const BARRIERS: &[&str] = &[
 ];
 /// The same by the unitary scheme.
 const UNITARY_BARRIERS: &[&str] = &[
-    "scheme.flux=0",
-    "scheme.ends=closed",
-    "axis.0.x.cells=30",
-    "axis.0.v.lower=-1",
-    "axis.0.v.upper=1",
-    "axis.0.v.cells=20",
-    "solver.tolerance=1e-3",
+    "scheme.flux=0", "scheme.ends=closed", "axis.0.x.cells=30", "axis.0.v.lower=-1",
+    "axis.0.v.upper=1", "axis.0.v.cells=20", "solver.tolerance=1e-3",
 ];
 /// A barrier of 2 by 2 cells in a plane of 4 by 4.
 const PLANE: &[&str] = &[

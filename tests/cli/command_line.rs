@@ -47,7 +47,7 @@ const MISTAKES: &[(&str, &[&str])] = &[
     ("plan EXAMPLE --ranks 4..2", &["4..2", "--ranks", "larger"]),
     ("plan EXAMPLE --force", &["--sbatch"]),
     ("plan EXAMPLE --memory-per-rank 4~parsecs", &["4 parsecs", "--memory-per-rank", "GiB"]),
-    ("plan EXAMPLE --memory-per-node 256", &["256 of what", "--memory-per-node", "GiB"]),
+    ("plan EXAMPLE --memory-per-node 256", &["256 has no unit", "--memory-per-node", "GiB"]),
     ("plan EXAMPLE --ranks 6 --ranks-x 4", &["--ranks-x", "4", "6", "1, 2, 3, 6"]),
     ("run EXAMPLE -o OUT --ranks-x 3", &["--ranks-x", "3 blocks", "2 ranks", "1, 2"]),
     ("run EXAMPLE -o OUT --ranks-x 0", &["--ranks-x", "0", "1 to 128"]),
@@ -75,7 +75,7 @@ fn mistakes_on_the_command_line_are_refused() {
     check_all(MISTAKES, |(line, says)| {
         let says: Vec<String> = says.iter().map(|word| places.word(word)).collect();
         let says: Vec<&str> = says.iter().map(String::as_str).collect();
-        places.job(line).on(2).within(20).is_refused(&says)
+        places.job(line).on(2).is_refused(&says)
     });
     assert!(!Path::new(&places.out).exists(), "a refused run made its output directory");
     // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
@@ -104,7 +104,7 @@ fn every_rank_ends_with_the_code() {
         "run EXAMPLE -o OUT --ranks-x 3 --set initial.f=sqrt(x~+~1.4)",
     ];
     check_all(&rows, |line| {
-        let job = places.job(line).on(3).within(20);
+        let job = places.job(line).on(3);
         let finished = job.telling_codes().run()?;
         let said = finished.output.clone() + &finished.others;
         let codes = said.matches("ended with 2").count();
@@ -220,11 +220,7 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
         made("occupied"),
     ];
     check_all(&rows, |path| {
-        run("example1.toml")
-            .into(path)
-            .on(2)
-            .within(20)
-            .is_refused(&["output", &path.display().to_string()])
+        run("example1.toml").into(path).on(2).is_refused(&["output", &path.display().to_string()])
     });
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
 }

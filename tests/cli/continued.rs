@@ -159,12 +159,8 @@ fn a_second_part_has_the_same_bits_on_any_ranks() {
 fn output_times_are_absolute() {
     let (first, second) = (directory(), directory());
     let settings = [
-        "axis.0.x.cells=23",
-        "axis.0.v.cells=17",
-        "solver.tolerance=1e-3",
-        "time.end=0.25",
-        "output.field_times=[0.1]",
-        "output.moments_every=0.1",
+        "axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.25",
+        "output.field_times=[0.1]", "output.moments_every=0.1",
     ];
     run("example1.toml").set(&settings).solve(first.path()).unwrap();
     let finished = on(first.path(), 0.5).into(second.path()).succeed().unwrap();

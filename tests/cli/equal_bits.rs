@@ -35,88 +35,30 @@ struct Scene {
 }
 
 const LINE: &[&str] = &[
-    "/axis/component",
-    "/axis/vx",
-    "/axis/x",
-    "/case",
-    "/density",
-    "/exact",
-    "/f",
-    "/momentum",
-    "/plan",
-    "/velocity",
-    "/xdmf/plane_x/exact",
-    "/xdmf/plane_x/f",
+    "/axis/component", "/axis/vx", "/axis/x", "/case", "/density", "/exact", "/f", "/momentum",
+    "/plan", "/velocity", "/xdmf/plane_x/exact", "/xdmf/plane_x/f",
 ];
 
 const PLANE: &[&str] = &[
-    "/axis/component",
-    "/axis/vx",
-    "/axis/vy",
-    "/axis/x",
-    "/axis/y",
-    "/case",
-    "/density",
-    "/exact",
-    "/f",
-    "/momentum",
-    "/plan",
-    "/velocity",
-    "/xdmf/plane_x/f",
-    "/xdmf/plane_y/exact",
-    "/xdmf/space/density",
-    "/xdmf/space/velocity",
+    "/axis/component", "/axis/vx", "/axis/vy", "/axis/x", "/axis/y", "/case", "/density", "/exact",
+    "/f", "/momentum", "/plan", "/velocity", "/xdmf/plane_x/f", "/xdmf/plane_y/exact",
+    "/xdmf/space/density", "/xdmf/space/velocity",
 ];
 
 const SPACE: &[&str] = &[
-    "/axis/component",
-    "/axis/vx",
-    "/axis/vy",
-    "/axis/vz",
-    "/axis/x",
-    "/axis/y",
-    "/axis/z",
-    "/case",
-    "/density",
-    "/exact",
-    "/f",
-    "/momentum",
-    "/plan",
-    "/velocity",
-    "/xdmf/plane_z/f",
-    "/xdmf/space/density",
-    "/xdmf/space/momentum",
+    "/axis/component", "/axis/vx", "/axis/vy", "/axis/vz", "/axis/x", "/axis/y", "/axis/z",
+    "/case", "/density", "/exact", "/f", "/momentum", "/plan", "/velocity", "/xdmf/plane_z/f",
+    "/xdmf/space/density", "/xdmf/space/momentum",
 ];
 
 const MEASURE_LINE: &[&str] = &[
-    "/axis/component",
-    "/axis/point",
-    "/axis/vx",
-    "/axis/x",
-    "/density",
-    "/density_exact",
-    "/momentum",
-    "/multivalued/branch",
-    "/multivalued/density",
-    "/multivalued/v",
-    "/multivalued/x",
-    "/phi",
-    "/psi",
-    "/velocity",
-    "/velocity_exact",
-    "/xdmf/plane_x/phi",
-    "/xdmf/plane_x/psi_x",
+    "/axis/component", "/axis/point", "/axis/vx", "/axis/x", "/density", "/density_exact",
+    "/momentum", "/multivalued/branch", "/multivalued/density", "/multivalued/v", "/multivalued/x",
+    "/phi", "/psi", "/velocity", "/velocity_exact", "/xdmf/plane_x/phi", "/xdmf/plane_x/psi_x",
 ];
 
 const MEASURE_PLANE: &[&str] = &[
-    "/axis/vy",
-    "/axis/y",
-    "/density",
-    "/density_exact",
-    "/momentum",
-    "/phi",
-    "/psi",
-    "/velocity",
+    "/axis/vy", "/axis/y", "/density", "/density_exact", "/momentum", "/phi", "/psi", "/velocity",
     "/velocity_exact",
 ];
 
@@ -237,13 +179,8 @@ fn same_bits_at_output_times() {
         ],
         axes: 1,
         datasets: &[
-            "/f",
-            "/history/f",
-            "/history/density",
-            "/history/density_exact",
-            "/history/velocity_exact",
-            "/history/mass",
-            "/axis/time",
+            "/f", "/history/f", "/history/density", "/history/density_exact",
+            "/history/velocity_exact", "/history/mass", "/axis/time",
         ],
     });
 }
@@ -255,10 +192,7 @@ fn same_bits_on_the_way() {
     same_bits_everywhere(&Scene {
         name: "example1.toml",
         settings: &[
-            "axis.0.x.cells=33",
-            "axis.0.v.cells=24",
-            "time.end=0.7",
-            "solver.tolerance=1e-5",
+            "axis.0.x.cells=33", "axis.0.v.cells=24", "time.end=0.7", "solver.tolerance=1e-5",
             "output.moments_every=0.04",
         ],
         axes: 1,
@@ -267,12 +201,8 @@ fn same_bits_on_the_way() {
     same_bits_everywhere(&Scene {
         name: "inflow_barrier.toml",
         settings: &[
-            "scheme.degree=2",
-            "axis.0.x.cells=9",
-            "axis.0.v.cells=6",
-            "time.end=0.7",
-            "solver.tolerance=1e-5",
-            "output.moments_every=0.04",
+            "scheme.degree=2", "axis.0.x.cells=9", "axis.0.v.cells=6", "time.end=0.7",
+            "solver.tolerance=1e-5", "output.moments_every=0.04",
         ],
         axes: 1,
         datasets: EARLY,
@@ -284,10 +214,7 @@ fn same_bits_with_a_common_auxiliary_unknown() {
     same_bits_everywhere(&Scene {
         name: "inflow_barrier.toml",
         settings: &[
-            "axis.0.x.cells=35",
-            "axis.0.v.cells=27",
-            "time.end=0.7",
-            "solver.warp.inflow=scalar",
+            "axis.0.x.cells=35", "axis.0.v.cells=27", "time.end=0.7", "solver.warp.inflow=scalar",
         ],
         axes: 1,
         datasets: LINE,
@@ -299,10 +226,7 @@ fn same_bits_with_inflow_that_varies() {
     same_bits_everywhere(&Scene {
         name: "pulsed_inflow.toml",
         settings: &[
-            "axis.0.x.cells=33",
-            "axis.0.v.cells=23",
-            "time.end=0.7",
-            "solver.tolerance=1e-4",
+            "axis.0.x.cells=33", "axis.0.v.cells=23", "time.end=0.7", "solver.tolerance=1e-4",
             "solver.warp.inflow=full",
         ],
         axes: 1,
@@ -390,10 +314,7 @@ fn same_bits_with_measure_valued_data() {
     same_bits_everywhere(&Scene {
         name: "example3.toml",
         settings: &[
-            "axis.0.x.cells=4",
-            "axis.0.v.cells=5",
-            "time.end=0.7",
-            "solver.tolerance=1e-3",
+            "axis.0.x.cells=4", "axis.0.v.cells=5", "time.end=0.7", "solver.tolerance=1e-3",
             "output.delta_width=gradient",
         ],
         axes: 2,
@@ -406,10 +327,7 @@ fn same_bits_with_the_classical_method() {
     same_bits_everywhere(&Scene {
         name: "inflow_barrier.toml",
         settings: &[
-            "axis.0.x.cells=37",
-            "axis.0.v.cells=29",
-            "time.end=0.7",
-            "solver.method=classical",
+            "axis.0.x.cells=37", "axis.0.v.cells=29", "time.end=0.7", "solver.method=classical",
         ],
         axes: 1,
         datasets: LINE,
@@ -514,10 +432,7 @@ fn same_bits_by_every_instruction_set_that_fuses() {
         (
             "quadrant2d.toml",
             &[
-                "scheme.degree=0",
-                "axis.0.x.cells=7",
-                "axis.0.v.cells=6",
-                "axis.1.x.cells=5",
+                "scheme.degree=0", "axis.0.x.cells=7", "axis.0.v.cells=6", "axis.1.x.cells=5",
                 "axis.1.v.cells=6",
             ],
         ),

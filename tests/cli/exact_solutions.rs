@@ -186,7 +186,7 @@ fn the_lens_refracts_its_beam() {
         "solver.classical.integrator=ssp-rk3",
         "scheme.limiter=van-leer",
     ]);
-    let summary = job.on(2).within(120).solve(place.path()).unwrap();
+    let summary = job.on(2).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
     let points = density.len();

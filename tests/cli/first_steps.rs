@@ -33,7 +33,7 @@ fn a_case_to_begin_with() {
 #[test]
 fn a_case_is_checked_as_json() {
     check_all(&cases(), |name| {
-        let job = Job::new(["check", &crate::support::case(name), "--json"]).within(60);
+        let job = Job::new(["check", &crate::support::case(name), "--json"]);
         let found = job.on(2).succeed()?.json()?;
         let axes = found["axes"].as_array().ok_or("no axes")?;
         let cells = axes.iter().map(|axis| {

@@ -191,13 +191,8 @@ fn moments_of_elements_have_the_same_bits_on_any_ranks() {
         datasets(place.path()).unwrap()
     });
     for name in [
-        "/density",
-        "/momentum",
-        "/history/density",
-        "/phi",
-        "/density_exact",
-        "/history/density_exact",
-        "/history/momentum_exact",
+        "/density", "/momentum", "/history/density", "/phi", "/density_exact",
+        "/history/density_exact", "/history/momentum_exact",
     ] {
         let [one, rest @ ..] = runs.each_ref().map(|all| all[name].numbers());
         assert!(one.iter().any(|x| *x != 0.0), "{name}");

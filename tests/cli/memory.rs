@@ -14,12 +14,8 @@ fn memory_is_what_was_planned() {
         ["axis.0.x.cells=512", "axis.0.v.cells=512", "time.end=0.05", "solver.tolerance=0.01"];
     let large = ["axis.0.x.cells=1024", "axis.0.v.cells=1024", "time.end=0.05"];
     let plane = [
-        "axis.0.x.cells=30",
-        "axis.1.x.cells=30",
-        "axis.0.v.cells=18",
-        "axis.1.v.cells=16",
-        "time.end=0.05",
-        "solver.tolerance=0.01",
+        "axis.0.x.cells=30", "axis.1.x.cells=30", "axis.0.v.cells=18", "axis.1.v.cells=16",
+        "time.end=0.05", "solver.tolerance=0.01",
     ];
     let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let elements = ["axis.0.x.cells=170", "axis.0.v.cells=170", "time.end=0.02", "scheme.degree=2"];
@@ -27,13 +23,8 @@ fn memory_is_what_was_planned() {
         ["axis.0.x.cells=240", "axis.0.v.cells=240", "time.end=0.02", "scheme.degree=2"];
     let quick = ["solver.tolerance=0.01", "scheme.flux=1"];
     let element_plane = [
-        "axis.0.x.cells=15",
-        "axis.1.x.cells=15",
-        "axis.0.v.cells=8",
-        "axis.1.v.cells=8",
-        "time.end=0.02",
-        "solver.tolerance=0.01",
-        "scheme.degree=1",
+        "axis.0.x.cells=15", "axis.1.x.cells=15", "axis.0.v.cells=8", "axis.1.v.cells=8",
+        "time.end=0.02", "solver.tolerance=0.01", "scheme.degree=1",
     ];
     let small = ["axis.0.x.cells=128", "axis.0.v.cells=128", "time.end=0.05"];
     let chunks = ["output.chunks=[1,1]", "output.xdmf=false", "solver.tolerance=0.01"];

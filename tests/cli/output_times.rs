@@ -119,11 +119,8 @@ fn exact_moments_are_integrals_over_the_velocities() {
 #[test]
 fn moments_alone_are_those_of_the_field() {
     let (alone, with) = (directory(), directory());
-    let job = run("barrier2d.toml").set(&[
-        "axis.0.x.cells=9",
-        "axis.1.v.cells=7",
-        "solver.tolerance=1e-8",
-    ]);
+    let job = run("barrier2d.toml")
+        .set(&["axis.0.x.cells=9", "axis.1.v.cells=7", "solver.tolerance=1e-8"]);
     job.clone().set(&["output.moment_times=[0.1, 0.2]"]).on(2).solve(alone.path()).unwrap();
     job.set(&["output.field_times=[0.1, 0.2]"]).on(3).solve(with.path()).unwrap();
     let (alone, with) = (datasets(alone.path()).unwrap(), datasets(with.path()).unwrap());

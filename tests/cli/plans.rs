@@ -346,15 +346,17 @@ fi
 fn job_scripts_are_written() {
     const NAME: &str = "a b;touch gone $(touch gone) 'c'.toml";
     const RESULTS: &str = "all of; it's `touch gone`";
+    // As the program sees it.
     let place = directory();
-    let at = |name: &str| place.path().join(name);
-    let top = Path::new(env!("CARGO_MANIFEST_DIR"));
-    std::os::unix::fs::symlink(top.join("jobscripts"), at("jobscripts")).unwrap();
+    let real = place.path().canonicalize().unwrap();
+    let at = |name: &str| real.join(name);
     std::fs::copy(case("example1.toml"), at(NAME)).unwrap();
+    // Submitted from elsewhere.
+    let elsewhere = directory();
     let title = "title=\"it's $HOME; touch gone\"";
     let job = |more: &[&str]| {
         let words = ["plan", NAME, "--sbatch", "my job.sbatch", "-o", RESULTS];
-        Job::new(words).set(&[title]).with(more.to_vec()).inside(place.path())
+        Job::new(words).set(&[title]).with(more.to_vec()).inside(&real)
     };
     job(&["--ranks", "1,2,4096", "--ranks-per-node", "16"]).succeed().unwrap();
     job(&[]).is_refused(&["my job.sbatch", "--force"]).unwrap();
@@ -369,18 +371,21 @@ fn job_scripts_are_written() {
         ]
     );
     assert!(header[4].starts_with("#SBATCH --mem-per-cpu=") && header[4].ends_with('M'));
-    assert!(!script.contains("#SBATCH --time"), "{script}");
-    let started = bash(place.path(), &["-n", "my job.sbatch"], &[]);
+    assert!(script.contains("take one # away"), "{script}");
+    assert!(script.contains("\n##SBATCH --time=01:00:00\n"), "{script}");
+    let shown = [NAME, RESULTS, "my job.sbatch"].map(|name| at(name).display().to_string());
+    let [name, results, job_script] = &shown;
+    let started = bash(elsewhere.path(), &["-n", job_script], &[]);
     assert_eq!(started.code, 0, "{}", started.calls);
 
     // As Slurm starts it; then once more, stopped with a checkpoint.
-    let run = format!("<run><{NAME}><-o><{RESULTS}><--resume>");
+    let run = format!("<run><{name}><-o><{results}><--resume>");
     let sets = format!("<--set><{title}>");
-    let started = bash(place.path(), &["my job.sbatch"], &[("SLURM_NTASKS", "2")]);
+    let started = bash(elsewhere.path(), &[job_script], &[("SLURM_NTASKS", "2")]);
     assert_eq!(started.code, 0, "{}", started.calls);
     let calls: Vec<&str> = started.calls.lines().collect();
-    assert_eq!(calls[0], format!("<1><PROGRAM><check><{NAME}>{sets}"));
-    assert_eq!(calls[1], format!("<1><PROGRAM><plan><{NAME}><--ranks><2>{sets}"));
+    assert_eq!(calls[0], format!("<1><PROGRAM><check><{name}>{sets}"));
+    assert_eq!(calls[1], format!("<1><PROGRAM><plan><{name}><--ranks><2>{sets}"));
     assert_eq!(calls[2], format!("<2><PROGRAM>{run}{sets}"));
     let in_job = [
         ("SLURM_NTASKS", "2"),
@@ -390,21 +395,33 @@ fn job_scripts_are_written() {
         ("SLURM_JOB_PARTITION", "p"),
         ("STOPS", "yes"),
     ];
-    let stopped = bash(place.path(), &["my job.sbatch"], &in_job);
+    let stopped = bash(elsewhere.path(), &[job_script], &in_job);
     assert_eq!(stopped.code, 75, "{}", stopped.calls);
-    let again = format!("<jobscripts/run.sbatch><{NAME}><{RESULTS}>{sets}");
+    let again = format!("<{job_script}>");
     let last = stopped.calls.lines().last().unwrap_or_default();
     assert!(last.starts_with("<--job-name=n>") && last.ends_with(&again), "{}", stopped.calls);
-    assert!(!at("gone").exists(), "a name was obeyed");
+    let gone = [at("gone"), elsewhere.path().join("gone")];
+    assert!(gone.iter().all(|path| !path.exists()), "a name was obeyed");
+    // Without another program in the environment it is the one that planned.
+    let own = format!("program={}\n", Path::new(env!("CARGO_BIN_EXE_phasewarp")).display());
+    assert!(script.contains(&own), "{script}");
+    // The site's own settings are taken.
+    std::fs::create_dir(at("jobscripts")).unwrap();
+    let site = "LAUNCH='launcher --of-site' most_jobs=1 reserve=60 memory_per_node=";
+    std::fs::write(at("jobscripts/env.sh"), format!("{site}\nprogram=absent\n")).unwrap();
+    job(&["--force"]).succeed().unwrap();
+    let started = bash(elsewhere.path(), &[job_script], &[]);
+    assert!(started.calls.starts_with("<--of-site><1><PROGRAM><check>"), "{}", started.calls);
 
     // Calibrated, with the time that it takes; with the results where a run would put them.
-    let job = Job::new(["plan", NAME, "--sbatch", "timed", "--calibrate"]).inside(place.path());
+    let job = Job::new(["plan", NAME, "--sbatch", "timed", "--calibrate"]).inside(&real);
     job.succeed().unwrap();
     let script = std::fs::read_to_string(at("timed")).unwrap();
     assert!(script.contains("#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=1\n"), "{script}");
     assert!(script.contains("#SBATCH --time=00:0"), "{script}");
-    let name = NAME.trim_end_matches(".toml").replace('\'', r"'\''");
-    assert!(script.ends_with(&format!("    'results/{name}'\n")), "{script}");
+    let results = format!("results/{}", NAME.trim_end_matches(".toml"));
+    let results = at(&results).display().to_string().replace('\'', r"'\''");
+    assert!(script.ends_with(&format!("    '{results}'\n")), "{script}");
     let chosen = ["--set", "solver.accuracy=1e-2", "--force"];
     job.with(chosen).is_refused(&["--sbatch", "solver.accuracy", "--accuracy"]).unwrap();
 }
@@ -499,11 +516,8 @@ fn skew_systems_take_one_mode() {
 #[test]
 fn check_says_what_the_norm_of_s_is_made_of() {
     const CAUSES: [&str; 5] = [
-        "flux between elements",
-        "open ends of the box",
-        "beyond the velocity box",
-        "ends of the velocity box",
-        "partial reflection",
+        "flux between elements", "open ends of the box", "beyond the velocity box",
+        "ends of the velocity box", "partial reflection",
     ];
     let periodic = "axis.0.x={lower=-1.5,upper=1.5,cells=6,boundary='periodic'}";
     let rows: [(&[&str], &[usize]); 4] = [

@@ -5,9 +5,6 @@ use crate::support::{
     number_from_environment, refused, run, solved_or_refused, tolerance_is_met,
 };
 
-/// Seconds of a scene: some of three dimensions take a minute.
-const LONGEST: u64 = 300;
-
 /// Scenes put together at random, the same ones every time: solved to the tolerance, with the same
 /// bits on more ranks, or refused; whatever the estimate says is of the right size.
 #[test]
@@ -43,11 +40,11 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
         let told = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
         std::fs::write(&path, &text).map_err(|e| e.to_string())?;
         let path = path.display().to_string();
-        let finished = Job::new(["run", &path]).into(place.path()).within(LONGEST).run()?;
+        let finished = Job::new(["run", &path]).into(place.path()).run()?;
         if finished.code == Some(2) {
             return refused(&finished, &[]).map_err(told);
         }
-        let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4])).within(LONGEST);
+        let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
         let summary = job.solve(more.path()).map_err(told)?;
         let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
         let same = differ.is_empty();

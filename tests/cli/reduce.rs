@@ -101,7 +101,6 @@ fn run((name, settings, ranks): &Row, more: &[&str]) -> Job {
         .set(&["output.field_times=[0.2]", "output.moment_times=[0.3]"])
         .set(more)
         .on(*ranks)
-        .within(200)
 }
 
 /// With and without, every number is the same within the tolerance, and there are fewer unknowns.

@@ -24,7 +24,7 @@ fn formulas_that_are_not_finite_are_named_with_the_place() {
         let place = directory();
         let job = run("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
         let job = job.with(["--ranks-x", "2"]).into(place.path());
-        let finished = job.on(2).within(20).run()?;
+        let finished = job.on(2).run()?;
         let says: Vec<&str> = says.iter().copied().chain([*formula, *key]).collect();
         refused(&finished, &says)
     });
@@ -65,7 +65,7 @@ fn formulas_for_alpha_that_make_no_profile_are_refused() {
             ["solver.warp.alpha", *formula].into_iter().chain(says.iter().copied()).collect();
         check("example1.toml").set(&settings).is_refused(&says)?;
         let place = directory();
-        run("example1.toml").set(&settings).into(place.path()).on(2).within(20).is_refused(&says)
+        run("example1.toml").set(&settings).into(place.path()).on(2).is_refused(&says)
     });
     // Of another profile, and a constant with the name of the coordinate.
     let job = check("example1.toml").set(&["solver.warp.alpha=1 - p"]);
@@ -86,11 +86,7 @@ fn conditions_that_are_not_finite_are_refused() {
 fn exact_solution_is_checked_before_the_solve() {
     let place = directory();
     let job = run("example1.toml").set(&["exact={f=\"sqrt(-x)\"}"]);
-    job.into(place.path())
-        .on(2)
-        .within(20)
-        .is_refused(&["exact.f", "sqrt(-x)", "NaN", "x = 0.0"])
-        .unwrap();
+    job.into(place.path()).on(2).is_refused(&["exact.f", "sqrt(-x)", "NaN", "x = 0.0"]).unwrap();
 }
 
 /// A file that is none, or cannot be one.

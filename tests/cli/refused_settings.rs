@@ -21,6 +21,26 @@ fn slopes_where_none_can_be_are_refused() {
     mistake.refused_by_reader().unwrap();
 }
 
+/// A text or a number in the place of a table: what stands there is shown as it should be.
+#[test]
+fn tables_are_shown_by_an_example() {
+    let rows = [
+        ("potential=[{ table = \"V.csv\" }]", "a table as { file = \"V.csv\" } expected"),
+        ("initial.table=f.h5", "a table as { file = \"f.h5\" } expected"),
+        ("inflow.table=3", "a table as { file = \"V.csv\" } expected"),
+        ("initial=exp(-x^2)", "a table as { f = \"exp(-x^2)\" } expected"),
+        ("potential=[0.2]", "a table as { value = \"0\" } expected"),
+        ("inflow=1 if v > 0 else 0", "a table as { value = \"1 if v > 0 else 0\" } expected"),
+        ("axis.0.x=[-1, 1]", "a table as { lower = -1.0, upper = 1.0, cells = 64 } expected"),
+        ("time=2", "a table as { end = 1.0 } expected"),
+        ("exact=formula", "a table as { kind = \"characteristics\" } expected"),
+        ("solver.warp=3", "solver.warp = 3: a table expected"),
+    ];
+    check_all(&rows, |(setting, says)| {
+        Mistake::set("example1.toml", &[setting], &[says]).refused_by_reader()
+    });
+}
+
 /// A key that must be there and is misspelt: missing, and the nearest to it is known.
 #[test]
 fn misspelt_keys_that_must_be_there_are_named() {

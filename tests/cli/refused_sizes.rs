@@ -28,7 +28,7 @@ fn grids_beyond_the_memory_are_refused() {
         if *command == "run" {
             job = job.into(place.path());
         }
-        job.on(2).within(20).capped().is_refused(&["memory", "cells"])
+        job.on(2).capped().is_refused(&["memory", "cells"])
     });
     // What --set makes too large is its mistake, not that of a line of the file.
     let set = "axis.0.x.cells=100000000000";
@@ -87,7 +87,7 @@ fn absurd_scales_are_refused() {
         if *command == "run" {
             job = job.set(&["solver.verify=true"]).into(place.path());
         }
-        let finished = job.on(2).within(20).capped().run()?;
+        let finished = job.on(2).capped().run()?;
         if *command == "plan" && finished.code == Some(0) {
             return Ok(());
         }

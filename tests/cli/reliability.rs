@@ -214,14 +214,8 @@ fn links_and_pipes_are_not_followed() {
     let path = place.path().join("results");
     fs::create_dir(&path).expect("a directory");
     let all = [
-        "result.h5",
-        "summary.json",
-        "fields.xdmf",
-        "grids.h5",
-        "plane_x.xdmf",
-        "space.xdmf",
-        "readout.csv",
-        "warped_f.h5",
+        "result.h5", "summary.json", "fields.xdmf", "grids.h5", "plane_x.xdmf", "space.xdmf",
+        "readout.csv", "warped_f.h5",
     ];
     for name in all {
         std::os::unix::fs::symlink(&victim, path.join(name)).expect("a link");

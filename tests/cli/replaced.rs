@@ -195,6 +195,19 @@ fn files_that_no_run_wrote_are_not_replaced_unasked() {
         }
         job.with(["--force"]).on(2).succeed().map(|_| ())
     });
+    let chosen = directory();
+    fs::write(chosen.path().join("accuracy.json"), "a letter").expect("a file");
+    let wanted = run(&[]).into(chosen.path()).with(["--accuracy", "0.5", "--budget", "1s"]);
+    wanted.is_refused(&["it holds accuracy.json", "--force"]).unwrap();
+    // Where there is no result, nothing else was made of one.
+    let place = directory();
+    let others = ["report.html", "warped_f.h5", "warped_f_0001.h5", "plots/density.png"];
+    fs::create_dir(place.path().join("plots")).expect("a directory");
+    others.iter().for_each(|name| fs::write(place.path().join(name), "a letter").expect("a file"));
+    run(&[]).into(place.path()).on(2).succeed().expect("a run");
+    for name in others {
+        assert_eq!(fs::read(place.path().join(name)).ok().as_deref(), Some(&b"a letter"[..]));
+    }
     // What has another name is in nobody's way.
     let place = directory();
     fs::write(place.path().join("letter.txt"), "a letter").expect("a file");

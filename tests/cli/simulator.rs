@@ -26,10 +26,7 @@ const SMOOTH: &[&str] =
 const CONSERVATIVE: &[&str] = &["scheme.interface=conservative", "solver.warp.profile=gaussian"];
 const UNITARY: &[&str] = &["scheme.flux=0", "scheme.ends=closed"];
 const SMALL: &[&str] = &[
-    "axis.0.x.cells=8",
-    "axis.0.v.cells=8",
-    "time.end=0.5",
-    "solver.tolerance=1e-2",
+    "axis.0.x.cells=8", "axis.0.v.cells=8", "time.end=0.5", "solver.tolerance=1e-2",
     "solver.warp.profile=gaussian",
 ];
 /// f is read at p = 3.
@@ -37,11 +34,7 @@ const BEYOND: &[&str] =
     &["solver.warp.shift=6", "solver.warp.sigma=0.5", "solver.warp.interval=[-13,2.5]"];
 const ELEMENTS: &[&str] = &["time.end=0.1", "solver.tolerance=1e-3"];
 const PLANE: &[&str] = &[
-    "axis.0.x.cells=4",
-    "axis.0.v.cells=4",
-    "axis.1.x.cells=2",
-    "axis.1.v.cells=2",
-    "time.end=0.2",
+    "axis.0.x.cells=4", "axis.0.v.cells=4", "axis.1.x.cells=2", "axis.1.v.cells=2", "time.end=0.2",
     "solver.tolerance=0.01",
 ];
 

@@ -179,11 +179,11 @@ fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
     ];
     check_all(more, |(name, refine, settings)| {
         let job = Job::new(["spectrum", &case(name), "--refine", refine]);
-        let job = job.set(settings).on(2).within(20).capped();
+        let job = job.set(settings).on(2).capped();
         job.is_refused(&["memory", "cells"])
     });
     let job = Job::new(["spectrum", &case("example1.toml")]);
     let job = job.set(&["axis.0.x.cells=40000", "axis.0.v.cells=40000"]);
-    let job = job.on(2).within(20).capped();
+    let job = job.on(2).capped();
     job.is_refused(&["memory"]).unwrap();
 }

@@ -144,6 +144,8 @@ fn a_failure_is_a_row() {
         let finished = job.clone().on(ranks).run()?;
         finished.ended(3, &["[1/2] solver.tolerance=5 time.end=0.1: ", "1 of 2 runs failed"])?;
         fits(&finished)?;
+        let reason = "\n\nrun 1: --set solver.tolerance=5: solver.tolerance = 5";
+        finished.says(&finished.output, &[reason])?;
         let table = Table::read(place.path())?;
         let refused = table.get(0, "error").contains("solver.tolerance");
         let right = [refused, table.get(0, "mass").is_empty(), table.get(1, "error").is_empty()];

@@ -361,13 +361,9 @@ fn a_potential_by_table_in_two_dimensions() {
     let path = place.path().join("V.csv");
     write_grid(&path, &[("x", &x), ("y", &y)], "V", |p| value(p[0], p[1]));
     let of = |potential: &str| {
-        Job::new(["run", &case("barrier2d.toml")]).set(&TWO).set(&[
-            "solver.tolerance=1e-5",
-            "time.end=0.2",
-            ALL,
-            "exact={f='0'}",
-            potential,
-        ])
+        Job::new(["run", &case("barrier2d.toml")])
+            .set(&TWO)
+            .set(&["solver.tolerance=1e-5", "time.end=0.2", ALL, "exact={f='0'}", potential])
     };
     let regions = "potential=[{where='abs(x)<0.5 && abs(y)<0.5', value='0.3'}, {value='0'}]";
     let table = format!("potential=[{{{}}}]", given(&path, ""));

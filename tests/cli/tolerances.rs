@@ -332,10 +332,7 @@ fn standing_particles_stay() {
     check_all(&rows, |interface| {
         let place = directory();
         let job = run("step_up.toml").set(&[
-            "axis.0.v.lower=-1",
-            "axis.0.v.upper=1",
-            "axis.0.v.cells=1",
-            "initial.f=1 + x^2",
+            "axis.0.v.lower=-1", "axis.0.v.upper=1", "axis.0.v.cells=1", "initial.f=1 + x^2",
             interface,
         ]);
         let summary = job.solve(place.path())?;

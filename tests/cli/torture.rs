@@ -65,10 +65,7 @@ const KINDS: [Kind; 8] = [
         name: "two dimensions",
         case: "quadrant2d.toml",
         settings: &[
-            "scheme.degree=0",
-            "axis.0.x.cells=8",
-            "axis.0.v.cells=6",
-            "axis.1.x.cells=6",
+            "scheme.degree=0", "axis.0.x.cells=8", "axis.0.v.cells=6", "axis.1.x.cells=6",
             "axis.1.v.cells=6",
         ],
         options: &[],

@@ -33,12 +33,14 @@ pub fn jumps_are_integrated(world: &World) {
             "#
         ));
         let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
-        let integrals = VelocityIntegrals::new(&exactly, &case, 1.0).expect("one dimension");
+        let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, 1.0);
         let axis = &case.space.x[0];
         let mine = split(&(0..axis.cells), group.size(), group.rank());
-        let found = integrals.on_axis(&group, axis, mine.clone());
+        let cells: Vec<[usize; 3]> = mine.clone().map(|j| [j, 0, 0]).collect();
+        let found = integrals.on_cells(&case, &cells);
         assert_eq!(found.len(), mine.len());
-        for (j, found) in mine.zip(found) {
+        for (j, integral) in mine.zip(found) {
+            let found = integral.moments;
             let a = from(axis.centre(j as i64));
             // Of degree 0 the momentum is an average, of which only the linear part is known so.
             let spread = if degree == 0 { (0.3 * axis.width()).powi(2) / 12.0 } else { 0.0 };
@@ -79,21 +81,155 @@ pub fn filaments_are_integrated(world: &World) {
         "#,
     );
     let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
-    let integrals = VelocityIntegrals::new(&exactly, &case, case.end).expect("one dimension");
-    let places: Vec<f64> = (0..9).map(|k| -1.9 + 0.41 * k as f64).collect();
-    let mine = split(&(0..places.len()), group.size(), group.rank());
-    let found = integrals.at(&group, &places[mine.clone()]);
-    const STEPS: usize = 100_000;
-    let step = 3.2 / STEPS as f64;
-    for (x, found) in places[mine].iter().zip(found) {
-        let velocities = (0..STEPS).map(|k| -1.6 + (k as f64 + 0.5) * step);
-        let points: Vec<[f64; 6]> = velocities.map(|v| [*x, 0.0, 0.0, v, 0.0, 0.0]).collect();
-        let sum: f64 = exactly.values_at(&points, case.end).iter().sum();
-        assert!((found[0] - sum * step).abs() < 2e-4, "{x}: {} {}", found[0], sum * step);
+    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
+    let places: Vec<[f64; 3]> = (0..9).map(|k| [-1.9 + 0.41 * k as f64, 0.0, 0.0]).collect();
+    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+        let found = integrals.at(place).moments[0];
+        let sum = by_equal_steps(&case, &exactly, place, &[100_000]);
+        assert!((found - sum).abs() < 2e-4, "{place:?}: {found} {sum}");
     }
     let density = averaged_density(&group, &case, &exact).expect("a density");
     let mass = density.iter().sum::<f64>() * 4.0 / density.len() as f64;
     let expected = std::f64::consts::PI * f64::sqrt(0.05 * 0.03);
     assert!((mass / expected - 1.0).abs() < 2e-3, "{mass} {expected}");
     report_bits(world, "the exact density", &density);
+}
+
+/// The density at a place by so many equal steps along each velocity axis.
+fn by_equal_steps(case: &Case, exactly: &Exactly<'_>, place: &[f64; 3], steps: &[usize]) -> f64 {
+    let axes = &case.space.v;
+    let [x, y, z] = *place;
+    let (mut sum, mut points) = (0.0, Vec::new());
+    let count = steps.iter().product();
+    for k in 0..count {
+        let mut v = [0.0; 3];
+        let mut rest = k;
+        for ((v, axis), steps) in v.iter_mut().zip(axes).zip(steps) {
+            let part = ((rest % steps) as f64 + 0.5) / *steps as f64;
+            *v = axis.lower + (axis.upper - axis.lower) * part;
+            rest /= steps;
+        }
+        points.push([x, y, z, v[0], v[1], v[2]]);
+        if points.len() == 4096 || k + 1 == count {
+            sum += exactly.values_at(&points, case.end).iter().sum::<f64>();
+            points.clear();
+        }
+    }
+    let volume: f64 = axes.iter().map(|axis| axis.upper - axis.lower).product();
+    sum * volume / count as f64
+}
+
+/// A square barrier in the plane, whose corners tear what flies around it; the same sums by very
+/// many equal steps. The velocities of the grid, as fixed points, are wrong by far more.
+pub fn corners_are_integrated(world: &World) {
+    let group = world.group();
+    let (case, exact) = parsed(
+        r#"
+        initial.f = "exp(-((x + 0.7)^2 + (y + 0.2)^2)/0.1 - ((vx - 0.6)^2 + (vy - 0.2)^2)/0.15)"
+        time.end = 1.5
+        exact.kind = "characteristics"
+        [[potential]]
+        where = "abs(x) < 0.4 && abs(y) < 0.4"
+        value = "0.2"
+        [[potential]]
+        value = "0"
+        [[axis]]
+        x = { lower = -1.2, upper = 1.2, cells = 12 }
+        v = { lower = -1.5, upper = 1.5, cells = 16 }
+        [[axis]]
+        x = { lower = -1.2, upper = 1.2, cells = 12 }
+        v = { lower = -1.2, upper = 1.2, cells = 16 }
+        "#,
+    );
+    let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
+    let places: Vec<[f64; 3]> =
+        (0..8).map(|k| [-0.9 + 0.27 * k as f64, 0.5 - 0.31 * (k % 4) as f64, 0.0]).collect();
+    let (mut sizes, mut errors, mut estimates, mut fixed) = (vec![], vec![], vec![], vec![]);
+    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+        let found = integrals.at(place);
+        let sum = by_equal_steps(&case, &exactly, place, &[700, 700]);
+        sizes.push(sum);
+        estimates.push(found.error);
+        errors.push((found.moments[0] - sum).abs());
+        fixed.push((by_equal_steps(&case, &exactly, place, &[16, 16]) - sum).abs());
+    }
+    let [size, error, estimate, fixed] =
+        [sizes, errors, estimates, fixed].map(|terms| group.sum_terms(&terms));
+    assert!(error < 5e-3 * size, "{error} {size}");
+    assert!(estimate < 1e-2 * size && error < 4.0 * estimate, "{error} {estimate} {size}");
+    assert!(fixed > 10.0 * error, "{fixed} {error}");
+    let density = averaged_density(&group, &case, &exact).expect("a density");
+    report_bits(world, "the exact density in the plane", &density);
+}
+
+/// A step across the first of three axes, which tears what is too slow to climb it.
+pub fn a_step_in_space_is_integrated(world: &World) {
+    let group = world.group();
+    let (case, exact) = parsed(
+        r#"
+        initial.f = "exp(-((x + 0.3)^2 + y^2 + z^2 + (vx - 0.5)^2 + vy^2 + vz^2)/0.2)"
+        time.end = 0.4
+        exact.kind = "characteristics"
+        [[potential]]
+        where = "x < 0"
+        value = "0"
+        [[potential]]
+        value = "0.1"
+        [[axis]]
+        x = { lower = -0.9, upper = 0.9, cells = 4 }
+        v = { lower = -1.2, upper = 1.2, cells = 8 }
+        [[axis]]
+        x = { lower = -0.8, upper = 0.8, cells = 3 }
+        v = { lower = -0.8, upper = 0.8, cells = 8 }
+        [[axis]]
+        x = { lower = -0.8, upper = 0.8, cells = 3 }
+        v = { lower = -0.8, upper = 0.8, cells = 8 }
+        "#,
+    );
+    let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
+    let places = [[-0.2, 0.1, 0.0], [-0.03, -0.2, 0.1], [0.15, 0.05, -0.1], [0.4, 0.0, 0.2]];
+    const STEPS: [usize; 3] = [1600, 24, 24];
+    let largest = by_equal_steps(&case, &exactly, &places[0], &STEPS);
+    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+        let found = integrals.at(place);
+        let sum = by_equal_steps(&case, &exactly, place, &STEPS);
+        let error = (found.moments[0] - sum).abs();
+        assert!(error < 5e-3 * largest, "{place:?}: {} {sum} {largest}", found.moments[0]);
+        assert!(error < 4.0 * found.error, "{place:?}: {error} {}", found.error);
+    }
+    let density = averaged_density(&group, &case, &exact).expect("a density");
+    report_bits(world, "the exact density in space", &density);
+}
+
+/// Without jumps of `V`, the velocities of the grid do for smooth data, and not for others.
+pub fn smooth_data_take_the_grid(world: &World) {
+    let group = world.group();
+    for (initial, smooth) in [("exp(-r/0.1)", true), ("1 if r < 0.4 else 0", false)] {
+        let (case, exact) = parsed(&format!(
+            r#"
+            initial.f = "{}"
+            potential = [{{ value = "0" }}]
+            time.end = 0.3
+            exact.kind = "characteristics"
+            [[axis]]
+            x = {{ lower = -1, upper = 1, cells = 8 }}
+            v = {{ lower = -1.4, upper = 1.4, cells = 24 }}
+            [[axis]]
+            x = {{ lower = -1, upper = 1, cells = 8 }}
+            v = {{ lower = -1.4, upper = 1.4, cells = 24 }}
+            "#,
+            initial.replace("r", "(x^2 + y^2 + vx^2 + vy^2)")
+        ));
+        let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+        let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
+        assert_eq!(integrals.grid_error().is_some(), smooth, "{initial}");
+        let place = [0.13, -0.2, 0.0];
+        let found = integrals.at(&place);
+        let sum = by_equal_steps(&case, &exactly, &place, &[800, 800]);
+        let bound = if smooth { 1e-6 } else { 5e-3 };
+        assert!((found.moments[0] - sum).abs() < bound * sum, "{} {sum}", found.moments[0]);
+        assert!(integrals.grid_error().is_none_or(|error| error < 1e-4 * sum));
+    }
 }

@@ -64,6 +64,9 @@ checks! {
     reductions::verdicts on EVERY;
     exact::jumps_are_integrated on EVERY;
     exact::filaments_are_integrated on EVERY;
+    exact::corners_are_integrated on EVERY;
+    exact::a_step_in_space_is_integrated on EVERY;
+    exact::smooth_data_take_the_grid on EVERY;
     exchange::ghost_exchange on EVERY;
     exchange::long_messages on EVERY;
     exchange::transpose_and_back on EVERY;

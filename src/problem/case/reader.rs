@@ -72,6 +72,23 @@ fn nearest(given: &str, known: &[&str]) -> String {
         .map_or(String::new(), |(_, k)| format!(" (did you mean \"{k}\"?)"))
 }
 
+/// ` as { … }`, a table of this name with the `given` text in its place; nothing for those that
+/// need no example.
+fn example(name: &str, given: &DeValue<'_>) -> String {
+    let text = given.as_str();
+    let quoted = |other: &str| format!("{:?}", text.unwrap_or(other));
+    let inner = match name {
+        "FileTable" => format!("file = {}", quoted("V.csv")),
+        "AxisTable" => "lower = -1.0, upper = 1.0, cells = 64".to_owned(),
+        "RegionTable" | "InflowTable" => format!("value = {}", quoted("0")),
+        "InitialTable" => format!("f = {}", quoted("exp(-x^2 - v^2)")),
+        "TimeTable" => "end = 1.0".to_owned(),
+        "ExactTable" => "kind = \"characteristics\"".to_owned(),
+        _ => return String::new(),
+    };
+    format!(" as {{ {inner} }}")
+}
+
 /// The number, if it has 64 bits.
 pub fn integer(number: &DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(number.as_str(), number.radix()).ok()
@@ -232,7 +249,7 @@ impl<'de> Deserializer<'de> for Entry<'de> {
                 return visitor.visit_map(MapDeserializer::new(entries));
             }
             _ if name == "Allowed" => return self.wrong("true, false or a table"),
-            _ => return self.wrong("a table"),
+            other => return self.wrong(format!("a table{}", example(name, other))),
         };
         if let Some(name) = (table.keys()).find(|name| !known.contains(&name.get_ref().as_ref())) {
             let near = nearest(name.get_ref(), known);

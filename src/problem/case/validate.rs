@@ -152,9 +152,7 @@ impl Case {
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
         let inflow = self.inflow_key();
         let timed = [
-            "output.moments_every",
-            "output.moment_times",
-            "output.field_times",
+            "output.moments_every", "output.moment_times", "output.field_times",
             "output.fields_every",
         ];
         if let Some(key) = timed.into_iter().find(|key| file.has(key)) {

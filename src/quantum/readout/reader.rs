@@ -6,7 +6,7 @@ use crate::problem::case;
 use crate::problem::case::{Case, Effort};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
-use crate::quantum::figure::Figure;
+use crate::quantum::figure::{Figure, Trust};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::measurement;
 use crate::quantum::readout::measurement::Estimate;
@@ -351,10 +351,11 @@ impl Reader<'_> {
 
     /// A bound that rests on `ε_F`, with its label.
     fn labelled(&self, bound: Option<f64>) -> Figure {
-        match (bound, &self.source.state_error) {
-            (Some(x), Figure::Estimate { because, .. }) => Figure::estimate(x, because),
-            (Some(x), _) => Figure::bound(x),
-            (None, _) => Figure::unavailable("the state's own error is not known"),
+        let own = &self.source.state_error;
+        match (bound, own.trust(), own.because()) {
+            (Some(x), Trust::Estimate, Some(because)) => Figure::estimate(x, because),
+            (Some(x), ..) => Figure::bound(x),
+            (None, ..) => Figure::unavailable("the state's own error is not known"),
         }
     }
 

@@ -136,9 +136,9 @@ pub struct Row {
 
 /// Why a figure is unavailable, without double quotes: it stands between them in files.
 pub(crate) fn reason(figure: &Figure) -> String {
-    match figure {
-        Figure::Unavailable { because } => because.replace('"', "'"),
-        _ => String::new(),
+    match figure.value() {
+        None => figure.because().unwrap_or_default().replace('"', "'"),
+        Some(_) => String::new(),
     }
 }
 
@@ -146,14 +146,8 @@ impl Measured {
     /// The figures, in the order of the columns of files.
     pub fn figures(&self) -> [&Figure; 9] {
         [
-            &self.overlap,
-            &self.shots,
-            &self.evaluations,
-            &self.estimate,
-            &self.standard_error,
-            &self.bound,
-            &self.evolutions_repeated,
-            &self.evolutions_coherent,
+            &self.overlap, &self.shots, &self.evaluations, &self.estimate, &self.standard_error,
+            &self.bound, &self.evolutions_repeated, &self.evolutions_coherent,
             &self.evolutions_norm,
         ]
     }

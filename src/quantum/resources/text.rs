@@ -1,6 +1,6 @@
 //! The record as a table.
 
-use crate::base::text::{counted, rounded, short};
+use crate::base::text::{counted, rounded, short, word};
 use crate::quantum::cost::CostTable;
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::Chain;
@@ -8,6 +8,9 @@ use crate::quantum::resources::regime::Regime;
 use crate::quantum::resources::{Comparison, Record};
 use crate::quantum::sparsity::{Count, Sparsity};
 use std::fmt;
+
+/// Columns of the name of a figure.
+const WIDTH: usize = 30;
 
 impl Comparison {
     /// The costs of all set-ups.
@@ -74,7 +77,7 @@ impl Record {
         writeln!(f, "{}: {shape} = {} unknowns, {p}", self.title, self.unknowns)?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = list(&self.sparsity.q, ", ");
-        writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)?;
+        writeln!(f, "interface {}{weights}; Q = {q}", word(&self.interface))?;
         let setup = &self.setup;
         let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {delta:?}"));
         writeln!(
@@ -90,46 +93,47 @@ impl Record {
     fn costs(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f)?;
         let rows = [
-            ("walk tolerance", &self.walk_tolerance),
-            ("nonzeros d", &self.nonzeros),
+            ("tolerance of the walk", &self.walk_tolerance),
+            ("most nonzeros a row, d", &self.nonzeros),
             ("largest entry", &self.largest_entry),
             ("tau = d |H| T", &self.tau),
             ("degree K", &self.degree),
             ("walk steps 2K", &self.walk_steps),
             ("location queries", &self.location_queries),
             ("value queries", &self.value_queries),
-            ("queries", &self.queries),
-            ("until measured", &self.queries_until_measured[0]),
-            ("or amplified", &self.queries_until_measured[1]),
+            ("queries of an evolution", &self.queries),
+            ("queries until measured", &self.queries_until_measured[0]),
+            ("the same, amplified", &self.queries_until_measured[1]),
             ("bits of a value", &self.value_bits),
             ("gates a query", &self.gates_factor),
             ("QFT gates", &self.transform_gates),
-            ("Euler operations", &self.classical_operations),
+            ("operations of classical Euler", &self.classical_operations),
         ];
-        figures(f, 18, &rows)?;
+        figures(f, &rows)?;
         let r = &self.qubits;
         writeln!(
             f,
-            "qubits            {:>12}  exact: {} for phase space, {} for the inflow, {} for p",
+            "{:<WIDTH$}{:>12}  exact: {} for phase space, {} for the inflow, {} for p",
+            "qubits",
             r.total,
             list(&r.phase_space, " + "),
             r.auxiliary,
             r.p
         )?;
-        writeln!(f, "p not growing     {}", r.total_without_growth)?;
-        writeln!(f, "with the walk     {}", r.walk.total)?;
+        writeln!(f, "{:<WIDTH$}{}", "qubits, p of fixed length", r.total_without_growth)?;
+        writeln!(f, "{:<WIDTH$}{}", "qubits with those of the walk", r.walk.total)?;
         let Some(table) = &self.weights_table else { return Ok(()) };
         let rows = [
-            ("weights, Toffoli", &table.toffolis_a_value_query),
-            ("of all queries", &table.toffolis),
-            ("and classically", &table.classical_operations),
+            ("Toffoli of weights, a query", &table.toffolis_a_value_query),
+            ("Toffoli of weights, in all", &table.toffolis),
+            ("classical cost of weights", &table.classical_operations),
         ];
         writeln!(
             f,
-            "weights           a table of {} numbers in every value query, from {} sweeps",
-            table.entries, table.sweeps
+            "{:<WIDTH$}a table of {} numbers in every value query, from {} sweeps",
+            "weights", table.entries, table.sweeps
         )?;
-        figures(f, 18, &rows)
+        figures(f, &rows)
     }
 }
 
@@ -138,9 +142,9 @@ fn list(numbers: &[usize], between: &str) -> String {
     numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(between)
 }
 
-/// A line a figure, behind names of `width` columns.
-fn figures(f: &mut fmt::Formatter<'_>, width: usize, rows: &[(&str, &Figure)]) -> fmt::Result {
-    rows.iter().try_for_each(|(name, figure)| writeln!(f, "{name:<width$}{figure}"))
+/// A line a figure, behind its name.
+fn figures(f: &mut fmt::Formatter<'_>, rows: &[(&str, &Figure)]) -> fmt::Result {
+    rows.iter().try_for_each(|(name, figure)| writeln!(f, "{name:<WIDTH$}{figure}"))
 }
 
 /// Nonzeros of each matrix beside the paper's bounds, and where a bound does not hold.
@@ -188,15 +192,15 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
 fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
     writeln!(f, "\nprobability of {what}")?;
     let rows = [
-        ("  in p", &c.in_p),
-        ("  field given that", &c.field_given_p),
-        ("  weights undone", &c.weights_given_field),
+        ("  p is in range", &c.in_p),
+        ("  then: no inflow unknown", &c.field_given_p),
+        ("  then: weights undone", &c.weights_given_field),
         ("  all", &c.all),
         ("  repetitions", &c.repetitions),
-        ("  amplifications", &c.amplification_rounds),
-        ("  evolutions so", &c.amplified_evolutions),
+        ("  rounds of amplification", &c.amplification_rounds),
+        ("  evolutions, amplified", &c.amplified_evolutions),
     ];
-    figures(f, 22, &rows)
+    figures(f, &rows)
 }
 
 /// The paper's asymptotic count.
@@ -207,8 +211,8 @@ fn regime_table(f: &mut fmt::Formatter<'_>, regime: &Regime, tolerance: f64) -> 
         ("  queries", &regime.queries),
         ("  gates a query", &regime.gates_factor),
         ("  qubits", &regime.qubits),
-        ("  with growing p", &regime.qubits_with_growth),
-        ("  Euler operations", &regime.classical_operations),
+        ("  qubits, p growing", &regime.qubits_with_growth),
+        ("  operations of Euler", &regime.classical_operations),
     ];
-    figures(f, 22, &rows)
+    figures(f, &rows)
 }

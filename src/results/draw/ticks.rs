@@ -109,16 +109,23 @@ pub fn ticks([lower, upper]: [f64; 2], scale: Scale, wanted: usize) -> Vec<Tick>
 fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     let rough = (upper - lower) / wanted.max(1) as f64;
     let power = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .map(|m| m * power)
-        .into_iter()
-        .find(|step| *step >= 0.999 * rough)
-        .unwrap_or(10.0 * power);
-    if !(step > 0.0 && step.is_finite()) {
+    if !(power > 0.0 && (10.0 * power).is_finite()) {
         return Vec::new();
     }
-    let slack = 1e-9 * (upper - lower) / step;
-    let (first, last) = ((lower / step - slack).ceil(), (upper / step + slack).floor());
+    let numbers = |step: f64| {
+        let slack = 1e-9 * (upper - lower) / step;
+        [(lower / step - slack).ceil(), (upper / step + slack).floor()]
+    };
+    const STEPS: [f64; 7] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
+    let steps = STEPS.map(|m| m * power);
+    let wide = steps.iter().position(|step| *step >= 0.999 * rough).unwrap_or(STEPS.len() - 1);
+    // One number alone says nothing of the scale.
+    let has_two = |step: &&f64| {
+        let [first, last] = numbers(**step);
+        last > first
+    };
+    let step = *steps[..=wide].iter().rev().find(has_two).unwrap_or(&steps[wide]);
+    let [first, last] = numbers(step);
     (0..=(last - first).clamp(0.0, 100.0) as usize)
         .map(|k| {
             let at = (first + k as f64) * step;
@@ -214,6 +221,13 @@ mod tests {
             let mut texts = labels(&found);
             texts.dedup();
             assert_eq!(texts.len(), found.len(), "{found:?}");
+        }
+        // The colours of signed data.
+        for most in (1..1000).map(|k| f64::from(k) * 0.01) {
+            for wanted in 1..6 {
+                let found = ticks([-most, most], Scale::Linear, wanted);
+                assert!((2..=8).contains(&found.len()), "{most}: {found:?}");
+            }
         }
         // An axis without length has no ticks, and ends.
         assert!(ticks([1.0, 1.0], Scale::Linear, 5).len() <= 1);

@@ -1,41 +1,84 @@
 //! Where planes cut the axes that they do not run along.
 
+use crate::base::checksum::Slab;
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::results::pictures::jumps::jumps;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::{Read, Snapshot, Stored};
 
-/// Where planes cut the axes that they do not run along: cell by axis in storage order.
+/// Where planes cut the axes that they do not run along.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Cut(pub Vec<usize>);
+pub struct Cut {
+    /// Cell by axis in storage order.
+    pub cells: Vec<usize>,
+    /// Whether the data chose it.
+    by_data: bool,
+}
+
+/// Cells of space where the density is at least this part of the largest are as good as that one:
+/// of them the nearest to the middle is taken.
+const DENSE: f64 = 0.9;
 
 impl Cut {
-    /// The default cut, in the middle; along axes of space at the nearest cell to the middle that
-    /// is not next to a jump of `V`, where `f` may be of either side.
-    pub fn usual(run: &Stored) -> Self {
-        let mut cut = Self::middle(run);
-        for a in 0..run.dimension() {
-            let (axis, faces) = (run.axis(a), jumps(run, a, &cut.0));
-            let at_jump = |cell: usize| {
-                let element = axis.split(cell as i64).0;
-                faces.contains(&axis.face(element)) || faces.contains(&axis.face(element + 1))
-            };
-            let away = |cell: &usize| cell.abs_diff(cut.0[a]);
-            let free = (0..axis.cells).filter(|cell| !at_jump(*cell));
-            // Of two the upper one, as of an even number of cells.
-            if let Some(cell) = free.rev().min_by_key(away) {
-                cut.0[a] = cell;
+    /// The default cut: where there is most to be seen at these `times` taken together. Through the
+    /// cell of space with the largest density, and there through the velocity with the largest
+    /// `|f|`, or of measure-valued data the mean velocity. Along axes of space it keeps off cells
+    /// next to a jump of `V`, where `f` may be of either side. Through the middle in one dimension,
+    /// and where the file does not tell.
+    pub fn usual(run: &Stored, times: &[Snapshot]) -> Self {
+        match run.dimension() {
+            1 => Self::middle(run),
+            _ => Self::by_data(run, times).unwrap_or_else(|_| Self::middle(run)),
+        }
+    }
+
+    fn by_data(run: &Stored, times: &[Snapshot]) -> Read<Self> {
+        let mut cut = Self { by_data: true, ..Self::middle(run) };
+        let n = run.dimension();
+        let lengths: Vec<usize> = (0..n).map(|a| run.axis(a).cells).collect();
+        let mut density = vec![0.0; lengths.iter().product()];
+        for time in times {
+            for (sum, value) in density.iter_mut().zip(run.moment(*time, "density")?) {
+                *sum += if value.is_finite() { value.abs() } else { 0.0 };
             }
         }
-        cut
+        let dense = densest(&density, &lengths, |_| true);
+        cut.cells[..n].copy_from_slice(&dense);
+        for a in 0..n {
+            let (axis, faces) = (run.axis(a), jumps(run, a, &cut.cells));
+            let free = |cell: usize| {
+                let element = axis.split(cell as i64).0;
+                !faces.contains(&axis.face(element)) && !faces.contains(&axis.face(element + 1))
+            };
+            if free(cut.cells[a]) || !(0..axis.cells).any(free) {
+                continue;
+            }
+            let at = cut.cells.clone();
+            let on_line = |cell: &[usize]| (0..n).all(|b| b == a || cell[b] == at[b]);
+            cut.cells[a] = densest(&density, &lengths, |cell| on_line(cell) && free(cell[a]))[a];
+        }
+        let velocities = fastest(run, times, &cut.cells[..n])?;
+        cut.cells[n..].copy_from_slice(&velocities);
+        Ok(cut)
+    }
+
+    /// The sentence for planes through a [usual](Self::usual) cut.
+    pub fn sentence(&self, run: &Stored) -> &'static str {
+        match (self.by_data, run.has("phi")) {
+            (false, _) => "",
+            (true, true) => " Planes go through the largest density, at the mean velocity there.",
+            (true, false) => " Planes go through the largest density, and the largest |f| there.",
+        }
     }
 
     /// Through the middle cells (cell N/2, counted from 0), as `fields.xdmf` does.
     pub fn middle(run: &Stored) -> Self {
-        Self((0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect())
+        let cells = (0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect();
+        Self { cells, by_data: false }
     }
 
-    /// As `text` says, `x=0.1,vy=0`; as [usual](Self::usual) along axes that it does not name.
+    /// As `text` says, `x=0.1,vy=0`; as [usual](Self::usual) at the end along axes that it does not
+    /// name.
     ///
     /// # Errors
     /// [`Error::Input`] where it names no axis of the run, or a place outside of the box.
@@ -46,7 +89,7 @@ impl Cut {
             let why = "in one dimension all of phase space is shown".to_owned();
             return Err(wrong(why));
         }
-        let mut cut = Self::usual(run);
+        let mut cut = Self { by_data: false, ..Self::usual(run, &[run.end()]) };
         let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))
@@ -68,7 +111,7 @@ impl Cut {
                 let name = names[a];
                 return Err(wrong(format!("{name} goes from {lower} to {upper}")));
             }
-            cut.0[a] = axis.cell_at(place);
+            cut.cells[a] = axis.cell_at(place);
         }
         Ok(cut)
     }
@@ -77,9 +120,95 @@ impl Cut {
     pub fn place(&self, run: &Stored, plane: [usize; 2], axes: std::ops::Range<usize>) -> String {
         let others = axes.filter(|a| !plane.contains(a));
         let at = |a: usize| {
-            let centre = run.axis(a).centre(self.0[a] as i64);
+            let centre = run.axis(a).centre(self.cells[a] as i64);
             format!("{} = {}", run.names()[a], short(centre))
         };
         others.map(at).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The index of each axis of the cell with the largest density of those that are `allowed`, of as
+/// good ones the nearest to the middle, of two of those the upper one.
+fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> bool) -> Vec<usize> {
+    let cells = || {
+        (density.iter().enumerate())
+            .map(|(place, value)| (split(place, lengths), *value))
+            .filter(|(cell, _)| allowed(cell))
+    };
+    let largest = cells().fold(0.0, |largest: f64, (_, value)| largest.max(value));
+    // In parts of the axes' lengths.
+    let away = |cell: &[usize]| -> f64 {
+        let parts = cell.iter().zip(lengths).map(|(i, n)| {
+            let part = (*i as f64 - (*n / 2) as f64) / *n as f64;
+            part * part
+        });
+        parts.sum()
+    };
+    let good = cells().filter(|(_, value)| *value >= DENSE * largest);
+    let places = good.map(|(cell, _)| (away(&cell), cell));
+    let nearest = places.min_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)));
+    nearest.map_or_else(|| lengths.iter().map(|n| n / 2).collect(), |(_, cell)| cell)
+}
+
+/// The index of each axis of the cell number `place`, the last axis fastest.
+fn split(place: usize, lengths: &[usize]) -> Vec<usize> {
+    let mut rest = place;
+    let mut cell: Vec<usize> = lengths
+        .iter()
+        .rev()
+        .map(|n| {
+            let at = rest % n;
+            rest /= n;
+            at
+        })
+        .collect();
+    cell.reverse();
+    cell
+}
+
+/// The velocity cell in the space cell `at` with the largest `|f|` at these times together; of
+/// measure-valued data that of the mean velocity at the end.
+fn fastest(run: &Stored, times: &[Snapshot], at: &[usize]) -> Read<Vec<usize>> {
+    let n = run.dimension();
+    let here = at.iter().map(|i| *i..i + 1);
+    if run.has("phi") {
+        let one = |a: usize| {
+            let ranges: Vec<_> = std::iter::once(a..a + 1).chain(here.clone()).collect();
+            let mean = run.slab("velocity", &Slab::of(&ranges))?;
+            let (axis, mean) = (run.axis(n + a), mean.first().copied().unwrap_or(f64::NAN));
+            let inside = (axis.lower..=axis.upper).contains(&mean);
+            Ok(if inside { axis.cell_at(mean) } else { axis.cells / 2 })
+        };
+        return (0..n).map(one).collect();
+    }
+    let lengths: Vec<usize> = (n..2 * n).map(|a| run.axis(a).cells).collect();
+    let ranges: Vec<_> = here.chain(lengths.iter().map(|cells| 0..*cells)).collect();
+    let mut sizes = vec![0.0; lengths.iter().product()];
+    for time in times {
+        for (sum, value) in sizes.iter_mut().zip(run.field_slab(*time, "f", &ranges)?) {
+            *sum += if value.is_finite() { value.abs() } else { 0.0 };
+        }
+    }
+    Ok(densest(&sizes, &lengths, |_| true))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_densest_cell_is_taken_and_of_equals_the_middle() {
+        let all = |_: &[usize]| true;
+        let mut density = vec![0.0; 20];
+        assert_eq!(densest(&density, &[4, 5], all), [2, 2]);
+        density[3] = 1.0;
+        assert_eq!(densest(&density, &[4, 5], all), [0, 3]);
+        // As good, and nearer to the middle.
+        density[13] = 0.95;
+        assert_eq!(densest(&density, &[4, 5], all), [2, 3]);
+        assert_eq!(densest(&density, &[4, 5], |cell| cell[0] != 2), [0, 3]);
+        // Beside the middle of an even number of cells.
+        assert_eq!(densest(&[0.0, 1.0, 0.0, 1.0], &[4], all), [3]);
+        assert_eq!(split(13, &[4, 5]), [2, 3]);
     }
 }

@@ -56,8 +56,8 @@ impl<'a> Film<'a> {
             .map(|name| format!("there is no /{name} in result.h5; run the case again"));
         let n = run.dimension();
         let scene = Scene {
-            faces: (0..n).map(|a| jumps(run, a, &cut.0)).collect(),
-            borders: planes(n).into_iter().map(|plane| borders(run, plane, &cut.0)).collect(),
+            faces: (0..n).map(|a| jumps(run, a, &cut.cells)).collect(),
+            borders: planes(n).into_iter().map(|plane| borders(run, plane, &cut.cells)).collect(),
         };
         let scales = Scales::default();
         let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };
@@ -100,6 +100,7 @@ impl<'a> Film<'a> {
             panels.push(faces.iter().fold(panel, |panel, x| panel.vertical("", *x)));
             caption += &closing(run, a, faces);
         }
+        caption += self.cut.sentence(run);
         let maps = self.scales.fields[..n].iter().chain((n > 1).then_some(&self.scales.density));
         caption += &undershoots(maps.filter_map(Spread::undershoot).reduce(f64::min));
         match n {
@@ -122,7 +123,7 @@ impl<'a> Film<'a> {
             false => format!("{name} at {place}"),
         };
         if !run.has("phi") {
-            let field = run.field_plane(at, "f", plane, &self.cut.0)?;
+            let field = run.field_plane(at, "f", plane, &self.cut.cells)?;
             return Ok(self.map(plane, title("f"), field, self.scales.fields[a]));
         }
         if n == 1 && run.space.degree() > 0 {
@@ -136,7 +137,7 @@ impl<'a> Film<'a> {
             let field = concentrated(run, at)?;
             return Ok(self.map(plane, title("φ δ(ψ)"), field, self.scales.fields[a]));
         }
-        let field = run.field_plane(at, "phi", plane, &self.cut.0)?;
+        let field = run.field_plane(at, "phi", plane, &self.cut.cells)?;
         Ok(self.map(plane, title("φ"), field, self.scales.fields[a]))
     }
 
@@ -156,10 +157,10 @@ impl<'a> Film<'a> {
         let mut panel = Panel::new("density", Axis::linear("x").within(x.lower, x.upper), axis);
         let exact = self.has_exact();
         if exact {
-            let points = self.run.line(&self.run.moment_line(at, "density_exact")?);
+            let points = self.run.line(&self.run.moment(at, "density_exact")?);
             panel = panel.line("exact", Style::of(2).plain(), points);
         }
-        let points = self.run.line(&self.run.moment_line(at, "density")?);
+        let points = self.run.line(&self.run.moment(at, "density")?);
         let label = if exact { "computed" } else { "" };
         panel = panel.line(label, Style::of(0).plain(), points);
         Ok(self.scene.faces[0].iter().fold(panel, |panel, x| panel.vertical("", *x)))
@@ -173,7 +174,7 @@ impl<'a> Film<'a> {
         let exact = self.has_exact().then_some(("exact density", "density_exact"));
         for (title, name) in [("density", "density")].into_iter().chain(exact) {
             for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
-                let cells = &self.cut.0[..run.dimension()];
+                let cells = &self.cut.cells[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
                 let title = titled(run, title, plane, &self.cut);
                 let mut panel = self.map(plane, title, field, self.scales.density);

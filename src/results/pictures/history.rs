@@ -111,18 +111,8 @@ fn densities(run: &Stored) -> Read<Panel> {
 
 /// Steps of a run, in their order.
 const STEPS: [&str; 12] = [
-    "start",
-    "plan",
-    "assemble",
-    "weights",
-    "probe",
-    "design",
-    "solve",
-    "verify",
-    "exact",
-    "observables",
-    "readout",
-    "write",
+    "start", "plan", "assemble", "weights", "probe", "design", "solve", "verify", "exact",
+    "observables", "readout", "write",
 ];
 
 /// The steps with their seconds, in the order of the run; those that are not known by name last,

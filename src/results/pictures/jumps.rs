@@ -17,18 +17,14 @@ pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
         return Vec::new();
     };
     let mut cell = cut[..n].to_vec();
-    let jump = |i: usize| {
-        cell[a] = i;
-        potential.jump_below(&cell, a) != 0.0
-    };
-    let places = ranges[a].clone();
+    let mut found = Vec::new();
     // Below the first cell there is a jump only where the axis closes.
-    let mut found: Vec<usize> = places
-        .filter({
-            let mut jump = jump;
-            move |&i| jump(i)
-        })
-        .collect();
+    for i in ranges[a].clone() {
+        cell[a] = i;
+        if potential.jump_below(&cell, a) != 0.0 {
+            found.push(i);
+        }
+    }
     if found.first() == Some(&0) {
         found.push(run.axis(a).cells);
     }

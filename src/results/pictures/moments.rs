@@ -75,7 +75,7 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     let run = runs.run;
     // An older program wrote other ones.
     let exact = run.has("momentum_exact");
-    let faces = jumps(run, 0, &Cut::middle(run).0);
+    let faces = jumps(run, 0, &Cut::middle(run).cells);
     let mut panels = Vec::new();
     for (name, label) in
         [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
@@ -181,7 +181,7 @@ type Row = (Vec<Panel>, Option<f64>);
 /// A row of maps: exact, computed, and the difference.
 fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Row> {
     let (run, Shown { name, component, label }) = (runs.run, shown);
-    let at = &cut.0[..run.dimension()];
+    let at = &cut.cells[..run.dimension()];
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
     let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
@@ -202,7 +202,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         Some(_) => (range(computed.iter().chain(&exact), scale), None),
         None => (spread.range(scale), spread.undershoot()),
     };
-    let border = borders(run, plane, &cut.0);
+    let border = borders(run, plane, &cut.cells);
     let bordered = |panel: Panel| {
         if border.is_empty() {
             return panel;
@@ -299,7 +299,7 @@ fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &
         caption += " Dashed: where V jumps.";
     }
     for a in 0..run.dimension() {
-        caption += &closing(run, a, &jumps(run, a, &cut.0));
+        caption += &closing(run, a, &jumps(run, a, &cut.cells));
     }
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)

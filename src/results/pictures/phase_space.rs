@@ -22,7 +22,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let mut panels = Vec::new();
     let (mut lines, mut lowest) = (String::new(), None);
     for a in 0..n {
-        let faces = jumps(run, a, &cut.0);
+        let faces = jumps(run, a, &cut.cells);
         if !faces.is_empty() && lines.is_empty() {
             " Vertical lines: where V jumps.".clone_into(&mut lines);
         }
@@ -50,6 +50,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         4 => 2,
         row => row.min(3),
     };
+    lines += cut.sentence(run);
     lines += &undershoots(lowest);
     if run.case.is_err() {
         lines += " The case file is not understood by this program: jumps of V are not shown.";
@@ -85,7 +86,7 @@ fn values_shown(run: &Stored) -> &'static str {
 /// `f`, the exact one, and differences; with the lowest of the values that are drawn as zero.
 fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Option<f64>)> {
     let run = runs.run;
-    let at = &cut.0[..];
+    let at = &cut.cells[..];
     let computed: Read<Vec<Plane>> =
         runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
     let computed = computed?;
@@ -122,7 +123,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Op
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();
-    let at = &cut.0[..];
+    let at = &cut.cells[..];
     let mut panels = Vec::new();
     if n == 1 {
         let [x, v] = plane.map(|a| {

@@ -174,7 +174,7 @@ impl Stored {
         self.file.dataset(name).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// A dataset of at most one index a step, whole.
+    /// A dataset, whole.
     pub fn list(&self, name: &str) -> Read<Vec<f64>> {
         let dataset = self.dataset(name)?;
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
@@ -236,13 +236,14 @@ impl Stored {
         self.plane(&at.dataset(name), at.early.as_slice(), plane, cells)
     }
 
-    /// A scalar moment, as `density`, at a time, of one dimension, by cell.
-    pub fn moment_line(&self, at: Snapshot, name: &str) -> Read<Vec<f64>> {
+    /// A scalar moment, as `density`, at a time, of all of space.
+    pub fn moment(&self, at: Snapshot, name: &str) -> Read<Vec<f64>> {
         match self.moment_time(at)? {
             None => self.list(name),
             Some(k) => {
-                let slab = Slab::of(&[k..k + 1, 0..self.axis(0).cells]);
-                self.slab(&format!("history/{name}"), &slab)
+                let space = self.space.x.iter().map(|axis| 0..axis.cells);
+                let ranges: Vec<_> = std::iter::once(k..k + 1).chain(space).collect();
+                self.slab(&format!("history/{name}"), &Slab::of(&ranges))
             }
         }
     }

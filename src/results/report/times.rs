@@ -7,7 +7,7 @@ use crate::base::text::short;
 use crate::results::draw::raster::Palette;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Read, Stored};
+use crate::results::pictures::stored::{Read, Snapshot, Stored};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -34,17 +34,20 @@ struct Frame {
 }
 
 impl Times {
-    /// The times of a run that has fields at several; none of another run.
+    /// The times of a run that has fields at several, through `cut` or the usual one; none of
+    /// another run.
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &Stored, cut: &Cut) -> Read<Option<Self>> {
+    pub fn new(run: &Stored, cut: Option<Cut>) -> Read<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {
             return Ok(None);
         }
-        let chosen = spread(all.len(), MOST_TIMES).into_iter().map(|k| all[k]).collect();
-        let film = Film::new(run, cut, chosen)?;
+        let chosen = spread(all.len(), MOST_TIMES).into_iter();
+        let chosen: Vec<Snapshot> = chosen.map(|k| all[k]).collect();
+        let cut = cut.unwrap_or_else(|| Cut::usual(run, &chosen));
+        let film = Film::new(run, &cut, chosen)?;
         let mut palette = Palette::of(&film.frame(0)?);
         let mut frames = Vec::with_capacity(film.count());
         for k in 0..film.count() {

@@ -1,152 +1,504 @@
-//! Integrals of the exact solution over the velocities, in one dimension.
+//! Integrals of the exact solution over the velocities.
 //!
 //! Where particles pass jumps of `V`, the exact solution jumps along the velocities, and slow ones
 //! leave filaments that are far narrower than an element. A rule of fixed points, however many an
-//! element has, is wrong by as much as the run it is compared with. So the velocity axis is divided
-//! where the two parts of a panel do not add up to the whole.
+//! element has, is wrong by as much as the run it is compared with. So the velocity box is cut into
+//! panels, and panels are halved where two rules differ, the worst first:
+//!
+//! ```text
+//! ∫ f dv over a panel      Boole's rule along each axis, 5 equal steps
+//! error along an axis      |Boole − Simpson| on each line along it, summed with Boole's weights
+//! error of the panel       the sum of its axes; halved across the axis that has most of it
+//! error of the integral    (Σ error²)^½ over the panels, whose errors have any sign
+//! ```
+//!
+//! Both rules share their points, so that the error costs nothing, and halves share theirs with the
+//! whole. The difference is not zero wherever a jump lies between two points.
+//!
+//! Where `V` has one formula and the data are smooth, the velocities of the grid are as good, and
+//! fewer. In two and three dimensions they are taken, if some integrals say so.
 
-use crate::base::quadrature::{QuadraturePoint, gauss_legendre, gauss_lobatto};
+use crate::base::quadrature::gauss_legendre;
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::communicator::Group;
+use crate::parallel::partition::split;
 use crate::problem::case::Case;
-use crate::problem::grid::Axis;
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::run::exact::solution::Exactly;
-use std::ops::Range;
 
-/// Panels of the velocity axis to begin with.
-const PANELS: usize = 64;
-/// Points of Lobatto's rule in a panel: with its ends, between which no jump is overlooked.
+/// Points of a panel along an axis.
 const POINTS: usize = 5;
-/// Points across a cell of space over which moments are averaged.
-const ACROSS: usize = 2;
-/// A panel is divided where that changes the density by more than this part of the largest.
-const TOLERANCE: f64 = 1e-5;
-/// A panel is left as it is where all of it is less than this part of the tolerance.
-const NOTHING: f64 = 0.01;
-/// The lower part of a panel that is divided. In halves, a jump near the middle would leave the sum
-/// as it was: half of the weights are below it before and after. Here the sums of weights below any
-/// place differ by 0.02 at least.
-const LOWER_PART: f64 = 0.44;
-/// Most times that a panel is divided.
-const MOST_DIVISIONS: usize = 24;
+/// Boole's rule on `[0, 1]`.
+const BOOLE: [f64; POINTS] = [7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0, 7.0 / 90.0];
+/// Simpson's rule at the same points.
+const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
-/// A part of the velocity axis, with `∫ (1, v, ½v²) f dv` and `∫ |f| dv` over it.
-#[derive(Clone, Copy)]
+/// What integrals in a dimension may cost.
+struct Effort {
+    /// Panels along an axis to begin with, ...
+    panels: usize,
+    /// ... where `V` has one formula, so that nothing is torn: at least so many.
+    few_panels: usize,
+    /// Panels are halved until the error is below this part of the largest density.
+    tolerance: f64,
+    /// An integral may take so many points, and twice those that it begins with.
+    most: usize,
+    /// All integrals together may take so many.
+    together: usize,
+    /// Places along an axis at which the largest density is looked for, ...
+    places: usize,
+    /// ... and at which the velocities of the grid are tried.
+    trials: usize,
+}
+
+/// By dimension of space.
+const EFFORTS: [Effort; MAX_DIMENSION] = [
+    Effort {
+        panels: 64,
+        few_panels: 64,
+        tolerance: 1e-5,
+        most: 2000,
+        together: 500_000,
+        places: 64,
+        trials: 0,
+    },
+    Effort {
+        panels: 8,
+        few_panels: 2,
+        tolerance: 1e-3,
+        most: 2000,
+        together: 1_000_000,
+        places: 6,
+        trials: 3,
+    },
+    Effort {
+        panels: 2,
+        few_panels: 2,
+        tolerance: 5e-3,
+        most: 6000,
+        together: 500_000,
+        places: 3,
+        trials: 2,
+    },
+];
+/// Panels have so many cells of velocity along an axis, or fewer; ...
+const CELLS: usize = 4;
+/// ... where `V` has one formula, so many.
+const MANY_CELLS: usize = 8;
+/// All integrals together may take so many points a cell of phase space, if that is more.
+const POINTS_PER_CELL: usize = 3;
+/// Points along an axis of a cell of degree 0 over which moments are averaged, where that is within
+/// these bounds.
+const ACROSS: usize = 2;
+/// The integrals by which the velocities of the grid are tried have this part of the tolerance, ...
+const TRIAL_TOLERANCE: f64 = 0.01;
+/// ... and so many times the points.
+const TRIAL_POINTS: usize = 10;
+/// Of the panels' errors, those are halved together that are not below this part of the largest.
+const NEAR_LARGEST: f64 = 0.25;
+
+/// An integral over the velocities at a place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Integral {
+    /// Density, momentum, kinetic energy, as [`MOMENTS`] has them.
+    pub moments: [f64; MOMENTS],
+    /// An estimate of the density's error.
+    pub error: f64,
+}
+
+/// A part of the velocity box.
 struct Panel {
-    ends: [f64; 2],
-    moments: [f64; 3],
-    size: f64,
+    lower: [f64; MAX_DIMENSION],
+    width: [f64; MAX_DIMENSION],
+    /// `f` at its points, the last axis fastest.
+    values: Vec<f64>,
+    /// The error of the integral over it.
+    error: f64,
+    /// The axis that has most of it.
+    axis: usize,
+}
+
+/// The velocities of the grid, as points of a rule.
+struct GridRule {
+    /// Velocities and weights.
+    points: Vec<([f64; MAX_DIMENSION], f64)>,
+    /// The largest error of a density that was found.
+    error: f64,
 }
 
 /// The exact solution at a time, to be integrated over the velocity box.
 pub struct VelocityIntegrals<'a> {
     exactly: &'a Exactly<'a>,
     time: f64,
-    ends: [f64; 2],
-    rule: Vec<QuadraturePoint>,
+    space: &'a PhaseSpace,
+    /// Panels to begin with, by axis.
+    panels: Vec<usize>,
+    /// Boole's weights at the points of a panel.
+    weights: Vec<f64>,
+    /// The error that a density may have.
+    tolerance: f64,
+    /// Points that an integral may take.
+    most: usize,
+    /// The velocities of the grid, where they do.
+    grid_rule: Option<GridRule>,
+}
+
+/// Panels along each velocity axis of `case` to begin with.
+fn panels_of(case: &Case) -> Vec<usize> {
+    let effort = &EFFORTS[case.space.dimension() - 1];
+    let panels = |axis: &Axis| match (axis.cells, case.potential.len()) {
+        (1, _) => 1,
+        (cells, 1) => cells.div_ceil(MANY_CELLS).max(effort.few_panels),
+        (cells, _) => cells.div_ceil(CELLS).max(effort.panels),
+    };
+    case.space.v.iter().map(panels).collect()
+}
+
+/// Points of `panels` side by side.
+fn points_of(panels: &[usize]) -> usize {
+    panels.iter().map(|n| (POINTS - 1) * n + 1).product()
+}
+
+/// Points that all integrals of a run of `case` may take together.
+fn allowance(case: &Case) -> usize {
+    let least = EFFORTS[case.space.dimension() - 1].together;
+    case.space.cells().saturating_mul(POINTS_PER_CELL).max(least)
+}
+
+/// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
+fn across(case: &Case) -> usize {
+    let space = &case.space;
+    let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
+    let places = space.space_cells().saturating_mul(ACROSS.pow(cells));
+    let fits = places.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
+    if fits || space.dimension() == 1 { ACROSS } else { 1 }
+}
+
+/// Adds a mass with a velocity to the sums `moments`.
+fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64) {
+    let [x, y, z] = velocity;
+    let factors = [1.0, *x, *y, *z, 0.5 * (x * x + y * y + z * z)];
+    moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
+}
+
+/// Points that the averages over the cells of `case` begin with; more than an integer holds, maybe.
+pub fn first_points(case: &Case) -> f64 {
+    let places = case.space.x.iter().map(|axis| (across(case) * axis.cells) as f64);
+    places.product::<f64>() * points_of(&panels_of(case)) as f64
 }
 
 impl<'a> VelocityIntegrals<'a> {
-    /// Of the exact solution of `case` at `time`; none in more than one dimension.
-    pub fn new(exactly: &'a Exactly<'a>, case: &Case, time: f64) -> Option<Self> {
-        let [axis] = &case.space.v[..] else { return None };
-        let ends = [axis.lower, axis.upper];
-        Some(Self { exactly, time, ends, rule: gauss_lobatto(POINTS) })
-    }
-
-    /// Density, momentum and kinetic energy at the points of space `places`, as [`MOMENTS`] has
-    /// them. Collective over `world` (the largest density).
-    pub fn at(&self, world: &Group, places: &[f64]) -> Vec<[f64; MOMENTS]> {
-        let coarse: Vec<Vec<Panel>> = places.iter().map(|&x| self.panels(x)).collect();
-        let size = |panels: &Vec<Panel>| panels.iter().map(|panel| panel.size).sum::<f64>();
-        let largest = world.max(coarse.iter().map(size).fold(0.0, f64::max));
-        let refined = |(panels, &x)| {
-            let [density, momentum, energy] = self.refined(x, panels, TOLERANCE * largest);
-            [density, momentum, 0.0, 0.0, energy]
-        };
-        coarse.into_iter().zip(places).map(refined).collect()
-    }
-
-    /// Density, momentum and kinetic energy at the nodes `nodes` of `axis`; of degree 0 averages
-    /// over its cells. Collective over `world`.
-    pub fn on_axis(&self, world: &Group, axis: &Axis, nodes: Range<usize>) -> Vec<[f64; MOMENTS]> {
-        if axis.nodes.degree > 0 {
-            let places: Vec<f64> = nodes.map(|j| axis.inner_centre(j as i64)).collect();
-            return self.at(world, &places);
+    /// Of the exact solution of `case` at `time`, at so many `places` of space on all ranks.
+    /// Collective over `world` (the largest density).
+    pub fn new(
+        world: &Group,
+        exactly: &'a Exactly<'a>,
+        case: &'a Case,
+        time: f64,
+        places: usize,
+    ) -> Self {
+        let n = case.space.dimension();
+        let effort = &EFFORTS[n - 1];
+        let panels = panels_of(case);
+        let least = effort.most.max(2 * points_of(&panels));
+        let mut weights = vec![1.0];
+        for _ in 0..n {
+            weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
         }
-        let rule = gauss_legendre(ACROSS);
-        let across = |j| rule.iter().map(move |point| axis.at(j as i64, point.node));
-        let places: Vec<f64> = nodes.flat_map(across).collect();
-        let average = |points: &[[f64; MOMENTS]]| {
-            let mean = |k: usize| -> f64 {
-                rule.iter().zip(points).map(|(at, moments)| 0.5 * at.weight * moments[k]).sum()
-            };
-            std::array::from_fn(mean)
+        let mut integrals = Self {
+            exactly,
+            time,
+            space: &case.space,
+            panels,
+            weights,
+            tolerance: 0.0,
+            most: least.max(allowance(case) / places.max(1)),
+            grid_rule: None,
         };
-        self.at(world, &places).chunks_exact(ACROSS).map(average).collect()
+        integrals.tolerance = effort.tolerance * integrals.largest(world, effort.places);
+        if case.potential.len() == 1 && effort.trials > 0 {
+            integrals.grid_rule = integrals.tried(world, effort.trials);
+        }
+        integrals
     }
 
-    /// The velocity axis at `x` in equal panels.
-    fn panels(&self, x: f64) -> Vec<Panel> {
-        let [lower, upper] = self.ends;
-        let end = |k: usize| lower + (upper - lower) * k as f64 / PANELS as f64;
-        let ends: Vec<[f64; 2]> = (0..PANELS).map(|k| [end(k), end(k + 1)]).collect();
-        self.integrals(x, &ends)
-    }
-
-    /// The panels between these ends at `x`.
-    fn integrals(&self, x: f64, ends: &[[f64; 2]]) -> Vec<Panel> {
-        let places: Vec<QuadraturePoint> = (ends.iter())
-            .flat_map(|ends| self.rule.iter().map(|point| point.moved_to(*ends)))
-            .collect();
-        let points: Vec<[f64; 6]> =
-            places.iter().map(|place| [x, 0.0, 0.0, place.node, 0.0, 0.0]).collect();
-        let values = self.exactly.values_at(&points, self.time);
-        let panel = |(&ends, (places, values)): (&[f64; 2], (&[QuadraturePoint], &[f64]))| {
-            let mut panel = Panel { ends, moments: [0.0; 3], size: 0.0 };
-            for (place, f) in places.iter().zip(values) {
-                let (v, term) = (place.node, place.weight * f);
-                let terms = [term, v * term, 0.5 * v * v * term];
-                panel.moments.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-                panel.size += term.abs();
+    /// The velocities of the grid, if the densities by them are within the tolerance. Collective.
+    fn tried(&self, world: &Group, most: usize) -> Option<GridRule> {
+        let axes = &self.space.v;
+        let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells).collect();
+        let mut points = Vec::new();
+        for_each_cell(&ranges, |j| {
+            let (mut velocity, mut weight) = ([0.0; MAX_DIMENSION], 1.0);
+            for (a, axis) in axes.iter().enumerate() {
+                velocity[a] = axis.centre(j[a] as i64);
+                weight *= axis.weight(j[a]);
             }
-            panel
+            points.push((velocity, weight));
+        });
+        let rule = GridRule { points, error: 0.0 };
+        let tight = Self {
+            tolerance: TRIAL_TOLERANCE * self.tolerance,
+            most: TRIAL_POINTS * self.most,
+            panels: self.panels.clone(),
+            weights: self.weights.clone(),
+            grid_rule: None,
+            ..*self
         };
-        let each = places.chunks_exact(POINTS).zip(values.chunks_exact(POINTS));
-        ends.iter().zip(each).map(panel).collect()
+        let error = |place: &[f64; MAX_DIMENSION]| {
+            (self.by_rule(&rule, place).moments[0] - tight.by_panels(place).moments[0]).abs()
+        };
+        let error = self.largest_of(world, most, error);
+        (error <= self.tolerance).then_some(GridRule { error, ..rule })
     }
 
-    /// The integrals over `panels` at `x`, which are divided until that changes the density by no
-    /// more than `tolerance`.
-    fn refined(&self, x: f64, panels: Vec<Panel>, tolerance: f64) -> [f64; 3] {
-        let mut total = [0.0; 3];
-        let mut add = |moments: [f64; 3]| {
-            total.iter_mut().zip(moments).for_each(|(sum, term)| *sum += term);
+    /// Whether the sums over the velocities of the grid do; the largest error of a density then.
+    pub fn grid_error(&self) -> Option<f64> {
+        self.grid_rule.as_ref().map(|rule| rule.error)
+    }
+
+    /// The same at the nodes of the grid, or averaged over cells. Collective over `world`.
+    pub fn on_grid(world: &Group, exactly: &'a Exactly<'a>, case: &'a Case, time: f64) -> Self {
+        Self::new(world, exactly, case, time, case.space.space_cells())
+    }
+
+    /// The largest density at up to `most` centres of elements along each axis. Collective.
+    fn largest(&self, world: &Group, most: usize) -> f64 {
+        self.largest_of(world, most, |place| {
+            self.first_panels(place).iter().map(|panel| self.size(panel)).sum()
+        })
+    }
+
+    /// The largest `value` at these centres. Collective.
+    fn largest_of(
+        &self,
+        world: &Group,
+        most: usize,
+        value: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
+    ) -> f64 {
+        let axes = &self.space.x;
+        let counts: Vec<_> = axes.iter().map(|axis| 0..axis.elements().min(most)).collect();
+        let mut places = Vec::new();
+        for_each_cell(&counts, |k| {
+            let mut place = [0.0; MAX_DIMENSION];
+            for (a, axis) in axes.iter().enumerate() {
+                let element = (2 * k[a] + 1) * axis.elements() / (2 * counts[a].len());
+                place[a] = axis.at(element as i64, 0.0);
+            }
+            places.push(place);
+        });
+        let mine = split(&(0..places.len()), world.size(), world.rank());
+        world.max(places[mine].iter().map(value).fold(0.0, f64::max))
+    }
+
+    /// At the cells of space `cells`: of degree 0 averaged over the cell, at its node otherwise.
+    pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<Integral> {
+        let rule = gauss_legendre(across(case));
+        // Points across a cell and their weights, by axis.
+        let along = |axis: &Axis, j: usize| -> Vec<[f64; 2]> {
+            match axis.nodes.degree {
+                0 => rule.iter().map(|p| [axis.at(j as i64, p.node), 0.5 * p.weight]).collect(),
+                _ => vec![[axis.inner_centre(j as i64), 1.0]],
+            }
         };
-        let (nothing, mut open): (Vec<Panel>, Vec<Panel>) =
-            panels.into_iter().partition(|panel| panel.size <= NOTHING * tolerance);
-        nothing.iter().for_each(|panel| add(panel.moments));
-        for division in 1..=MOST_DIVISIONS {
-            let divided = |panel: &Panel| {
-                let [lower, upper] = panel.ends;
-                let between = lower + LOWER_PART * (upper - lower);
-                [[lower, between], [between, upper]]
-            };
-            let ends: Vec<[f64; 2]> = open.iter().flat_map(divided).collect();
-            let parts = self.integrals(x, &ends);
-            let mut unsettled = Vec::new();
-            for (whole, parts) in open.iter().zip(parts.chunks_exact(2)) {
-                let change = parts[0].moments[0] + parts[1].moments[0] - whole.moments[0];
-                match change.abs() > tolerance && division < MOST_DIVISIONS {
-                    true => unsettled.extend_from_slice(parts),
-                    false => parts.iter().for_each(|part| add(part.moments)),
+        let average = |cell: &[usize; MAX_DIMENSION]| {
+            let mut places = vec![([0.0; MAX_DIMENSION], 1.0)];
+            for (a, axis) in self.space.x.iter().enumerate() {
+                let points = along(axis, cell[a]);
+                let next = |(place, weight): &([f64; MAX_DIMENSION], f64)| {
+                    let (mut place, weight) = (*place, *weight);
+                    points.clone().into_iter().map(move |[x, part]| {
+                        place[a] = x;
+                        (place, weight * part)
+                    })
+                };
+                places = places.iter().flat_map(next).collect();
+            }
+            let mut mean = Integral::default();
+            for (place, weight) in places {
+                let here = self.at(&place);
+                mean.error += weight * here.error;
+                for (sum, moment) in mean.moments.iter_mut().zip(here.moments) {
+                    *sum += weight * moment;
                 }
             }
-            if unsettled.is_empty() {
-                break;
-            }
-            open = unsettled;
+            mean
+        };
+        cells.iter().map(average).collect()
+    }
+
+    /// At a place of space.
+    pub fn at(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
+        match &self.grid_rule {
+            Some(rule) => self.by_rule(rule, place),
+            None => self.by_panels(place),
         }
-        total
+    }
+
+    /// At a place, by the velocities of the grid.
+    fn by_rule(&self, rule: &GridRule, place: &[f64; MAX_DIMENSION]) -> Integral {
+        let points: Vec<[f64; 6]> =
+            rule.points.iter().map(|(velocity, _)| Self::point(place, *velocity)).collect();
+        let values = self.exactly.values_at(&points, self.time);
+        let mut moments = [0.0; MOMENTS];
+        for (f, (velocity, weight)) in values.iter().zip(&rule.points) {
+            add(&mut moments, velocity, weight * f);
+        }
+        Integral { moments, error: rule.error }
+    }
+
+    /// At a place, by subdivision.
+    fn by_panels(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
+        let mut panels = self.first_panels(place);
+        let mut left = self.most.saturating_sub(points_of(&self.panels));
+        let new_points = (POINTS - 1) * self.weights.len() / POINTS;
+        loop {
+            let error = panels.iter().map(|panel| panel.error * panel.error).sum::<f64>().sqrt();
+            // Not of panels that hold what is not a number.
+            let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
+            let may = left / new_points;
+            if error <= self.tolerance || error.is_nan() || may == 0 {
+                return self.integral(&panels, error);
+            }
+            let mut halved = 0;
+            let (open, closed): (Vec<Panel>, Vec<Panel>) = panels.into_iter().partition(|panel| {
+                let halve = panel.error >= NEAR_LARGEST * largest && halved < may;
+                halved += usize::from(halve);
+                halve
+            });
+            left -= halved * new_points;
+            panels = closed;
+            panels.extend(self.halves(place, &open));
+        }
+    }
+
+    /// The sums over `panels`.
+    fn integral(&self, panels: &[Panel], error: f64) -> Integral {
+        let n = self.space.dimension();
+        let mut moments = [0.0; MOMENTS];
+        for panel in panels {
+            let volume: f64 = panel.width[..n].iter().product();
+            for (k, f) in panel.values.iter().enumerate() {
+                let term = volume * self.weights[k] * f;
+                add(&mut moments, &self.velocity(panel, k), term);
+            }
+        }
+        Integral { moments, error }
+    }
+
+    /// `∫ |f| dv` over a panel.
+    fn size(&self, panel: &Panel) -> f64 {
+        let volume: f64 = panel.width[..self.space.dimension()].iter().product();
+        panel.values.iter().zip(&self.weights).map(|(f, weight)| volume * weight * f.abs()).sum()
+    }
+
+    /// Points of a panel from one to the next along an axis.
+    fn stride(&self, axis: usize) -> usize {
+        POINTS.pow((self.space.dimension() - 1 - axis) as u32)
+    }
+
+    /// The velocity at point `k` of a panel.
+    fn velocity(&self, panel: &Panel, k: usize) -> [f64; MAX_DIMENSION] {
+        let mut velocity = [0.0; MAX_DIMENSION];
+        for (a, v) in velocity.iter_mut().enumerate().take(self.space.dimension()) {
+            let step = (k / self.stride(a) % POINTS) as f64 / (POINTS - 1) as f64;
+            *v = panel.lower[a] + panel.width[a] * step;
+        }
+        velocity
+    }
+
+    /// The point of phase space at a place with a velocity.
+    fn point(place: &[f64; MAX_DIMENSION], velocity: [f64; MAX_DIMENSION]) -> [f64; 6] {
+        let ([x, y, z], [u, v, w]) = (*place, velocity);
+        [x, y, z, u, v, w]
+    }
+
+    /// The velocity box in equal panels, which share the points of their sides.
+    fn first_panels(&self, place: &[f64; MAX_DIMENSION]) -> Vec<Panel> {
+        let axes = &self.space.v;
+        let counts: Vec<usize> = self.panels.iter().map(|n| (POINTS - 1) * n + 1).collect();
+        let mut points = Vec::with_capacity(points_of(&self.panels));
+        for_each_cell(&counts.iter().map(|&n| 0..n).collect::<Vec<_>>(), |k| {
+            let mut velocity = [0.0; MAX_DIMENSION];
+            for (a, axis) in axes.iter().enumerate() {
+                let part = k[a] as f64 / (counts[a] - 1) as f64;
+                velocity[a] = axis.lower + (axis.upper - axis.lower) * part;
+            }
+            points.push(Self::point(place, velocity));
+        });
+        let values = self.exactly.values_at(&points, self.time);
+        let mut panels = Vec::new();
+        for_each_cell(&self.panels.iter().map(|&n| 0..n).collect::<Vec<_>>(), |j| {
+            let (mut lower, mut width) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
+            for (a, axis) in axes.iter().enumerate() {
+                width[a] = (axis.upper - axis.lower) / self.panels[a] as f64;
+                lower[a] = axis.lower + width[a] * j[a] as f64;
+            }
+            let value = |k: usize| {
+                let index = counts.iter().enumerate().fold(0, |index, (a, count)| {
+                    index * count + (POINTS - 1) * j[a] + k / self.stride(a) % POINTS
+                });
+                values[index]
+            };
+            panels.push(self.panel(lower, width, (0..self.weights.len()).map(value).collect()));
+        });
+        panels
+    }
+
+    /// A panel with the values `values` at its points.
+    fn panel(
+        &self,
+        lower: [f64; MAX_DIMENSION],
+        width: [f64; MAX_DIMENSION],
+        values: Vec<f64>,
+    ) -> Panel {
+        let n = self.space.dimension();
+        let volume: f64 = width[..n].iter().product();
+        let mut errors = [0.0; MAX_DIMENSION];
+        for (a, error) in errors.iter_mut().enumerate().take(n) {
+            let stride = self.stride(a);
+            let first = |k: &usize| (k / stride).is_multiple_of(POINTS);
+            for k in (0..values.len()).filter(first) {
+                let difference = |d: usize| (BOOLE[d] - SIMPSON[d]) * values[k + d * stride];
+                let sum: f64 = (0..POINTS).map(difference).sum();
+                *error += volume * self.weights[k] / BOOLE[0] * sum.abs();
+            }
+        }
+        let axis = (1..n).fold(0, |most, a| if errors[a] > errors[most] { a } else { most });
+        Panel { lower, width, values, error: errors.iter().sum(), axis }
+    }
+
+    /// The halves of `panels` at `place`, each across its axis.
+    fn halves(&self, place: &[f64; MAX_DIMENSION], panels: &[Panel]) -> Vec<Panel> {
+        let whole = |panel: &Panel| {
+            let (mut lower, mut width) = (panel.lower, panel.width);
+            width[panel.axis] *= 0.5;
+            lower[panel.axis] += width[panel.axis];
+            [panel.lower, lower].map(|lower| Panel { lower, width, values: vec![], ..*panel })
+        };
+        let step = |panel: &Panel, k: usize| k / self.stride(panel.axis) % POINTS;
+        let is_new = |panel: &Panel, k: usize| step(panel, k) % 2 == 1;
+        let halves: Vec<[Panel; 2]> = panels.iter().map(whole).collect();
+        let mut points = Vec::new();
+        for half in halves.iter().flatten() {
+            let new = (0..self.weights.len()).filter(|&k| is_new(half, k));
+            points.extend(new.map(|k| Self::point(place, self.velocity(half, k))));
+        }
+        let mut new = self.exactly.values_at(&points, self.time).into_iter();
+        let mut found = Vec::with_capacity(2 * panels.len());
+        for (panel, halves) in panels.iter().zip(halves) {
+            for (h, half) in halves.into_iter().enumerate() {
+                let stride = self.stride(panel.axis);
+                let value = |k: usize| match is_new(panel, k) {
+                    true => new.next().unwrap_or(f64::NAN),
+                    false => {
+                        let d = step(panel, k);
+                        panel.values[k - d * stride + (h * (POINTS - 1) / 2 + d / 2) * stride]
+                    }
+                };
+                let values = (0..self.weights.len()).map(value).collect();
+                found.push(self.panel(half.lower, half.width, values));
+            }
+        }
+        found
     }
 }

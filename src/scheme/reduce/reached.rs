@@ -296,10 +296,7 @@ mod tests {
         (
             "1",
             &[
-                "scheme.degree=3",
-                "axis.0.v.degree=1",
-                "scheme.flux=1",
-                CENTRED,
+                "scheme.degree=3", "axis.0.v.degree=1", "scheme.flux=1", CENTRED,
                 "axis.0.v.lower=-1.4",
             ],
         ),
@@ -312,12 +309,8 @@ mod tests {
         (
             "2",
             &[
-                "scheme.degree=1",
-                "axis.0.v.upper=1.5",
-                "axis.0.v.lower=-1.5",
-                "axis.1.v.upper=1.5",
-                "axis.1.v.lower=-1.5",
-                "axis.0.v.cells=6",
+                "scheme.degree=1", "axis.0.v.upper=1.5", "axis.0.v.lower=-1.5",
+                "axis.1.v.upper=1.5", "axis.1.v.lower=-1.5", "axis.0.v.cells=6",
                 "axis.1.v.cells=6",
             ],
         ),

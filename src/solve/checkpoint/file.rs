@@ -57,19 +57,58 @@ pub struct Header {
     pub state: State,
 }
 
+/// Where the parts of a file begin, in words from the first sum on.
+struct Starts {
+    results: usize,
+    auxiliary: usize,
+    kept: usize,
+    end: usize,
+}
+
 impl Header {
     /// Rows of a kept mode.
     fn rows(&self) -> usize {
         points(&self.block) * self.velocity_cells + self.auxiliary
     }
 
-    /// First word of the results, of the auxiliary unknowns and of the kept modes, and the end,
-    /// counted from the first sum.
-    fn starts(&self) -> [usize; 4] {
-        let results = 2 * points(&self.block) * self.sums.iter().sum::<usize>();
-        let auxiliary = results + points(&self.share) * self.results.iter().sum::<usize>();
-        let kept = auxiliary + self.auxiliary;
-        [results, auxiliary, kept, kept + self.kept.len() * 2 * self.rows()]
+    /// Where its parts begin; none where that is more than there may be.
+    fn starts(&self) -> Option<Starts> {
+        let points = |ranges: &[Range<usize>]| {
+            ranges.iter().try_fold(1usize, |n, range| n.checked_mul(range.len()))
+        };
+        let all = |widths: &[usize]| widths.iter().try_fold(0usize, |n, &w| n.checked_add(w));
+        let block = points(&self.block)?;
+        let sums = block.checked_mul(all(&self.sums)?)?.checked_mul(2)?;
+        let results = points(&self.share)?.checked_mul(all(&self.results)?)?;
+        let rows = block.checked_mul(self.velocity_cells)?.checked_add(self.auxiliary)?;
+        let modes = rows.checked_mul(2)?.checked_mul(self.kept.len())?;
+        let auxiliary = sums.checked_add(results)?;
+        let kept = auxiliary.checked_add(self.auxiliary)?;
+        Some(Starts { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
+    }
+
+    /// Words from the first sum to the checksum; none where that is more than there may be.
+    #[cfg(test)]
+    pub(super) fn words(&self) -> Option<usize> {
+        self.starts().map(|starts| starts.end)
+    }
+
+    /// Whether what it holds is what `to` wants, wherever on the grid it is.
+    fn suits(&self, to: &Destination<'_>) -> bool {
+        let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
+            ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
+        };
+        let (block, share) = (points(to.block), points(to.share));
+        let sums = to.sums.iter().map(|sum| sum.len());
+        let results = to.results.iter().map(Vec::len);
+        is_box(&self.block, to.block)
+            && is_box(&self.share, to.share)
+            && sums.eq(self.sums.iter().map(|width| width.saturating_mul(2 * block)))
+            && results.eq(self.results.iter().map(|width| width.saturating_mul(share)))
+            && to.kept.as_ref().is_none_or(|(auxiliary, modes)| {
+                let cells = block.saturating_mul(self.velocity_cells);
+                modes.rows() == cells.saturating_add(auxiliary.len())
+            })
     }
 }
 
@@ -191,10 +230,16 @@ fn read_words(
     Ok(())
 }
 
+/// The error of a file that is not what it should be.
+fn broken() -> Error {
+    Error::new(ErrorKind::InvalidData, "is no file of a checkpoint")
+}
+
 /// A file that was checked, opened for reading.
 pub struct RankFile {
     /// What it says about itself.
     pub header: Header,
+    starts: Starts,
     file: File,
     /// Words before the arrays.
     before: usize,
@@ -218,7 +263,6 @@ pub struct Destination<'a> {
 impl RankFile {
     /// Opens a file and reads its header.
     pub fn open(path: &Path) -> Result<Self> {
-        let broken = || Error::new(ErrorKind::InvalidData, "is no file of a checkpoint");
         let file = File::open(path)?;
         let mut start = [0; 2];
         read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
@@ -233,17 +277,23 @@ impl RankFile {
         let header: Header = serde_json::from_slice(&text).map_err(|_| broken())?;
         let before = 2 + length;
         let words = file.metadata()?.len() / 8;
-        let [_, _, _, end] = header.starts();
-        if (before + end + 1) as u64 != words {
+        let starts = header.starts().ok_or_else(broken)?;
+        if before.checked_add(starts.end).and_then(|w| w.checked_add(1)) != Some(words as usize) {
             return Err(broken());
         }
-        Ok(Self { header, file, before })
+        Ok(Self { header, starts, file, before })
     }
 
     /// Reads what overlaps with `to`; the sums only if `with_sums`.
+    ///
+    /// # Errors
+    /// Where it cannot be read, or holds something else than `to` wants.
     pub fn read_into(&self, to: &mut Destination<'_>, with_sums: bool) -> Result<()> {
         let header = &self.header;
-        let [results, auxiliary, kept, _] = header.starts();
+        if !header.suits(to) {
+            return Err(broken());
+        }
+        let &Starts { results, auxiliary, kept, .. } = &self.starts;
         let blocks = common_runs(&header.block, to.block);
         let shares = common_runs(&header.share, to.share);
         let (block, share) = (points(&header.block), points(&header.share));

@@ -9,6 +9,8 @@ use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{Fingerprint, Kept, KeptMode, Numbers, Start, State};
 use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -299,6 +301,85 @@ fn every_flipped_bit_is_found() {
         assert!(file::check(&path, &written).is_err(), "{length} bytes");
         assert!(RankFile::open(&path).is_err(), "{length} bytes");
     }
+}
+
+/// Files whose checksum is right and whose contents are not: refused or read, and never a panic.
+/// `PHASEWARP_FUZZ=1000000 cargo test --release --lib changed_files` tries that many.
+#[test]
+fn changed_files_are_refused_or_read() {
+    let wanted = std::env::var("PHASEWARP_FUZZ").ok().and_then(|n| n.parse().ok());
+    let trials: u64 = wanted.unwrap_or(1000);
+    let space = space(&[5, 4]);
+    let mesh = Mesh { space: vec![2, 1], groups: 2 };
+    let directory = tempfile::tempdir().expect("a directory");
+    write_all(directory.path(), &space, &mesh);
+    let path = file_of(directory.path(), 1);
+    let whole = std::fs::read(&path).expect("a file");
+    let mut outcomes = [0u64; 3];
+    for trial in 0..trials {
+        let mut random = ChaCha8Rng::seed_from_u64(trial);
+        let bytes = changed(&whole, &mut random);
+        std::fs::write(&path, &bytes).expect("a file");
+        let outcome = match RankFile::open(&path) {
+            Err(_) => 0,
+            Ok(file) => 1 + usize::from(is_read(&file, &Rank::all(&space, &mesh)[1])),
+        };
+        outcomes[outcome] += 1;
+    }
+    println!("not opened, not read, read: {outcomes:?}");
+    assert!(outcomes.iter().all(|&count| 400 * count > trials), "{outcomes:?}");
+}
+
+/// Whether `rank` can read the file.
+fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
+    let own = file::points(&rank.block);
+    let mut sums: Vec<Vec<i64>> = SUMS.iter().map(|width| vec![0; 2 * width * own]).collect();
+    let behind = rank.auxiliary();
+    let rows = own * rank.space.velocity_cells() + behind.len();
+    let mut kept = KeptModes::new(rows, rank.modes.clone());
+    let result = |width: &usize| vec![0.0; width * file::points(&rank.share)];
+    let mut into = Destination {
+        block: &rank.block,
+        share: &rank.share,
+        sums: sums.iter_mut().map(|sum| &mut sum[..]).collect(),
+        results: RESULTS.iter().map(result).collect(),
+        kept: Some((behind, &mut kept)),
+    };
+    file.read_into(&mut into, true).is_ok()
+}
+
+/// A file with a few changes of its words, its length and numbers of its header. Half of them are
+/// then as long as their header says.
+fn changed(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
+    const NUMBERS: [&str; 8] =
+        ["0", "1", "2", "7", "-1", "4294967296", "1152921504606846976", "18446744073709551615"];
+    let mut below = |n: usize| (random.next_u64() % n as u64) as usize;
+    let length = 8 * u64::from_le_bytes(whole.as_chunks().0[1]) as usize;
+    let mut header = String::from_utf8_lossy(&whole[16..16 + length]).into_owned();
+    let mut words = whole[16 + length..].to_vec();
+    for _ in 0..=below(3) {
+        match below(5) {
+            0 if words.len() >= 8 => {
+                let at = 8 * below(words.len() / 8);
+                words[at..at + 8].copy_from_slice(&(1u64 << below(64)).to_le_bytes());
+            }
+            1 => words.resize(8 * below(words.len() / 4 + 2), 0),
+            _ => {
+                let is_digit = |at: &usize| header.as_bytes()[*at].is_ascii_digit();
+                let digits: Vec<usize> = (0..header.len()).filter(is_digit).collect();
+                let (start, rest) = header.split_at(digits[below(digits.len())]);
+                let rest = rest.trim_start_matches(|c: char| c.is_ascii_digit());
+                header = [start, NUMBERS[below(NUMBERS.len())], rest].concat();
+            }
+        }
+    }
+    let said = serde_json::from_str::<Header>(&header).ok().and_then(|header| header.words());
+    if let Some(said) = said.filter(|&said| said < 1 << 16 && below(2) == 0) {
+        words.resize(8 * (said + 1), 0);
+    }
+    let length = header.len().next_multiple_of(8);
+    let start = [&whole[..8], &(length as u64 / 8).to_le_bytes()].concat();
+    [start, format!("{header:length$}").into_bytes(), words].concat()
 }
 
 #[test]

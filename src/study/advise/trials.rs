@@ -6,7 +6,7 @@ use crate::plan::Plan;
 use crate::problem::case::{Case, Exact, Limiter};
 use crate::problem::grid::averaged;
 use crate::problem::grid::{Axis, Part};
-use crate::run::exact::MOST_POINTS;
+use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::scheme::Scheme;
@@ -156,7 +156,10 @@ impl<'a> Trials<'a> {
         if scheme.degree == 0 {
             return match self.exact_densities.contains_key(shape) {
                 true => 0.0,
-                false => EXACT_VALUE * cells(shape).max(MOST_POINTS as f64 / 4.0),
+                false => {
+                    let case = scheme.schrodingerized(&self.scene(scheme).plain, shape);
+                    EXACT_VALUE * first_points(&case)
+                }
             };
         }
         if self.has_run(scheme, shape) {

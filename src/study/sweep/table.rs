@@ -3,7 +3,7 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::table::{Column, Values, csv, in_pieces, tabular};
-use crate::base::text::{csv_records, plain, short, shortened};
+use crate::base::text::{counted, csv_records, plain, short, shortened};
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -14,104 +14,53 @@ use std::path::Path;
 /// Entries of `summary.json` in the table, those of the Python package; what no run knows is left
 /// out.
 const ENTRIES: [&str; 12] = [
-    "cells",
-    "modes",
-    "matvecs",
-    "error_estimate",
-    "error_semidiscrete",
-    "error_l1_relative",
-    "error_density_l1_relative",
-    "accuracy.grid",
-    "mass",
-    "solve_seconds",
-    "wall_seconds",
+    "cells", "modes", "matvecs", "error_estimate", "error_semidiscrete", "error_l1_relative",
+    "error_density_l1_relative", "accuracy.grid", "mass", "solve_seconds", "wall_seconds",
     "memory_peak_bytes_per_rank",
 ];
 /// Most characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
+/// Most characters of an error on the terminal, ...
+const LONGEST_ERROR: usize = 180;
+/// ... and most errors.
+const MOST_ERRORS: usize = 10;
 /// First line of `table.tex`.
 const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a copy.";
 /// Name of the last column.
 const DIRECTORY: &str = "directory";
 /// Most bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
-/// How a run of a sweep ended.
-#[derive(Debug)]
-enum Outcome {
-    /// With this `summary.json`.
-    Finished(Value),
-    /// With this one, and outside of what it was asked for: which is an error of this text.
-    Missed(Value, String),
-    /// With this error, and no results.
-    Failed(String),
-    /// Not yet.
-    Unfinished,
-}
 
 /// A run in the table.
 #[derive(Debug)]
 pub struct Row {
-    values: Vec<Value>,
-    outcome: Outcome,
-    directory: String,
+    /// Of the varied keys.
+    pub values: Vec<Value>,
+    /// Where its results are.
+    pub directory: String,
+    /// Whether it ended, well or not.
+    pub ended: bool,
+    /// `summary.json`; null where there is none, and on other ranks than the first.
+    pub summary: Value,
+    /// What went wrong: with a summary, that the results miss what was asked for.
+    pub error: Option<String>,
 }
 
 impl Row {
-    fn new(values: Vec<Value>, directory: &Path, outcome: Outcome) -> Self {
-        Self { values, outcome, directory: directory.display().to_string() }
-    }
-
-    /// A run with results.
-    pub fn finished(values: Vec<Value>, directory: &Path, summary: Value) -> Self {
-        Self::new(values, directory, Outcome::Finished(summary))
-    }
-
-    /// A run with results that miss what it was asked for, where that is an error.
-    pub fn missed(
-        values: Vec<Value>,
-        directory: &Path,
-        summary: Value,
-        error: &dyn fmt::Display,
-    ) -> Self {
-        Self::new(values, directory, Outcome::Missed(summary, error.to_string()))
-    }
-
-    /// A run without results.
-    pub fn failed(values: Vec<Value>, directory: &Path, error: &dyn fmt::Display) -> Self {
-        Self::new(values, directory, Outcome::Failed(error.to_string()))
-    }
-
-    /// A run that has no results yet.
-    pub fn unfinished(values: Vec<Value>, directory: &Path) -> Self {
-        Self::new(values, directory, Outcome::Unfinished)
-    }
-
-    /// What went wrong.
-    pub fn error(&self) -> Option<&str> {
-        match &self.outcome {
-            Outcome::Finished(_) => None,
-            Outcome::Missed(_, error) | Outcome::Failed(error) => Some(error),
-            Outcome::Unfinished => Some("not finished"),
-        }
-    }
-
-    /// `summary.json`; null where there is none.
-    fn summary(&self) -> &Value {
-        match &self.outcome {
-            Outcome::Finished(summary) | Outcome::Missed(summary, _) => summary,
-            Outcome::Failed(_) | Outcome::Unfinished => &Value::Null,
-        }
+    /// What went wrong, or that it is not finished.
+    pub fn why_not(&self) -> Option<&str> {
+        self.error.as_deref().or((!self.ended).then_some("not finished"))
     }
 
     /// An entry of the summary by its dotted key.
     fn entry(&self, key: &str) -> Value {
-        let found = self.summary().pointer(&format!("/{}", key.replace('.', "/")));
+        let found = self.summary.pointer(&format!("/{}", key.replace('.', "/")));
         found.cloned().unwrap_or_default()
     }
 
     /// All warnings as one text; null where there are none.
     fn warnings(&self) -> Value {
-        let list = self.summary()["warnings"].as_array().map_or(&[][..], Vec::as_slice);
+        let list = self.summary["warnings"].as_array().map_or(&[][..], Vec::as_slice);
         let list: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
         if list.is_empty() { Value::Null } else { list.join("; ").into() }
     }
@@ -133,13 +82,28 @@ impl Table {
 
     /// How many runs failed.
     pub fn failed(&self) -> usize {
-        let failed = |row: &&Row| matches!(row.outcome, Outcome::Missed(..) | Outcome::Failed(_));
-        self.rows.iter().filter(failed).count()
+        self.rows.iter().filter(|row| row.error.is_some()).count()
+    }
+
+    /// Why runs failed, each with the number of the run, on a line; the first of them.
+    fn errors(&self) -> String {
+        let errors =
+            (1usize..).zip(&self.rows).filter_map(|(k, row)| Some((k, row.error.as_ref()?)));
+        let first = errors.take(MOST_ERRORS).map(|(number, error)| {
+            // Below the first line is where it stands in the file.
+            let error = error.lines().next().unwrap_or_default();
+            format!("run {number}: {}\n", shortened(error, LONGEST_ERROR))
+        });
+        let mut text: String = first.collect();
+        if let Some(more) = self.failed().checked_sub(MOST_ERRORS).filter(|more| *more > 0) {
+            text += &format!("and {} more\n", counted(more, "error", "errors"));
+        }
+        text
     }
 
     /// How many runs have no results yet.
     pub fn unfinished(&self) -> usize {
-        self.rows.iter().filter(|row| matches!(row.outcome, Outcome::Unfinished)).count()
+        self.rows.iter().filter(|row| !row.ended).count()
     }
 
     /// `values` of all rows, as a column of this name.
@@ -159,7 +123,7 @@ impl Table {
     fn columns(&self) -> Vec<Values> {
         let texts = [
             self.column("warnings", Row::warnings),
-            self.column("error", |row| row.error().into()),
+            self.column("error", |row| row.why_not().into()),
             self.column(DIRECTORY, |row| row.directory.clone().into()),
         ];
         let texts = texts.into_iter().filter(|column| !column.is_empty());
@@ -174,7 +138,7 @@ impl Table {
     /// `table.tex`: a `tabular` of the numbers; why runs failed stands in comments.
     fn tex(&self) -> String {
         let comment = |row: usize| {
-            let error = self.rows[row].error().unwrap_or_default();
+            let error = self.rows[row].why_not().unwrap_or_default();
             error.lines().map(|line| format!("% {line}\n")).collect()
         };
         format!("{TEX_HEAD}\n{}", tabular(&self.numbers(), comment))
@@ -237,12 +201,17 @@ fn head(path: &Path) -> Option<String> {
     Some(line.lines().next().unwrap_or_default().to_owned())
 }
 
-/// For the terminal: the numbers in pieces that fit, each with the number of the run.
+/// For the terminal: the numbers in pieces that fit, each with the number of the run; then the
+/// errors.
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = (1..=self.rows.len()).map(|number| number.to_string());
         let columns: Vec<Column> = self.numbers().iter().map(shown).collect();
-        write!(f, "{}", in_pieces(&Column::new("run", runs), &columns))
+        write!(f, "{}", in_pieces(&Column::new("run", runs), &columns))?;
+        match self.errors() {
+            errors if errors.is_empty() => Ok(()),
+            errors => write!(f, "\n{errors}"),
+        }
     }
 }
 
@@ -265,7 +234,13 @@ mod tests {
 
     fn table() -> Table {
         let keys = ["solver.tolerance", "initial.f"].map(str::to_owned);
-        let place = Path::new("a b");
+        let row = |values, summary, error| Row {
+            values,
+            directory: "a b".to_owned(),
+            ended: true,
+            summary,
+            error,
+        };
         let summary = json!({
             "cells": 64, "mass": 0.25, "matvecs": null, "accuracy": {"grid": 1e-5},
             "warnings": ["one, \"two\"", "three"], "wall_seconds": 1.0, "solve_seconds": 0.5,
@@ -273,10 +248,8 @@ mod tests {
             "memory_peak_bytes_per_rank": 123_456_789,
         });
         let values = |tolerance: f64| vec![json!(tolerance), json!("exp(-x^2), 50 %")];
-        let rows = vec![
-            Row::finished(values(1e-5), place, summary),
-            Row::failed(values(5.0), place, &"solver.tolerance = 5.0:\nbelow 1"),
-        ];
+        let error = Some("solver.tolerance = 5.0:\nbelow 1".to_owned());
+        let rows = vec![row(values(1e-5), summary, None), row(values(5.0), Value::Null, error)];
         Table { rows, ..Table::new(&keys) }
     }
 
@@ -310,6 +283,24 @@ mod tests {
     }
 
     #[test]
+    fn a_terminal_shows_the_first_errors() {
+        let mut table = table();
+        let row = |error: Option<String>| Row {
+            values: vec![json!(7), json!("x")],
+            directory: "c".to_owned(),
+            ended: error.is_some(),
+            summary: Value::Null,
+            error,
+        };
+        table.rows.extend((0..12).map(|_| row(Some("é".repeat(500)))));
+        table.rows.push(row(None));
+        let text = table.errors();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!((lines.len(), lines[10]), (11, "and 3 errors more"));
+        assert!(lines[9].starts_with("run 11: é") && lines[9].chars().count() < 200);
+    }
+
+    #[test]
     fn tables_of_other_runs_are_not_replaced() {
         let place = tempfile::tempdir().unwrap();
         let refused = |runs: &[&str]| {
@@ -337,11 +328,13 @@ mod tests {
     fn a_terminal_shows_all_columns() {
         let text = table().to_string();
         assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
-        let pieces: Vec<&str> = text.split("\n\n").collect();
+        let mut pieces: Vec<&str> = text.split("\n\n").collect();
+        assert_eq!(pieces.pop(), Some("run 2: solver.tolerance = 5.0:\n"));
         assert_eq!(pieces.len(), 2, "{text}");
         assert!(pieces.iter().all(|piece| piece.starts_with("run  ")), "{text}");
         for column in table().numbers() {
-            assert_eq!(text.matches(&column.name).count(), 1, "{}", column.name);
+            let count = pieces.iter().map(|piece| piece.matches(&column.name).count());
+            assert_eq!(count.sum::<usize>(), 1, "{}", column.name);
         }
         assert!(text.contains("1.5e-3") || text.contains("0.0015"), "{text}");
     }

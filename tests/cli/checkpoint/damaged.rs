@@ -144,12 +144,8 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert!(finished.errors.contains(says), "{}", finished.errors);
     // Of the same case, said in another way, and stored in another.
     let differently = [
-        "axis.0.v.cells=30",
-        "output.compression=1",
-        "output.xdmf=true",
-        "checkpoint.minutes=7",
-        "solver.tolerance=0.001",
-        "title=another",
+        "axis.0.v.cells=30", "output.compression=1", "output.xdmf=true", "checkpoint.minutes=7",
+        "solver.tolerance=0.001", "title=another",
     ];
     let copied = self::directory();
     io(copy(sound.path(), copied.path())).expect("a copy");

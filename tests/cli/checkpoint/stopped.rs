@@ -270,15 +270,22 @@ fn goes_on_in_stage(
         ranks.map(|(ranks, blocks)| job.clone().on(ranks).with(["--ranks-x", blocks]));
     let whole = directory();
     let expected = job.clone().on(2).solve(whole.path())?;
-    let cut = directory();
-    let path = cut.path();
-    let finished = struck(&before.set(&[OFTEN]).into(path), Blow::Signal, |_| {
-        let found = newest(path).and_then(|newest| manifest(&newest).ok());
-        found.is_some_and(|m| m["stage"] == stage)
-    })?;
-    if finished.code != Some(75) {
-        return Err(finished.report("exit code 75 expected"));
+    let before = before.set(&[OFTEN]);
+    let mut cut = directory();
+    // On a busy machine a stage may be over before this process sees it.
+    for attempt in 1.. {
+        let path = cut.path();
+        let finished = struck(&before.clone().into(path), Blow::Signal, |_| {
+            let found = newest(path).and_then(|newest| manifest(&newest).ok());
+            found.is_some_and(|m| m["stage"] == stage)
+        })?;
+        match finished.code {
+            Some(75) => break,
+            Some(0) if attempt < 5 => cut = directory(),
+            _ => return Err(finished.report("exit code 75 expected")),
+        }
     }
+    let path = cut.path();
     let summary = after.with(["--resume"]).solve(path)?;
     for file in fs::read_dir(whole.path()).into_iter().flatten().flatten() {
         let name = file.file_name();
@@ -319,7 +326,7 @@ fn stages_that_are_finished_are_not_computed_again() {
                 "axis.0.v.cells=24",
                 "solver.tolerance=1e-2",
                 "solver.warp.profile=exponential",
-                "solver.warp.points=512",
+                "solver.warp.points=256",
                 "output.field_times=[0.3,0.6]",
             ])
             .set(more)
@@ -332,15 +339,17 @@ fn stages_that_are_finished_are_not_computed_again() {
         "axis.0.v.degree=3",
         "axis.0.x.cells=9",
         "axis.0.v.cells=6",
-        "solver.tolerance=1e-3",
+        "time.end=0.7",
+        "solver.tolerance=1e-2",
         "solver.warp.profile=exponential",
-        "solver.warp.points=2048",
+        "solver.warp.points=512",
         "output.field_times=[0.3,0.6]",
         // Moments on the way.
         "output.moment_times=[0.05,0.1,0.15,0.2,0.25,0.35,0.4,0.45,0.5,0.55]",
     ]);
     let rows = [
-        (elements, 2, [(2, "1"), (3, "3")]),
+        // Late: ranks in space wait for each other, on a busy machine some ms an exchange.
+        (elements, 9, [(2, "1"), (3, "3")]),
         (fields, 1, [(2, "1"), (3, "1")]),
         (kept(&[]), 1, [(2, "2"), (3, "3")]),
         (kept(&[]), 4, [(3, "1"), (4, "2")]),

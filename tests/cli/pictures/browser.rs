@@ -23,10 +23,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     let mut command = Command::new(browser);
     command
         .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
+            "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
             "--no-first-run",
         ])
         .args([

@@ -177,7 +177,7 @@ fn planes_have_the_density_beside_the_exact_one() {
     Job::new(["run", &case("barrier2d.toml")]).set(&settings).solve(place.path()).unwrap();
     let shown = place.path().display().to_string();
     let slices = ["movie", &shown, "--slice", "y=0.1", "--slice", "x=0"];
-    Job::new(slices).within(120).succeed().unwrap();
+    Job::new(slices).succeed().unwrap();
     for name in ["movie", "movie_2"] {
         assert_eq!(frames(&place.path().join(format!("plots/{name}.gif"))).len(), 2, "{name}");
     }
@@ -203,9 +203,9 @@ fn space_has_a_row_of_densities_above_the_exact_ones() {
     let settings = ["solver.method=classical", "output.field_times=[0.2]"];
     Job::new(["run", &case("step3d.toml")]).set(&settings).on(2).solve(place.path()).unwrap();
     let open = untrusted::open(place.path()).unwrap();
-    let cut = Cut::usual(&open);
-    assert_eq!((Cut::middle(&open).0[0], cut.0[0]), (3, 4));
-    assert_eq!(cut.0[1..], Cut::middle(&open).0[1..]);
+    let cut = Cut::usual(&open, &open.snapshots().unwrap());
+    assert_eq!(Cut::middle(&open).cells[0], 3);
+    assert!(![2, 3].contains(&cut.cells[0]), "{cut:?}");
     let film = Film::new(&open, &cut, open.snapshots().unwrap()).unwrap();
     let frame = film.frame(0).unwrap();
     let titles: Vec<&str> = frame.panels.iter().map(|panel| panel.title.as_str()).collect();
@@ -218,8 +218,8 @@ fn space_has_a_row_of_densities_above_the_exact_ones() {
     let stored = datasets(place.path()).unwrap();
     let expected = stored["/history/density_exact"].numbers();
     let maps = maps(&frame);
-    // The plane (x, y) through the middle of z.
-    let z = cut.0[2];
+    // The plane (x, y) through this cell of z.
+    let z = cut.cells[2];
     for (k, value) in maps[6].1.values.iter().enumerate() {
         assert_eq!(*value, expected[4 * k + z], "{k}");
     }

@@ -39,10 +39,7 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
         "example2.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=40"],
         "harmonic_step.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=43"],
         "lens2d.toml" => &[
-            "axis.0.x.cells=18",
-            "axis.0.v.cells=7",
-            "axis.1.x.cells=7",
-            "axis.1.v.cells=4",
+            "axis.0.x.cells=18", "axis.0.v.cells=7", "axis.1.x.cells=7", "axis.1.v.cells=4",
             "time.end=1.0",
         ],
         "periodic2d.toml" => {
@@ -58,19 +55,12 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
         }
         "smooth-beams.toml" => &["axis.0.x.cells=10", "axis.0.v.cells=12"],
         "smooth_step3d.toml" => &[
-            "axis.0.v.cells=2",
-            "axis.1.x.cells=1",
-            "axis.1.v.cells=1",
-            "axis.2.x.cells=1",
+            "axis.0.v.cells=2", "axis.1.x.cells=1", "axis.1.v.cells=1", "axis.2.x.cells=1",
             "axis.2.v.cells=1",
         ],
         "step_slope3d.toml" => &[
-            "axis.0.x.cells=6",
-            "axis.0.v.cells=5",
-            "axis.1.x.cells=4",
-            "axis.1.v.cells=4",
-            "axis.2.x.cells=3",
-            "axis.2.v.cells=4",
+            "axis.0.x.cells=6", "axis.0.v.cells=5", "axis.1.x.cells=4", "axis.1.v.cells=4",
+            "axis.2.x.cells=3", "axis.2.v.cells=4",
         ],
         _ => &[],
     }

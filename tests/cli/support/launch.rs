@@ -4,6 +4,7 @@
 use super::outcome::{Finished, Summary, untag, unwrapped};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -16,29 +17,37 @@ pub const SLOTS: usize = 6;
 /// Address space of mpirun and of each rank where a job is capped.
 const MEMORY_CAP: u64 = 8 << 30;
 
-static FREE: Mutex<usize> = Mutex::new(SLOTS);
+static TAKEN: Mutex<Taken> = Mutex::new(Taken { slots: 0, waiting: 0 });
 
-static FREED: Condvar = Condvar::new();
+static GIVEN_BACK: Condvar = Condvar::new();
+
+struct Taken {
+    slots: usize,
+    /// Jobs that wait for all slots: no other job starts before them.
+    waiting: usize,
+}
 
 /// Slots taken until dropped.
 struct Slots(usize);
 
 impl Slots {
-    fn take(ranks: usize) -> Self {
-        let wanted = ranks.clamp(1, SLOTS);
-        let mut free = FREE.lock().unwrap_or_else(PoisonError::into_inner);
-        while *free < wanted {
-            free = FREED.wait(free).unwrap_or_else(PoisonError::into_inner);
+    fn take(ranks: usize, undisturbed: bool) -> Self {
+        let wanted = if undisturbed { SLOTS } else { ranks.clamp(1, SLOTS) };
+        let mut taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner);
+        taken.waiting += usize::from(undisturbed);
+        while taken.slots + wanted > SLOTS || (taken.waiting > 0 && !undisturbed) {
+            taken = GIVEN_BACK.wait(taken).unwrap_or_else(PoisonError::into_inner);
         }
-        *free -= wanted;
+        taken.waiting -= usize::from(undisturbed);
+        taken.slots += wanted;
         Self(wanted)
     }
 }
 
 impl Drop for Slots {
     fn drop(&mut self) {
-        *FREE.lock().unwrap_or_else(PoisonError::into_inner) += self.0;
-        FREED.notify_all();
+        TAKEN.lock().unwrap_or_else(PoisonError::into_inner).slots -= self.0;
+        GIVEN_BACK.notify_all();
     }
 }
 
@@ -55,15 +64,17 @@ pub struct Job {
     blocks: Option<u64>,
     environment: Vec<(String, String)>,
     pause: u64,
+    undisturbed: bool,
 }
 
 impl Job {
-    /// The program with `arguments`, without mpirun, for at most a minute.
+    /// The program with `arguments`, without mpirun, killed after five minutes: a busy machine is
+    /// no failure, a program that waits for ever is one.
     pub fn new<S: Into<String>>(arguments: impl IntoIterator<Item = S>) -> Self {
         Self {
             ranks: None,
             arguments: arguments.into_iter().map(Into::into).collect(),
-            limit: Duration::from_secs(60),
+            limit: Duration::from_secs(300),
             directory: None,
             apart: Vec::new(),
             tells_codes: false,
@@ -71,6 +82,7 @@ impl Job {
             blocks: None,
             environment: Vec::new(),
             pause: 5,
+            undisturbed: false,
         }
     }
 
@@ -147,6 +159,12 @@ impl Job {
     /// Looked at every millisecond.
     pub fn closely(mut self) -> Self {
         self.pause = 1;
+        self
+    }
+
+    /// While no other job of these tests runs: the clock decides something.
+    pub fn undisturbed(mut self) -> Self {
+        self.undisturbed = true;
         self
     }
 
@@ -241,7 +259,15 @@ impl Job {
         let mut errors = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
         let copy = |file: &std::fs::File| file.try_clone().map_err(|e| fail("temporary file", &e));
         command.stdin(Stdio::null()).stdout(copy(&output)?).stderr(copy(&errors)?);
-        let slots = Slots::take(self.ranks.unwrap_or(1));
+        // Tests in the background of a shell would hand on that Ctrl-C is ignored.
+        // SAFETY: one call that a signal handler may make, too.
+        unsafe {
+            command.pre_exec(|| {
+                libc::signal(libc::SIGINT, libc::SIG_DFL);
+                Ok(())
+            });
+        }
+        let slots = Slots::take(self.ranks.unwrap_or(1), self.undisturbed);
         let started = Instant::now();
         let mut child = command.spawn().map_err(|e| fail("not started", &e))?;
         let status = loop {

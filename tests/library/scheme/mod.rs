@@ -139,9 +139,7 @@ fn scenes() -> Vec<Scene> {
             "inflow \"initial\" on slopes",
             "slope_jump.toml",
             &[
-                "axis.0.x.cells=10",
-                "axis.0.v.cells=8",
-                "inflow.value='initial'",
+                "axis.0.x.cells=10", "axis.0.v.cells=8", "inflow.value='initial'",
                 "initial.f='exp(x - 2*v)'",
             ],
             slopes,
