@@ -2,10 +2,11 @@
 # Prints the tables of docs/high-order.md: errors, modes, applications and seconds by degree, one
 # rank. Needs `make build` and Python 3.
 #
-#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited|unitary|steps]…
+#   scripts/high_order.sh [--program PATH] [smooth|order|plane|example1|limited|unitary|steps]…
 #
 # smooth    smooth beams through a step, about 128 unknowns an axis
 # order     the same under refinement, classical, so that only the grid's error is seen
+# plane     a beam that goes down a step in two dimensions, under refinement, classical
 # example1  quarter discs at a step, about 256 unknowns an axis
 # limited   both cases: modes of high degree beside van Leer's slopes with SSP-RK3, by error
 # unitary   degree 0: the central flux with closed ends beside upwind, a Gaussian and example 1
@@ -17,7 +18,7 @@ program=target/release/phasewarp
 if [ "${1:-}" = --program ]; then
     program=$2 && shift 2
 fi
-[ $# -gt 0 ] || set -- smooth order example1 limited unitary steps
+[ $# -gt 0 ] || set -- smooth order plane example1 limited unitary steps
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
 
@@ -85,6 +86,25 @@ order() {
     done
 }
 
+# DEGREE:ELEMENTS:ELEMENTS along (x, vx), and along y; one element along vy.
+plane() {
+    echo "| degree | elements along x and vx, y | relative L2 of f | density |"
+    echo "|---|---|---|---|"
+    local along degree falling streaming beam=(--set solver.method=classical --set scheme.flux=1 --set time.end=0.9
+        --set 'potential=[{where="x < 0", value="0.2"}, {value="0"}]'
+        --set 'initial.f=exp(-((x + 0.85)^2 + (vx - 0.9)^2)/0.06)*(1 + 0.5*sin(pi*y + x))'
+        --set axis.0.x.lower=-1.6 --set axis.0.x.upper=1.6
+        --set axis.0.v.lower=-1.8 --set axis.0.v.upper=1.8
+        --set axis.1.x.boundary=periodic
+        --set 'axis.1.v={lower=0.6, upper=0.7, cells=1}')
+    for along in 1:40:8 1:60:12 1:80:16 2:16:4 2:24:6 2:36:8 3:16:6 3:24:8 3:36:10; do
+        IFS=: read -r degree falling streaming <<<"$along"
+        run quadrant2d "$degree" "$falling" "${beam[@]}" --set "axis.1.x.cells=$streaming"
+        row "{s[error_l2_relative]:.2e} | {s[error_density_l2_relative]:.2e}" \
+            "$degree" "$falling, $streaming"
+    done
+}
+
 example1() {
     echo "| degree | elements | relative L1 of f | density | modes | applications | seconds |"
     echo "|---|---|---|---|---|---|---|"
@@ -141,9 +161,9 @@ unitary() {
 
 for table in "$@"; do
     case $table in
-    smooth | order | example1 | limited | unitary | steps) "$table" && echo ;;
+    smooth | order | plane | example1 | limited | unitary | steps) "$table" && echo ;;
     *)
-        echo "high_order: $table is none of smooth, order, example1, limited, unitary, steps" >&2
+        echo "high_order: no table $table; see the first lines of $0" >&2
         exit 2
         ;;
     esac

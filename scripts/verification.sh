@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Prints the table of tolerances in docs/verification.md: every case that takes seconds, both
-# interfaces, four tolerances, one rank. Needs `make build` and Python 3.
+# interfaces, four tolerances, one rank; then elements of degree 1 to 4. Needs `make build` and Python 3.
 #
 #   scripts/verification.sh [--program PATH] [CASE…]
 #
@@ -12,23 +12,26 @@ program=target/release/phasewarp
 if [ "${1:-}" = --program ]; then
     program=$2 && shift 2
 fi
+elements=()
 if [ $# -eq 0 ]; then
+    # CASE:DEGREE:ELEMENTS an axis.
+    elements=(example1:2:24 inflow_barrier:3:16 pulsed_inflow:1:24 harmonic_step:4:16
+        partial_reflection:3:16 barrier2d:1:8 quadrant2d:2:4 smooth_step3d:1:2)
     set -- cases/{example1,step_up,well,slope_jump,inflow_barrier,pulsed_inflow}.toml \
         cases/{barriers,harmonic_step,quantum_dot2d,barrier2d,periodic2d,step3d}.toml
 fi
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
 
-# row CASE LABEL [OPTION…]: the rows of one case.
-row() {
-    local case=$1 label=$2 interface tolerance
-    shift 2
-    for interface in hat conservative; do
-        for tolerance in 1e-3 1e-6 1e-9 1e-11; do
-            "$program" run "$case" -o "$results" --force --set solver.verify=true "$@" \
-                --set solver.tolerance=$tolerance --set scheme.interface=$interface \
-                >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
-            python3 - "$label" "$interface" "$tolerance" "$results/summary.json" <<'P'
+# tolerances CASE LABEL SCHEME [OPTION…]: a row for each tolerance.
+tolerances() {
+    local case=$1 label=$2 interface=$3 tolerance
+    shift 3
+    for tolerance in 1e-3 1e-6 1e-9 1e-11; do
+        "$program" run "$case" -o "$results" --force --set solver.verify=true "$@" \
+            --set solver.tolerance=$tolerance \
+            >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
+        python3 - "$label" "$interface" "$tolerance" "$results/summary.json" <<'P'
 import json, sys
 label, interface, tolerance, path = sys.argv[1:]
 s = json.load(open(path))
@@ -40,11 +43,18 @@ print(f"| {label} | {interface} | {tolerance} | {error:.1e} | {ratio} | {s['mode
 if error > float(tolerance):
     sys.exit(f"verification: {label}, {interface}: {error:.1e} exceeds the tolerance {tolerance}")
 P
-        done
     done
 }
 
-echo "| case | interface | tolerance | reached | estimate/reached | modes | applications |" \
+# row CASE LABEL [OPTION…]: the rows of one case, by both interfaces.
+row() {
+    local interface
+    for interface in hat conservative; do
+        tolerances "$1" "$2" $interface --set scheme.interface=$interface "${@:3}"
+    done
+}
+
+echo "| case | interface or degree | tolerance | reached | estimate/reached | modes | applications |" \
     "weights: sweeps, spread |"
 echo "|---|---|---|---|---|---|---|---|"
 for case in "$@"; do
@@ -52,4 +62,14 @@ for case in "$@"; do
     if [ "$(basename "$case")" = example1.toml ]; then
         row "$case" "example1 64×64" --set axis.0.x.cells=64 --set axis.0.v.cells=64
     fi
+done
+
+for entry in "${elements[@]}"; do
+    IFS=: read -r name degree count <<<"$entry"
+    options=(--set "scheme.degree=$degree")
+    axes=$(grep -c '^\[\[axis\]\]' "cases/$name.toml")
+    for ((axis = 0; axis < axes; axis++)); do
+        options+=(--set "axis.$axis.x.cells=$count" --set "axis.$axis.v.cells=$count")
+    done
+    tolerances "cases/$name.toml" "$name" "degree $degree" "${options[@]}"
 done
