@@ -258,8 +258,8 @@ fn a_sweep_that_is_stopped_goes_on() {
     });
 }
 
-/// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything
-/// with a run that nothing happened to.
+/// Stops a run in stage number `stage` or a later one, goes on with it on other ranks, and compares
+/// everything with a run that nothing happened to.
 fn goes_on_in_stage(
     job: &Job,
     stage: u64,
@@ -272,16 +272,17 @@ fn goes_on_in_stage(
     let expected = job.clone().on(2).solve(whole.path())?;
     let before = before.set(&[OFTEN]);
     let mut cut = directory();
-    // On a busy machine a stage may be over before this process sees it.
-    for attempt in 1.. {
+    // On a busy machine a run may be over before this process sees the stage: then an earlier one.
+    for missed in 0.. {
         let path = cut.path();
         let finished = struck(&before.clone().into(path), Blow::Signal, |_| {
             let found = newest(path).and_then(|newest| manifest(&newest).ok());
-            found.is_some_and(|m| m["stage"] == stage)
+            let reached = found.as_ref().and_then(|m| m["stage"].as_u64());
+            reached.is_some_and(|reached| reached + missed >= stage)
         })?;
         match finished.code {
             Some(75) => break,
-            Some(0) if attempt < 5 => cut = directory(),
+            Some(0) if missed < 20 => cut = directory(),
             _ => return Err(finished.report("exit code 75 expected")),
         }
     }
@@ -342,7 +343,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         "time.end=0.7",
         "solver.tolerance=1e-2",
         "solver.warp.profile=exponential",
-        "solver.warp.points=512",
+        "solver.warp.points=256",
         "output.field_times=[0.3,0.6]",
         // Moments on the way.
         "output.moment_times=[0.05,0.1,0.15,0.2,0.25,0.35,0.4,0.45,0.5,0.55]",
@@ -357,7 +358,9 @@ fn stages_that_are_finished_are_not_computed_again() {
         (kept(&["solver.warp.inflow='full'"]), 0, [(1, "1"), (4, "4")]),
         (kept(&["solver.warp.inflow='full'"]), 5, [(4, "2"), (1, "1")]),
     ];
-    check_all(&rows, |(job, stage, ranks)| goes_on_in_stage(job, *stage, *ranks, &told));
+    check_all(&rows, |(job, stage, ranks)| {
+        goes_on_in_stage(&job.clone().undisturbed(), *stage, *ranks, &told)
+    });
 }
 
 #[test]
