@@ -46,3 +46,6 @@ mod warnings;
 
 #[path = "../support/dense.rs"]
 mod dense;
+
+#[path = "../support/waiting.rs"]
+mod waiting;

@@ -5,3 +5,4 @@
 pub mod dense;
 pub mod limited;
 pub mod prepared;
+pub mod waiting;
