@@ -38,6 +38,9 @@ use std::ops::Range;
 
 /// Most steps in one trip.
 pub const MOST_LEVELS: usize = 16;
+/// The same in more than one dimension, as planned: what is left open along the edges of strips is
+/// read from memory again, deeper trips were measured to be slower.
+const MOST_LEVELS_IN_STRIPS: usize = 8;
 /// Bytes of the vectors, a row: two batches and the start.
 const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 /// Part of the cache that the tiles in use may fill: cache lines that share a place push each other
@@ -278,7 +281,8 @@ impl BlockingShape {
         let across = &block.ranges[1..];
         let widest = across.iter().map(Range::len).max().unwrap_or(1);
         let wide = block.wide_ranges();
-        let deepest = MOST_LEVELS.min(block.ranges[0].len() / nodes);
+        let most = if across.is_empty() { MOST_LEVELS } else { MOST_LEVELS_IN_STRIPS };
+        let deepest = most.min(block.ranges[0].len() / nodes);
         let widths = (0..).map(|k| 1 << k).take_while(move |w| *w < 2 * widest);
         let all = widths.flat_map(move |width| (2..=deepest).map(move |depth| (depth, width)));
         all.map(move |(depth, width)| {
