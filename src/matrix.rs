@@ -25,4 +25,5 @@ pub mod projection;
 pub mod rows;
 pub mod sampling;
 pub mod terms;
+pub mod vector;
 pub mod weights;

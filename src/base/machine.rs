@@ -18,17 +18,23 @@ const ONE_SIGNAL: Duration = Duration::from_millis(500);
 /// the system does not say.
 pub fn cache_per_core() -> u64 {
     const USUAL: u64 = 1 << 20;
+    share_of_cache("2").unwrap_or(USUAL)
+}
+
+/// Bytes of a core's share of the third level; what it has to itself where there is none.
+pub fn last_cache_per_core() -> u64 {
+    share_of_cache("3").unwrap_or_else(cache_per_core)
+}
+
+/// Bytes of a core's share of the cache of a level, if the system says.
+fn share_of_cache(level: &str) -> Option<u64> {
     let read = |index: usize, name: &str| {
         let path = format!("/sys/devices/system/cpu/cpu0/cache/index{index}/{name}");
         std::fs::read_to_string(path).map_or(String::new(), |text| text.trim().to_owned())
     };
-    let Some(index) = (0..8).find(|&i| read(i, "level") == "2") else {
-        return USUAL;
-    };
+    let index = (0..8).find(|&i| read(i, "level") == level)?;
     let size = read(index, "size");
-    let Some(Ok(kilobytes)) = size.strip_suffix('K').map(str::parse::<u64>) else {
-        return USUAL;
-    };
+    let kilobytes: u64 = size.strip_suffix('K')?.parse().ok()?;
     // "0-3,8": the processors that share it.
     let count = |range: &str| {
         let mut ends = range.split('-').map(|end| end.parse::<u64>().ok());
@@ -36,7 +42,7 @@ pub fn cache_per_core() -> u64 {
         Some(ends.next().flatten().unwrap_or(first).saturating_sub(first) + 1)
     };
     let sharing: u64 = (read(index, "shared_cpu_list").split(',').filter_map(count)).sum();
-    kilobytes * 1024 / sharing.max(1)
+    Some(kilobytes * 1024 / sharing.max(1))
 }
 
 /// Bytes that a file in `directory` may grow to: free space, within the process's file-size limit.

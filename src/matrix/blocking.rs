@@ -28,7 +28,7 @@
 //! without blocking, whatever the neighbour's depth, nothing is computed twice, and all but a
 //! margin of [`BlockingShape::depth`] cells is done while the first message is under way.
 
-use crate::base::machine::cache_per_core;
+use crate::base::machine::{cache_per_core, last_cache_per_core};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::kernel;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
@@ -38,6 +38,9 @@ use std::ops::Range;
 
 /// Most steps in one trip.
 pub const MOST_LEVELS: usize = 16;
+/// The same in more than one dimension, as planned: what is left open along the edges of strips is
+/// read from memory again, deeper trips were measured to be slower.
+const MOST_LEVELS_IN_STRIPS: usize = 8;
 /// Bytes of the vectors, a row: two batches and the start.
 const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 /// Part of the cache that the tiles in use may fill: cache lines that share a place push each other
@@ -45,6 +48,17 @@ const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 const SHARE: f64 = 0.55;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 32;
+/// What a row of a step takes in the cache of a core, in ns: its arithmetic. This and what follows
+/// was measured (docs/performance.md); only the ratios matter.
+const ARITHMETIC: f64 = 4.5;
+/// What a byte of the vectors takes more from memory, ...
+const FROM_MEMORY: f64 = 0.04;
+/// ... and from the last cache, whose latency is hidden behind the arithmetic for the most part.
+const FROM_LAST_CACHE: f64 = 0.004;
+/// What a tile takes beside its rows.
+const TILE: f64 = 40.0;
+/// Less than this part of a step's time is not worth the order of the tiles.
+const LEAST_GAIN: f64 = 0.03;
 
 /// How rows are gathered and in what order.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,15 +110,14 @@ impl Blocking {
         200.0 / velocities.clamp(1, FEWEST_ROWS) as f64
     }
 
-    /// The blocking that is modelled to move the fewest bytes, for the cache of this machine;
-    /// `None` where step after step is as good or a row is a sum over all ranks.
+    /// The blocking that is modelled to take the least time, for the caches of this machine; `None`
+    /// where step after step is as good or a row is a sum over all ranks.
     pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
         if !Self::possible(matrix) {
             return None;
         }
         let parts = matrix.independent_velocities();
-        let cache = SHARE * cache_per_core() as f64;
-        let shape = BlockingShape::planned(matrix, cache, BYTES_PER_ROW, parts)?;
+        let shape = BlockingShape::planned(matrix, Caches::here(), BYTES_PER_ROW, parts)?;
         Some(Self::new(matrix, &shape))
     }
 
@@ -115,8 +128,7 @@ impl Blocking {
             return None;
         }
         let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
-        let cache = SHARE * cache_per_core() as f64;
-        let shape = BlockingShape::planned(matrix, cache, bytes, 1)?;
+        let shape = BlockingShape::planned(matrix, Caches::here(), bytes, 1)?;
         Some(Self::new(matrix, &shape))
     }
 
@@ -190,51 +202,111 @@ impl Blocking {
     }
 }
 
+/// Bytes of the caches that vectors may fill.
+#[derive(Clone, Copy, Debug)]
+struct Caches {
+    /// That a core has to itself.
+    own: f64,
+    /// A core's share of the last one.
+    last: f64,
+}
+
+impl Caches {
+    /// Those of this machine.
+    fn here() -> Self {
+        let [own, last] = [cache_per_core(), last_cache_per_core()].map(|c| SHARE * c as f64);
+        Self { own, last }
+    }
+}
+
+/// What a depth and a width need and save.
+struct Fit {
+    /// Tiles in use.
+    sections: f64,
+    /// What is moved for a step, beside step after step.
+    traffic: f64,
+    depth: usize,
+    width: usize,
+}
+
 impl BlockingShape {
-    /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is
-    /// less than step after step: `vectors` are bytes a row beside the matrix, and a tile has one
-    /// of so many `parts` of the velocities.
-    fn planned(matrix: &BlockMatrix, cache: f64, vectors: f64, parts: usize) -> Option<Self> {
+    /// The shape of least modelled time whose tiles in use fit into the last cache, if that is less
+    /// than step after step: `vectors` are bytes a row beside the matrix, and a tile has one of at
+    /// most `most_parts` parts of the velocities.
+    ///
+    /// A row of a step takes its arithmetic, its share of what a tile takes, and what its bytes
+    /// take: from memory, where not all of it fits into the last cache, and from that one. Blocked,
+    /// they come from memory once for several steps; from the last cache too, where the tiles in
+    /// use fit into the cache of a core. There that counts for whole cells only: ranges of
+    /// velocities lie apart, often by a power of two, where they push each other out.
+    fn planned(
+        matrix: &BlockMatrix,
+        caches: Caches,
+        vectors: f64,
+        most_parts: usize,
+    ) -> Option<Self> {
         let rows = matrix.rows() as f64;
         let bytes = vectors + matrix.bytes() as f64 / rows;
-        if bytes * rows <= cache {
+        if bytes * rows <= caches.own {
             return None;
         }
-        let across = &matrix.block.ranges[1..];
-        let widest = across.iter().map(Range::len).max().unwrap_or(1);
-        let wide = matrix.block.wide_ranges();
-        let nodes = matrix.stored().lines().nodes;
-        let tile = bytes * (nodes * matrix.block.velocity_cells.div_ceil(parts)) as f64;
-        let mut best: Option<(f64, Self)> = None;
-        for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
-            for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len() / nodes) {
-                // Along a strip's edge, `depth` cells are read once more.
-                let (mut section, mut edges) = (1.0, 1.0);
-                for axis in across {
-                    let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
-                    let cut = width < axis.len();
-                    section *= if cut { cells + 0.5 * open } else { cells };
-                    edges *= if cut { 1.0 + open / cells } else { 1.0 };
+        let from_memory = if bytes * rows <= caches.last { 0.0 } else { bytes * FROM_MEMORY };
+        let from_last_cache = bytes * FROM_LAST_CACHE;
+        let step_by_step = from_memory + from_last_cache;
+        let mut best = (step_by_step - LEAST_GAIN * (ARITHMETIC + step_by_step), None);
+        let powers = (0..).map(|k| 1 << k).take_while(|parts| *parts < most_parts);
+        for parts in powers.chain([most_parts]) {
+            let nodes = matrix.stored().lines().nodes;
+            let tile = nodes * matrix.block.velocity_cells.div_ceil(parts);
+            let a_tile = bytes * tile as f64;
+            for Fit { sections, traffic, depth, width } in Self::all(matrix) {
+                if sections * a_tile > caches.last {
+                    continue;
                 }
-                // Towards ghosts, `depth` cells wait for them level by level; around a periodic
-                // axis, for those at the other end.
-                let waiting: f64 = (matrix.block.ranges.iter().zip(&wide).enumerate())
-                    .map(|(a, (own, wide))| {
-                        let around = if a == 0 && matrix.block.closed { 2 } else { 0 };
-                        let sides = (wide.len() - own.len() + around) as f64;
-                        let cells = if a == 0 { own.len() / nodes } else { own.len() };
-                        0.5 * sides * depth as f64 / cells as f64
-                    })
-                    .sum();
-                let traffic = edges / depth as f64 + waiting;
-                let fits = tile * section * (depth + 2) as f64 <= cache;
-                if fits && best.is_none_or(|(least, _)| traffic < least) {
-                    let shape = Self { depth, width, parts };
-                    best = Some((traffic, shape));
+                let in_own = parts == 1 && sections * a_tile <= caches.own;
+                let again = if in_own { traffic } else { 1.0 };
+                let time = traffic * from_memory + again * from_last_cache + TILE / tile as f64;
+                if time < best.0 {
+                    best = (time, Some(Self { depth, width, parts }));
                 }
             }
         }
-        best.filter(|(traffic, _)| *traffic < 0.9).map(|b| b.1)
+        best.1
+    }
+
+    /// All depths and widths.
+    fn all(matrix: &BlockMatrix) -> impl Iterator<Item = Fit> {
+        let block = &matrix.block;
+        let nodes = matrix.stored().lines().nodes;
+        let across = &block.ranges[1..];
+        let widest = across.iter().map(Range::len).max().unwrap_or(1);
+        let wide = block.wide_ranges();
+        let most = if across.is_empty() { MOST_LEVELS } else { MOST_LEVELS_IN_STRIPS };
+        let deepest = most.min(block.ranges[0].len() / nodes);
+        let widths = (0..).map(|k| 1 << k).take_while(move |w| *w < 2 * widest);
+        let all = widths.flat_map(move |width| (2..=deepest).map(move |depth| (depth, width)));
+        all.map(move |(depth, width)| {
+            // Along a strip's edge, `depth` cells are read once more.
+            let (mut section, mut edges) = (1.0, 1.0);
+            for axis in across {
+                let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
+                let cut = width < axis.len();
+                section *= if cut { cells + 0.5 * open } else { cells };
+                edges *= if cut { 1.0 + open / cells } else { 1.0 };
+            }
+            // Towards ghosts, `depth` cells wait for them level by level; around a periodic axis,
+            // for those at the other end.
+            let waiting: f64 = (block.ranges.iter().zip(&wide).enumerate())
+                .map(|(a, (own, wide))| {
+                    let around = if a == 0 && block.closed { 2 } else { 0 };
+                    let sides = (wide.len() - own.len() + around) as f64;
+                    let cells = if a == 0 { own.len() / nodes } else { own.len() };
+                    0.5 * sides * depth as f64 / cells as f64
+                })
+                .sum();
+            let sections = section * (depth + 2) as f64;
+            Fit { sections, traffic: edges / depth as f64 + waiting, depth, width }
+        })
     }
 }
 
@@ -487,6 +559,53 @@ impl BlockMatrix {
                 let cells = self.block.cells();
                 read(level as usize, cells + own.start..cells + own.end, y);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parallel::partition::{Block, Mesh};
+    use crate::problem::case::Case;
+
+    /// The shape for a core with 1 MiB to itself and 16 MiB of the last cache.
+    fn planned(degree: usize, elements: usize) -> Option<[usize; 3]> {
+        let axis = |name: &str, end: f64| {
+            format!("{name} = {{ lower = -{end}, upper = {end}, cells = {elements} }}\n")
+        };
+        let text = format!(
+            "[[axis]]\n{}{}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n\
+             [[potential]]\nvalue = \"0\"\n[scheme]\ndegree = {degree}\n\
+             [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n",
+            axis("x", 1.0),
+            axis("v", 1.5)
+        );
+        let case = Case::parse("case", &text, &[]).expect("a case");
+        let block = Block::new(&case.space, &Mesh { space: vec![1], groups: 1 }, 0);
+        let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
+        matrix.gather_elements();
+        let caches = Caches { own: SHARE * 1048576.0, last: SHARE * 16777216.0 };
+        let parts = matrix.independent_velocities();
+        let shape = BlockingShape::planned(&matrix, caches, BYTES_PER_ROW, parts)?;
+        Some([shape.depth, shape.width, shape.parts])
+    }
+
+    /// Small grids are not blocked, nor elements in the last cache whose tiles do not fit into that of a
+    /// core; where all of it comes from memory, tiles in the last cache are deep.
+    #[test]
+    fn blocking_is_where_it_is_measured_to_pay() {
+        for (degree, elements, expected) in [
+            (0, 32, None),
+            (0, 128, Some([14, 1, 1])),
+            (0, 512, Some([16, 1, 1])),
+            (3, 8, None),
+            (3, 32, Some([2, 1, 1])),
+            (4, 26, None),
+            (8, 14, None),
+            (8, 28, Some([16, 1, 2])),
+        ] {
+            assert_eq!(planned(degree, elements), expected, "degree {degree}, {elements}");
         }
     }
 }

@@ -13,83 +13,87 @@
 //! runs is decided once at start.
 
 use crate::base::error::{Error, Result};
-use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
-use crate::matrix::rows::Rows;
+use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
+use crate::matrix::rows::{MOST_NODES, Rows};
+use crate::matrix::vector::{self, Portable, Vector};
 use std::ops::Range;
 use std::sync::OnceLock;
 
 /// Nothing is added.
 impl StartRow for () {
     #[inline(always)]
-    fn add<const FMA: bool>(_: &[Self], _: usize, _: &[f64; LANES], _: &mut [f64; 2 * LANES]) {}
+    fn add<V: Vector>(_: &[Self], _: usize, _: V, sum: [V; 2]) -> [V; 2] {
+        sum
+    }
 }
 
 /// A real vector, the same in every lane.
 impl StartRow for f64 {
     #[inline(always)]
-    fn add<const FMA: bool>(
-        start: &[Self],
-        i: usize,
-        coefficient: &[f64; LANES],
-        out: &mut [f64; 2 * LANES],
-    ) {
-        let value = start[i];
-        for l in 0..LANES {
-            out[l] = multiply_add::<FMA>(coefficient[l], value, out[l]);
+    fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {
+        [re.add_product(coefficient, V::splat(start[i])), im]
+    }
+}
+
+/// The constants of a step, in registers.
+#[derive(Clone, Copy)]
+struct Constants<V> {
+    scale: V,
+    shift: V,
+    minus_shift: V,
+    wavenumber: V,
+    minus_wavenumber: V,
+    coefficient: V,
+}
+
+impl<V: Vector> Constants<V> {
+    #[inline(always)]
+    fn load(constants: &StepConstants) -> Self {
+        let StepConstants { scale, shift, wavenumber, coefficient } = constants;
+        Self {
+            scale: V::load(scale),
+            shift: V::load(shift),
+            minus_shift: V::load(&shift.map(|c| -c)),
+            wavenumber: V::load(wavenumber),
+            minus_wavenumber: V::load(&wavenumber.map(|mu| -mu)),
+            coefficient: V::load(coefficient),
         }
     }
 }
 
-/// `S x` and `K x` of a row: sums so far.
+/// `S x` and `K x` of a row, real and imaginary parts: sums so far.
 #[derive(Clone, Copy)]
-struct Products {
-    s: [f64; 2 * LANES],
-    k: [f64; 2 * LANES],
+struct Products<V> {
+    s: [V; 2],
+    k: [V; 2],
 }
 
-impl Products {
-    const ZERO: Self = Self { s: [0.0; 2 * LANES], k: [0.0; 2 * LANES] };
-
+impl<V: Vector> Products<V> {
     /// Adds the entries of row `i` that are not to the nodes of its line.
     #[inline(always)]
-    fn add_others<const FMA: bool>(
-        &mut self,
-        matrix: &Rows,
-        template: usize,
-        i: usize,
-        x: &[Lanes],
-    ) {
+    fn add_others(&mut self, matrix: &Rows, template: usize, i: usize, x: &[Lanes]) {
         for (column, s, k) in matrix.others(template, i) {
             // SAFETY: every column is below the reach of the rows, which `x` has, as `step_lines`
             // asserts.
-            let Lanes(value) = unsafe { x.get_unchecked(column) };
-            for part in 0..2 * LANES {
-                self.s[part] = multiply_add::<FMA>(s, value[part], self.s[part]);
-                self.k[part] = multiply_add::<FMA>(k, value[part], self.k[part]);
+            let value = unsafe { x.get_unchecked(column) }.load();
+            let (s, k) = (V::splat(s), V::splat(k));
+            for part in 0..2 {
+                self.s[part] = self.s[part].add_product(s, value[part]);
+                self.k[part] = self.k[part].add_product(k, value[part]);
             }
         }
     }
 
     /// The step of a row: `a ((−iμ S + K) x + i c x) + y`.
     #[inline(always)]
-    fn finish<const FMA: bool>(
-        &self,
-        constants: &StepConstants,
-        own: &[f64; 2 * LANES],
-        out: &[f64; 2 * LANES],
-    ) -> [f64; 2 * LANES] {
-        let mut new = *out;
-        for l in 0..LANES {
-            let (a, c, mu) = (constants.scale[l], constants.shift[l], constants.wavenumber[l]);
-            // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
-            let re = multiply_add::<FMA>(mu, self.s[LANES + l], self.k[l]);
-            let im = multiply_add::<FMA>(-mu, self.s[l], self.k[LANES + l]);
-            let re = multiply_add::<FMA>(-c, own[LANES + l], re);
-            let im = multiply_add::<FMA>(c, own[l], im);
-            new[l] = multiply_add::<FMA>(a, re, new[l]);
-            new[LANES + l] = multiply_add::<FMA>(a, im, new[LANES + l]);
-        }
-        new
+    fn finish(&self, constants: &Constants<V>, own: [V; 2], out: [V; 2]) -> [V; 2] {
+        let ([s_re, s_im], [k_re, k_im]) = (self.s, self.k);
+        // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
+        let re = k_re.add_product(constants.wavenumber, s_im);
+        let im = k_im.add_product(constants.minus_wavenumber, s_re);
+        let re = re.add_product(constants.minus_shift, own[1]);
+        let im = im.add_product(constants.shift, own[0]);
+        [out[0].add_product(constants.scale, re), out[1].add_product(constants.scale, im)]
     }
 }
 
@@ -100,96 +104,147 @@ struct Vectors<'a, R> {
     start: &'a [R],
 }
 
-/// The loop over lines that are one row. `FMA` only where the processor has it: elsewhere `mul_add`
-/// is a slow library call.
+/// The loop over lines that are one row.
 #[inline(always)]
-fn step_rows<const FMA: bool, R: StartRow>(
+fn step_rows<V: Vector, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
-    constants: &StepConstants,
+    constants: &Constants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
     let behind = matrix.lines().cells - matrix.lines().of_cells();
     let Vectors { y, x, start } = vectors;
     let rows = lines.start + behind..lines.end + behind;
     let pairs = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
-    for (i, (Lanes(out), Lanes(own))) in rows.zip(pairs) {
-        let mut products = Products::ZERO;
-        products.add_others::<FMA>(matrix, matrix.template(i - behind), i, x);
-        let mut new = products.finish::<FMA>(constants, own, out);
-        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
-        *out = new;
+    for (i, (out, own)) in rows.zip(pairs) {
+        let zero = [V::splat(0.0); 2];
+        let mut products = Products { s: zero, k: zero };
+        products.add_others(matrix, matrix.template(i - behind), i, x);
+        let new = products.finish(constants, own.load(), out.load());
+        out.store(R::add(start, i, constants.coefficient, new));
     }
 }
 
-/// The loop over lines of several rows, [`ROWS`] of them at a time: each node is read once for all
-/// of these.
+/// So many rows of a line are many.
+const MANY: usize = 8;
+
+/// The loop over lines of several rows, compiled for each number of them.
 #[inline(always)]
-fn step_nodes<const FMA: bool, R: StartRow>(
+fn step_nodes<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
-    constants: &StepConstants,
+    constants: &Constants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
-    let nodes = matrix.lines().nodes;
-    for line in lines {
-        for from in (0..nodes).step_by(ROWS) {
-            let rows = LineRows { line, from };
-            match nodes - from {
-                1 => step_some::<FMA, 1, R>(matrix, rows, constants, vectors),
-                2 => step_some::<FMA, 2, R>(matrix, rows, constants, vectors),
-                3 => step_some::<FMA, 3, R>(matrix, rows, constants, vectors),
-                _ => step_some::<FMA, ROWS, R>(matrix, rows, constants, vectors),
-            }
+    match matrix.lines().nodes {
+        2 => step_nodes_of::<V, ROWS, WHOLE, 2, R>(matrix, lines, constants, vectors),
+        3 => step_nodes_of::<V, ROWS, WHOLE, 3, R>(matrix, lines, constants, vectors),
+        4 => step_nodes_of::<V, ROWS, WHOLE, 4, R>(matrix, lines, constants, vectors),
+        5 => step_nodes_of::<V, ROWS, WHOLE, 5, R>(matrix, lines, constants, vectors),
+        6 => step_nodes_of::<V, ROWS, WHOLE, 6, R>(matrix, lines, constants, vectors),
+        7 => step_nodes_of::<V, ROWS, WHOLE, 7, R>(matrix, lines, constants, vectors),
+        8 => step_nodes_of::<V, ROWS, WHOLE, 8, R>(matrix, lines, constants, vectors),
+        MOST_NODES => {
+            step_nodes_of::<V, ROWS, WHOLE, MOST_NODES, R>(matrix, lines, constants, vectors)
         }
+        // Lines of one row are in the other loop.
+        _ => {}
     }
 }
 
-/// Rows of a line whose sums stay in registers.
-const ROWS: usize = 4;
-
-/// Some rows of a line of cells, from one of its nodes on.
-#[derive(Clone, Copy)]
-struct LineRows {
-    line: usize,
-    from: usize,
-}
-
-/// A step of `COUNT` rows of a line.
+/// The loop over lines of `NODES` rows, `ROWS` of them at a time: each node is read once for all of
+/// these.
 #[inline(always)]
-fn step_some<const FMA: bool, const COUNT: usize, R: StartRow>(
+fn step_nodes_of<
+    V: Vector,
+    const ROWS: usize,
+    const WHOLE: bool,
+    const NODES: usize,
+    R: StartRow,
+>(
     matrix: &Rows,
-    rows: LineRows,
-    constants: &StepConstants,
+    lines: Range<usize>,
+    constants: &Constants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
-    let Vectors { y, x, start } = vectors;
-    let lines = matrix.lines();
-    let (first, template) = (lines.first(rows.line), matrix.template(rows.line) + rows.from);
-    let dense: [&[f64]; COUNT] = std::array::from_fn(|m| matrix.dense_row(template + m));
-    let mut products = [[0.0; 2 * LANES]; COUNT];
-    for n in 0..lines.nodes {
-        let Lanes(value) = &x[first + n * lines.stride];
-        for m in 0..COUNT {
-            let k = dense[m][n];
-            for part in 0..2 * LANES {
-                products[m][part] = multiply_add::<FMA>(k, value[part], products[m][part]);
+    let stride = matrix.lines().stride;
+    let mut next = lines.start;
+    while next < lines.end {
+        // The lines of a layer of elements: one division for all of them.
+        let layer = next / stride;
+        let end = lines.end.min((layer + 1) * stride);
+        for line in next..end {
+            let first = line + layer * (NODES - 1) * stride;
+            let line = NodeLine { first, stride, template: matrix.template(line) };
+            if WHOLE && NODES >= MANY {
+                line.step::<V, NODES, NODES, R>(matrix, 0, constants, vectors);
+                continue;
+            }
+            let whole = NODES / ROWS * ROWS;
+            for from in (0..whole).step_by(ROWS) {
+                line.step::<V, NODES, ROWS, R>(matrix, from, constants, vectors);
+            }
+            match NODES - whole {
+                1 => line.step::<V, NODES, 1, R>(matrix, whole, constants, vectors),
+                2 => line.step::<V, NODES, 2, R>(matrix, whole, constants, vectors),
+                3 => line.step::<V, NODES, 3, R>(matrix, whole, constants, vectors),
+                _ => {}
             }
         }
-    }
-    for m in 0..COUNT {
-        let i = first + (rows.from + m) * lines.stride;
-        let mut products = Products { k: products[m], ..Products::ZERO };
-        products.add_others::<FMA>(matrix, template + m, i, x);
-        let mut new = products.finish::<FMA>(constants, &x[i].0, &y[i].0);
-        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
-        y[i].0 = new;
+        next = end;
     }
 }
 
-/// The loop over lines.
+/// A line of several rows.
+#[derive(Clone, Copy)]
+struct NodeLine {
+    /// Its first row.
+    first: usize,
+    /// From one row to the next.
+    stride: usize,
+    /// The template of its first row.
+    template: usize,
+}
+
+impl NodeLine {
+    /// A step of `COUNT` of its `NODES` rows, from row number `from` on.
+    #[inline(always)]
+    fn step<V: Vector, const NODES: usize, const COUNT: usize, R: StartRow>(
+        self,
+        matrix: &Rows,
+        from: usize,
+        constants: &Constants<V>,
+        vectors: &mut Vectors<'_, R>,
+    ) {
+        let Vectors { y, x, start } = vectors;
+        let Self { first, stride, template } = self;
+        let dense: [&[f64; NODES]; COUNT] =
+            std::array::from_fn(|m| matrix.dense_nodes(template + from + m));
+        let zero = [V::splat(0.0); 2];
+        let mut sums = [zero; COUNT];
+        for n in 0..NODES {
+            let value: [V; 2] = x[first + n * stride].load();
+            for m in 0..COUNT {
+                let k = V::splat(dense[m][n]);
+                sums[m] =
+                    [sums[m][0].add_product(k, value[0]), sums[m][1].add_product(k, value[1])];
+            }
+        }
+        for m in 0..COUNT {
+            let i = first + (from + m) * stride;
+            let mut products = Products { s: zero, k: sums[m] };
+            products.add_others(matrix, template + from + m, i, x);
+            let new = products.finish(constants, x[i].load(), y[i].load());
+            y[i].store(R::add(start, i, constants.coefficient, new));
+        }
+    }
+}
+
+/// The loop over lines, of several rows `ROWS` at a time: so many that their sums stay in
+/// registers beside the nodes, which are kept there where a line takes several turns. `WHOLE` where
+/// there is room for the sums of a whole line of many rows, but not for its nodes, too.
 #[inline(always)]
-fn step_lines<const FMA: bool, R: StartRow>(
+fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
     constants: &StepConstants,
@@ -198,12 +253,13 @@ fn step_lines<const FMA: bool, R: StartRow>(
     start: &[R],
 ) {
     assert!(x.len() >= matrix.reach(), "vector and matrix do not fit");
+    let constants = Constants::load(constants);
     let end = matrix.lines().of_cells();
     let gathered = lines.start.min(end)..lines.end.min(end);
     let single = lines.start.max(end)..lines.end.max(end);
     let mut vectors = Vectors { y, x, start };
-    step_nodes::<FMA, R>(matrix, gathered, constants, &mut vectors);
-    step_rows::<FMA, R>(matrix, single, constants, &mut vectors);
+    step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &constants, &mut vectors);
+    step_rows::<V, R>(matrix, single, &constants, &mut vectors);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -216,7 +272,7 @@ fn step_avx512<R: StartRow>(
     x: &[Lanes],
     start: &[R],
 ) {
-    step_lines::<true, R>(matrix, lines, constants, y, x, start);
+    step_lines::<vector::Avx512, 4, true, R>(matrix, lines, constants, y, x, start);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -229,7 +285,7 @@ fn step_avx2<R: StartRow>(
     x: &[Lanes],
     start: &[R],
 ) {
-    step_lines::<true, R>(matrix, lines, constants, y, x, start);
+    step_lines::<vector::Avx2, 2, false, R>(matrix, lines, constants, y, x, start);
 }
 
 /// What the loop is compiled for.
@@ -337,6 +393,6 @@ pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
         InstructionSet::Avx2 => |matrix, lines, constants, y, x, start| unsafe {
             step_avx2(matrix, lines, constants, y, x, start)
         },
-        _ => step_lines::<{ cfg!(target_arch = "aarch64") }, R>,
+        _ => step_lines::<Portable<{ cfg!(target_arch = "aarch64") }>, 2, false, R>,
     }
 }

@@ -1,5 +1,6 @@
 //! A row of a batch of modes: [`LANES`] complex numbers, and the constants of a Chebyshev step.
 
+use crate::matrix::vector::{Portable, Vector};
 use crate::parallel::communicator::VectorRow;
 
 /// Modes in a batch, `B`.
@@ -13,6 +14,21 @@ pub struct Lanes(pub [f64; 2 * LANES]);
 impl Lanes {
     /// All zero.
     pub const ZERO: Lanes = Lanes([0.0; 2 * LANES]);
+
+    /// Real and imaginary parts.
+    #[inline(always)]
+    pub(crate) fn load<V: Vector>(&self) -> [V; 2] {
+        let (parts, _) = self.0.as_chunks::<LANES>();
+        [V::load(&parts[0]), V::load(&parts[1])]
+    }
+
+    /// Sets real and imaginary parts.
+    #[inline(always)]
+    pub(crate) fn store<V: Vector>(&mut self, [re, im]: [V; 2]) {
+        let (parts, _) = self.0.as_chunks_mut::<LANES>();
+        re.store(&mut parts[0]);
+        im.store(&mut parts[1]);
+    }
 }
 
 impl VectorRow for Lanes {
@@ -41,28 +57,22 @@ pub struct StepConstants {
 
 /// A row of the vector that a series is of.
 pub trait StartRow: Copy {
-    /// Adds `coefficient` times row `i` of `start` to `out`.
-    fn add<const FMA: bool>(
-        start: &[Self],
-        i: usize,
-        coefficient: &[f64; LANES],
-        out: &mut [f64; 2 * LANES],
-    );
+    /// `sum`, real and imaginary parts, and `coefficient` times row `i` of `start`.
+    fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, sum: [V; 2]) -> [V; 2];
+
+    /// Adds the same to a row, nothing fused: the same bits on any processor.
+    fn add_unfused(start: &[Self], i: usize, coefficient: &[f64; LANES], row: &mut Lanes) {
+        let coefficient = Portable::<false>::load(coefficient);
+        row.store(Self::add(start, i, coefficient, row.load()));
+    }
 }
 
 /// A complex vector a lane.
 impl StartRow for Lanes {
     #[inline(always)]
-    fn add<const FMA: bool>(
-        start: &[Self],
-        i: usize,
-        coefficient: &[f64; LANES],
-        out: &mut [f64; 2 * LANES],
-    ) {
-        let Lanes(value) = &start[i];
-        for part in 0..2 * LANES {
-            out[part] = multiply_add::<FMA>(coefficient[part % LANES], value[part], out[part]);
-        }
+    fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {
+        let value = start[i].load();
+        [re.add_product(coefficient, value[0]), im.add_product(coefficient, value[1])]
     }
 }
 

@@ -147,6 +147,13 @@ impl Rows {
         if self.dense.is_empty() { &[] } else { &self.dense[template * nodes..][..nodes] }
     }
 
+    /// The same of lines of `NODES` rows.
+    #[inline(always)]
+    pub(crate) fn dense_nodes<const NODES: usize>(&self, template: usize) -> &[f64; NODES] {
+        let (rows, _) = self.dense.as_chunks::<NODES>();
+        &rows[template]
+    }
+
     /// The entries of a template that are not to the nodes of its line, as those of row `i`.
     #[inline(always)]
     pub(crate) fn others(

@@ -186,7 +186,7 @@ impl Chebyshev {
         let first = constants(degree).coefficient;
         for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
             // Zeros are added to: the same on any processor.
-            R::add::<false>(start, i, &first, &mut current.0);
+            R::add_unfused(start, i, &first, current);
         }
         let most = self.blocking.as_ref().map_or(1, Blocking::depth);
         let mut left = degree;
@@ -230,7 +230,7 @@ impl Chebyshev {
         self.previous.fill(Lanes::ZERO);
         self.current.fill(Lanes::ZERO);
         for (i, current) in self.current[..rows].iter_mut().enumerate() {
-            R::add::<false>(start, i, &[1.0; LANES], &mut current.0);
+            R::add_unfused(start, i, &[1.0; LANES], current);
         }
         let (mut terms, blocking) = passed.reader(matrix, &self.coefficients);
         terms.expect(0..1);

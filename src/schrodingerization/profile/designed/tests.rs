@@ -204,3 +204,25 @@ fn extremes() {
         }
     }
 }
+
+/// What modes rounded to single precision would take, beside those of double precision: the table
+/// of docs/performance.md:
+/// `cargo test --release --lib modes_of_single_precision -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints a table"]
+fn modes_of_single_precision() {
+    println!("decay tolerance | modes, applications in double, in single precision");
+    for decay in [28.0, 57.0, 101.0, 202.0] {
+        for digits in 2..=4 {
+            let double = Demand::new(10f64.powi(-digits), 0.0, decay, 1.0);
+            let single = Demand { round_off: f64::from(f32::EPSILON), ..double };
+            let [double, single] = [double, single].map(|demand| {
+                Designed::meeting(&demand).map_or("none".to_owned(), |(g, window)| {
+                    let modes = g.series.modes();
+                    format!("{modes}, {}", applications(&demand, window.period, modes))
+                })
+            });
+            println!("{decay} 1e-{digits} | {double} | {single}");
+        }
+    }
+}
