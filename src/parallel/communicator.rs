@@ -511,10 +511,10 @@ impl GhostExchange {
             let length = neighbour.ghosts.len() * R::WIDTH;
             for piece in neighbour.receive[..length].chunks_mut(MOST_AT_ONCE) {
                 let mut request = std::mem::MaybeUninit::uninit();
-                // SAFETY: the buffer is on the heap and has so many numbers. Nobody touches it until
-                // `finish` has waited for the request: `start` refuses to run twice, and `drop`
-                // leaves the buffer to MPI. The call fills the request, as MPI ends the job where
-                // it fails.
+                // SAFETY: the buffer is on the heap and has so many numbers. Nobody touches it
+                // until `finish` has waited for the request: `start` refuses to run twice, and
+                // `drop` leaves the buffer to MPI. The call fills the request, as MPI ends the job
+                // where it fails.
                 unsafe {
                     ffi::MPI_Irecv(
                         piece.as_mut_ptr().cast(),
