@@ -2,6 +2,9 @@
 
 use crate::support::{SLOPES, check_all, directory, run};
 
+/// A case, its size, other settings, the number of ranks, and the part that a plan may be off by.
+type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
+
 /// Planned memory against the peak that was measured: within 5 % from 100 MiB on, below that within
 /// 5 MiB, which is how much the memory of MPI and HDF5 varies. Some are further off.
 #[test]
@@ -29,7 +32,7 @@ fn memory_is_what_was_planned() {
     let chunks = ["output.chunks=[1,1]", "output.xdmf=false", "solver.tolerance=0.01"];
     let kept =
         ["axis.0.x.cells=340", "axis.0.v.cells=340", "time.end=0.02", "output.warped_field=true"];
-    let rows: &[(&str, &[&str], &[&str], usize, f64)] = &[
+    let rows: &[Row<'_>] = &[
         ("example1.toml", &grid, &[], 1, CLOSE),
         ("example1.toml", &grid, &["scheme.interface=conservative"], 2, CLOSE),
         ("example1.toml", &grid, &["output.fields_every=0.02"], 1, CLOSE),
