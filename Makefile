@@ -5,6 +5,7 @@ CASE    ?= cases/example1.toml
 BUDGET  ?= 60s
 TRIALS  ?= 200
 SCENES  ?= 1000
+FUZZ    ?= 1000000
 FIRST   ?= 0
 RESULTS ?= results/$(basename $(notdir $(CASE)))
 
@@ -29,7 +30,7 @@ PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
-.PHONY: run build test torture bench example3 calibration study stability chart examples quantum \
+.PHONY: run build test torture fuzz bench example3 calibration study stability chart examples quantum \
     baseline slurm docs check check-fmt check-clippy check-doc check-python deny readers qiskit \
     python mkdocs browser mpich setup clean help
 
@@ -46,6 +47,11 @@ test: setup ## run every test, also on several ranks (ARGS= is passed to cargo t
 torture: setup ## blows at random moments and random scenes, many (TRIALS=, SCENES=, FIRST=)
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
 	    $(CARGO) test --release --test cli -- --nocapture torture random_cases
+
+fuzz: setup ## readers on random inputs, for hours, one process at a time (FUZZ=, FIRST=)
+	PHASEWARP_FUZZ=$(FUZZ) PHASEWARP_FUZZ_FIRST=$(FIRST) nice $(CARGO) test --release --lib \
+	    --test library --test cli -- --nocapture --test-threads=1 end_in_a_ changed_files \
+	    changed_schemas
 
 bench: setup ## measure, into docs/performance.md (ARGS=--quick, --counts, --error)
 	CARGO="$(CARGO)" scripts/bench/bench.sh $(ARGS)

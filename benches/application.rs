@@ -9,7 +9,7 @@
 use criterion::{Criterion, Throughput};
 mod support;
 
-use phasewarp::base::machine::cache_per_core;
+use phasewarp::base::machine::{cache_per_core, processor_seconds};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::kernel::InstructionSet;
@@ -28,17 +28,8 @@ const FORWARD_BYTES: f64 = 80.0;
 /// Repetitions of which the median is quoted.
 const REPEATS: usize = 7;
 
-/// Seconds of a processor that this process has had: what else runs on the machine takes none of
-/// them, though it does take cache and bandwidth.
-fn processor_seconds() -> f64 {
-    // SAFETY: the call fills the structure.
-    unsafe {
-        let mut time: libc::timespec = std::mem::zeroed();
-        libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &mut time);
-        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-    }
-}
-
+/// The median of the processor's seconds: what else runs on the machine takes none of them, though
+/// it does take cache and bandwidth.
 fn median(mut run: impl FnMut()) -> f64 {
     run();
     let mut seconds: Vec<f64> = (0..REPEATS)

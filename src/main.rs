@@ -12,7 +12,7 @@ fn main() {
     if let Some(code) = untrusted::serve() {
         std::process::exit(code);
     }
-    machine::ignore_file_size_signal();
+    machine::catch_file_size_signal();
     // From now on SIGUSR1 asks a run for a checkpoint and its end.
     machine::stop_flag();
     let Some(world) = World::start() else {

@@ -1,8 +1,12 @@
 //! What the operating system says about caches and disks; signals, and the end of the process.
 
-use std::ffi::{CStr, CString};
-use std::os::fd::AsRawFd;
-use std::os::unix::ffi::OsStrExt;
+use rustix::fs::{FallocateFlags, fallocate, statvfs};
+use rustix::io::Errno;
+use rustix::process::{
+    Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit,
+};
+use std::collections::BTreeSet;
+use std::ffi::CString;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock, Once};
@@ -47,25 +51,8 @@ fn share_of_cache(level: &str) -> Option<u64> {
 
 /// Bytes that a file in `directory` may grow to: free space, within the process's file-size limit.
 pub fn room_for_file(directory: &Path) -> u64 {
-    let mut room = u64::MAX;
-    if let Ok(path) = CString::new(directory.as_os_str().as_bytes()) {
-        // SAFETY: the path is a terminated text; the structure is read only where the call filled
-        // it.
-        unsafe {
-            let mut disk = std::mem::zeroed::<libc::statvfs>();
-            if libc::statvfs(path.as_ptr(), &mut disk) == 0 {
-                room = (disk.f_bavail as u64).saturating_mul(disk.f_frsize as u64);
-            }
-        }
-    }
-    // SAFETY: as above.
-    unsafe {
-        let mut limit = std::mem::zeroed::<libc::rlimit>();
-        if libc::getrlimit(libc::RLIMIT_FSIZE, &mut limit) == 0 {
-            room = room.min(limit.rlim_cur as u64);
-        }
-    }
-    room
+    let disk = statvfs(directory).map_or(u64::MAX, |d| d.f_bavail.saturating_mul(d.f_frsize));
+    disk.min(getrlimit(Resource::Fsize).current.unwrap_or(u64::MAX))
 }
 
 /// Reserves space on disk for a file that is to grow to `bytes`; its size stays. Does nothing where
@@ -75,13 +62,8 @@ pub fn room_for_file(directory: &Path) -> u64 {
 /// What the system says: that the disk is full, or the user's share of it.
 pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
     let file = std::fs::File::options().write(true).open(path)?;
-    // SAFETY: a plain call on an open file.
-    let status = unsafe {
-        libc::fallocate(file.as_raw_fd(), libc::FALLOC_FL_KEEP_SIZE, 0, bytes as libc::off_t)
-    };
-    let error = std::io::Error::last_os_error();
-    match error.raw_os_error() {
-        Some(libc::ENOSPC | libc::EDQUOT | libc::EFBIG) if status != 0 => Err(error),
+    match fallocate(file, FallocateFlags::KEEP_SIZE, 0, bytes) {
+        Err(full @ (Errno::NOSPC | Errno::DQUOT | Errno::FBIG)) => Err(full.into()),
         _ => Ok(()),
     }
 }
@@ -96,11 +78,9 @@ pub fn give_back(path: &Path) -> std::io::Result<()> {
 }
 
 /// A file that grows beyond the process's limit shall give an error, not end the process.
-pub fn ignore_file_size_signal() {
-    // SAFETY: ignoring a signal has no handler that could do harm.
-    unsafe {
-        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
-    }
+pub fn catch_file_size_signal() {
+    // The flag is not looked at. Fails for signals that cannot be caught only.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
 /// What SIGUSR1 raises, from the first call on, instead of ending the process.
@@ -134,14 +114,13 @@ pub fn no_more_checkpoints() {
     NO_CHECKPOINT.store(true, Ordering::Relaxed);
 }
 
-/// Whether this process, or who started it, chose to ignore a signal.
+/// Whether this process, or who started it, chose to ignore a signal: as a bit of a line of its
+/// status.
 fn is_ignored(signal: i32) -> bool {
-    // SAFETY: the structure is read only where the call filled it.
-    unsafe {
-        let mut action = std::mem::zeroed::<libc::sigaction>();
-        libc::sigaction(signal, std::ptr::null(), &mut action) == 0
-            && action.sa_sigaction == libc::SIG_IGN
-    }
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = line.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok()).unwrap_or(0);
+    ignored >> (signal - 1) & 1 == 1
 }
 
 fn stop_on(signal: i32, says: &'static str) {
@@ -153,10 +132,9 @@ fn stop_on(signal: i32, says: &'static str) {
         let now = start.elapsed().as_millis() as u64 + 1;
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
             Ok(_) if NO_CHECKPOINT.load(Ordering::Relaxed) => {}
-            // SAFETY: a plain call, which signals may interrupt.
-            Ok(_) => unsafe {
-                libc::write(libc::STDERR_FILENO, says.as_ptr().cast(), says.len());
-            },
+            Ok(_) => {
+                let _ = rustix::io::write(rustix::stdio::stderr(), says.as_bytes());
+            }
             Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);
             }
@@ -170,34 +148,19 @@ fn stop_on(signal: i32, says: &'static str) {
 
 /// Ends the process at once, without the clean-up that waits for other ranks or open files.
 pub fn leave(code: i32) -> ! {
-    // SAFETY: nothing runs afterwards.
-    unsafe { libc::_exit(code) }
+    signal_hook::low_level::exit(code)
 }
 
 /// Keeps each shared library whose path contains `part` in memory until the process ends, also
 /// where whoever loaded it unloads it.
 pub fn keep_libraries(part: &str) {
-    /// Adds the path of a library to the list that `paths` points to.
-    unsafe extern "C" fn add(
-        library: *mut libc::dl_phdr_info,
-        _size: libc::size_t,
-        paths: *mut libc::c_void,
-    ) -> libc::c_int {
-        // SAFETY: `paths` is the list below, which nothing else refers to during the call; the name
-        // is null or ends with a zero.
-        unsafe {
-            let paths = &mut *paths.cast::<Vec<CString>>();
-            if !(*library).dlpi_name.is_null() {
-                paths.push(CStr::from_ptr((*library).dlpi_name).to_owned());
-            }
-        }
-        0
-    }
-    let mut paths: Vec<CString> = Vec::new();
-    // SAFETY: `add` has the type that is called, and `paths` outlives the call.
-    unsafe { libc::dl_iterate_phdr(Some(add), (&raw mut paths).cast()) };
-    for path in paths.iter().filter(|path| path.to_string_lossy().contains(part)) {
-        // SAFETY: the library is there already: no code of it runs. The handle is never closed.
+    // Lines as "7f…-7f… r-xp 0000 08:01 42   /usr/lib/x.so", one for each part of a library.
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let paths = maps.lines().filter_map(|line| line.find('/').map(|at| &line[at..]));
+    let paths: BTreeSet<&str> = paths.filter(|path| path.contains(part)).collect();
+    for path in paths.into_iter().filter_map(|path| CString::new(path).ok()) {
+        // SAFETY: the path ends with a zero. `RTLD_NOLOAD`: nothing is loaded, so that no code of a
+        // library runs. The handle, or null, is not used.
         unsafe {
             libc::dlopen(path.as_ptr(), libc::RTLD_LAZY | libc::RTLD_NOLOAD | libc::RTLD_NODELETE)
         };
@@ -206,38 +169,31 @@ pub fn keep_libraries(part: &str) {
 
 /// Ends this process when the one that started it ends.
 pub fn end_with_parent() {
-    // SAFETY: a plain call.
-    unsafe {
-        libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
-    }
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
 }
 
 /// Limits the address space of this process to `bytes`, and leaves no core when it fails.
 pub fn limit_memory(bytes: u64) {
-    limit(libc::RLIMIT_AS, bytes);
-    limit(libc::RLIMIT_CORE, 0);
+    limit(Resource::As, bytes);
+    limit(Resource::Core, 0);
+}
+
+/// Seconds of processor time that this process has used.
+pub fn processor_seconds() -> f64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
 /// Ends this process by SIGXCPU when it has used so many `seconds` of processor time more, or up to
 /// one more.
 pub fn limit_processor_time(seconds: u64) {
-    // SAFETY: the structure is read after the call has filled it.
-    let used = unsafe {
-        let mut used = std::mem::zeroed::<libc::rusage>();
-        libc::getrusage(libc::RUSAGE_SELF, &mut used);
-        used.ru_utime.tv_sec + used.ru_stime.tv_sec
-    };
-    limit(libc::RLIMIT_CPU, used as u64 + 1 + seconds);
+    limit(Resource::Cpu, processor_seconds() as u64 + 1 + seconds);
 }
 
 /// Sets a limit on a resource of this process, within what the system lets it have.
-fn limit(resource: libc::__rlimit_resource_t, most: u64) {
-    // SAFETY: the structure is read only where the call filled it.
-    unsafe {
-        let mut limit = std::mem::zeroed::<libc::rlimit>();
-        if libc::getrlimit(resource, &mut limit) == 0 {
-            limit.rlim_cur = (most as libc::rlim_t).min(limit.rlim_max);
-            libc::setrlimit(resource, &limit);
-        }
-    }
+fn limit(resource: Resource, most: u64) {
+    let Rlimit { maximum, .. } = getrlimit(resource);
+    let current = Some(maximum.map_or(most, |maximum| most.min(maximum)));
+    // Below the maximum it cannot fail.
+    let _ = setrlimit(resource, Rlimit { current, maximum });
 }

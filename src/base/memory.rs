@@ -1,5 +1,6 @@
 //! The memory that a process may still take: what is free, and what limits allow.
 
+use rustix::process::{Resource, getrlimit};
 use std::path::{Path, PathBuf};
 
 /// Bytes that may still be taken.
@@ -17,8 +18,7 @@ pub fn available() -> Available {
     let root = Path::new("/");
     Available {
         together: free(root).min(control_group_room(root)),
-        alone: process_room(libc::RLIMIT_AS, "VmSize:")
-            .min(process_room(libc::RLIMIT_DATA, "VmData:")),
+        alone: process_room(Resource::As, "VmSize:").min(process_room(Resource::Data, "VmData:")),
     }
 }
 
@@ -63,20 +63,12 @@ fn free(root: &Path) -> u64 {
 
 /// What a limit of this process (`setrlimit`) leaves, where `key` of `/proc/self/status` counts
 /// against it.
-fn process_room(resource: libc::__rlimit_resource_t, key: &str) -> u64 {
-    // SAFETY: the structure is read only where the call filled it.
-    let limit = unsafe {
-        let mut limit = std::mem::zeroed::<libc::rlimit>();
-        match libc::getrlimit(resource, &mut limit) {
-            0 => limit.rlim_cur,
-            _ => libc::RLIM_INFINITY,
-        }
-    };
-    if limit == libc::RLIM_INFINITY {
+fn process_room(resource: Resource, key: &str) -> u64 {
+    let Some(limit) = getrlimit(resource).current else {
         return u64::MAX;
-    }
+    };
     let taken = kilobytes(Path::new("/proc/self/status"), key).unwrap_or(0);
-    (limit as u64).saturating_sub(taken)
+    limit.saturating_sub(taken)
 }
 
 /// How a version of control groups tells limits and use.

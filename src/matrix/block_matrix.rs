@@ -10,9 +10,10 @@
 
 use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::kernel::{self, InstructionSet};
+use crate::matrix::kernel::{Compiled, InstructionSet, Step};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::matrix::rows::{Lines, MOST_NODES, Rows};
+use crate::matrix::vector::Vector;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
 use num_complex::Complex64;
@@ -27,6 +28,23 @@ pub enum Operator {
     Transpose,
     /// `S`.
     Symmetric,
+}
+
+/// The products of lines with a real vector. Nothing is fused, so that the bits are the same for
+/// every instruction set.
+struct RowProducts<'a> {
+    matrix: &'a BlockMatrix,
+    lines: &'a [Range<usize>],
+    operator: Operator,
+    y: &'a mut [f64],
+    x: &'a [f64],
+}
+
+impl Compiled for RowProducts<'_> {
+    #[inline(always)]
+    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
+        self.matrix.sum_lines(self.lines, self.operator, self.y, self.x);
+    }
 }
 
 /// The rows of `(S, K)` that belong to this rank.
@@ -196,30 +214,9 @@ impl BlockMatrix {
         });
     }
 
-    /// The products of lines with a real vector. Nothing is fused, so that the bits are the same
-    /// for every instruction set.
+    /// The products of lines with a real vector.
     fn apply_rows(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
-        match InstructionSet::here() {
-            // SAFETY: the processor was asked.
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => unsafe { self.sum_avx512(lines, operator, y, x) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => unsafe { self.sum_avx2(lines, operator, y, x) },
-            _ => self.sum_lines(lines, operator, y, x),
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f")]
-    fn sum_avx512(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
-        self.sum_lines(lines, operator, y, x);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn sum_avx2(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
-        self.sum_lines(lines, operator, y, x);
+        InstructionSet::here().run(RowProducts { matrix: self, lines, operator, y, x });
     }
 
     #[inline(always)]
@@ -344,6 +341,19 @@ impl BlockMatrix {
         }
     }
 
+    /// The step of some lines, on this processor.
+    pub(crate) fn step_lines<R: StartRow>(
+        &self,
+        lines: Range<usize>,
+        constants: &StepConstants,
+        y: &mut [Lanes],
+        x: &[Lanes],
+        start: &[R],
+    ) {
+        let matrix = &self.rows;
+        InstructionSet::here().run(Step { matrix, lines, constants, y, x, start });
+    }
+
     /// One fused step for a batch of modes, `x`'s ghosts being refreshed:
     /// `y ← a((−iμS + K)x + icx) + y + coefficient · start`, with `couplings` to the auxiliary
     /// unknowns that are no entries of the matrix: those of a stage where the inflow varies, row by
@@ -358,14 +368,13 @@ impl BlockMatrix {
         start: &[R],
     ) {
         let rows = self.rows();
-        let step = kernel::stepper();
         exchange.start(&x[..rows]);
-        for run in &self.interior {
-            step(&self.rows, run.clone(), constants, y, x, start);
+        for lines in &self.interior {
+            self.step_lines(lines.clone(), constants, y, x, start);
         }
         exchange.finish(&mut x[rows..]);
-        for run in &self.border {
-            step(&self.rows, run.clone(), constants, y, x, start);
+        for lines in &self.border {
+            self.step_lines(lines.clone(), constants, y, x, start);
         }
         if self.summed {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);

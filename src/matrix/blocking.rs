@@ -30,7 +30,6 @@
 
 use crate::base::machine::{cache_per_core, last_cache_per_core};
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::kernel;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::rows::Lines;
 use crate::parallel::communicator::GhostExchange;
@@ -535,7 +534,6 @@ impl BlockMatrix {
         read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
     ) {
         let (behind, _) = self.rows.lines().place(self.block.cells());
-        let step = kernel::stepper::<R>();
         let [even, odd] = vectors;
         for &(tile, level) in order {
             let Some(constants) = steps.levels.get(level as usize) else {
@@ -544,7 +542,7 @@ impl BlockMatrix {
             let (y, x) = if level % 2 == 0 { (&mut **odd, &**even) } else { (&mut **even, &**odd) };
             let Tile { lines, auxiliaries } = &blocking.tiles[tile as usize];
             let lines = lines.start as usize..lines.end as usize;
-            step(&self.rows, lines.clone(), constants, y, x, start);
+            self.step_lines(lines.clone(), constants, y, x, start);
             for row in self.rows.lines().rows_of_cells(lines.start) {
                 read(level as usize, row..row + lines.len(), y);
             }
@@ -552,7 +550,7 @@ impl BlockMatrix {
             for own in &blocking.auxiliaries[ranges] {
                 let own = own.start as usize..own.end as usize;
                 let lines = behind + own.start..behind + own.end;
-                step(&self.rows, lines, constants, y, x, start);
+                self.step_lines(lines, constants, y, x, start);
                 if let Some(couplings) = steps.couplings {
                     self.step_couplings(constants, own.clone(), &couplings[own.clone()], y, x);
                 }

@@ -97,6 +97,9 @@ pub struct Bounds {
     /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or
     /// before it is known.
     pub stages: usize,
+    /// Bytes that the matrix takes for each row, on the fullest rank; none before it is assembled.
+    #[serde(skip)]
+    pub matrix_bytes: Option<f64>,
 }
 
 /// What the bounds depend on of `V`, from the whole space grid.
@@ -201,6 +204,7 @@ impl Bounds {
             jumps,
             kinds: kinds.len(),
             stages: 0,
+            matrix_bytes: None,
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
@@ -338,6 +342,7 @@ mod tests {
                 weighted: true,
                 inflow: false,
                 stages: 0,
+                matrix_bytes: None,
             };
             for mu in [-7.0, -0.4, 0.0, 0.4, 7.0] {
                 let angles = (0..4096).map(|k| std::f64::consts::TAU * f64::from(k) / 4096.0);

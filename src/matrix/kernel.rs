@@ -262,33 +262,52 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     step_rows::<V, R>(matrix, single, &constants, &mut vectors);
 }
 
+/// The step of some lines.
+pub struct Step<'a, R> {
+    /// The rows.
+    pub matrix: &'a Rows,
+    /// The lines.
+    pub lines: Range<usize>,
+    /// Constants of the lanes.
+    pub constants: &'a StepConstants,
+    /// What is changed.
+    pub y: &'a mut [Lanes],
+    /// What the matrix is applied to; it reaches as far as the rows do.
+    pub x: &'a [Lanes],
+    /// What is added.
+    pub start: &'a [R],
+}
+
+impl<R: StartRow> Compiled for Step<'_, R> {
+    #[inline(always)]
+    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
+        let Self { matrix, lines, constants, y, x, start } = self;
+        // One by one: the compiler then knows that `y` is nothing of the others.
+        step_lines::<V, ROWS, WHOLE, R>(matrix, lines, constants, y, x, start);
+    }
+}
+
+/// Work that is compiled for each instruction set.
+pub trait Compiled {
+    /// Does it. `#[inline(always)]`, as only then it is compiled for the set: with vectors `V`, and
+    /// as many rows of a line at a time as registers take ([`step_lines`]). `FMA` only where the
+    /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
+    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self);
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn step_avx512<R: StartRow>(
-    matrix: &Rows,
-    lines: Range<usize>,
-    constants: &StepConstants,
-    y: &mut [Lanes],
-    x: &[Lanes],
-    start: &[R],
-) {
-    step_lines::<vector::Avx512, 4, true, R>(matrix, lines, constants, y, x, start);
+fn on_avx512(work: impl Compiled) {
+    work.run::<vector::Avx512, true, 4, true>();
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn step_avx2<R: StartRow>(
-    matrix: &Rows,
-    lines: Range<usize>,
-    constants: &StepConstants,
-    y: &mut [Lanes],
-    x: &[Lanes],
-    start: &[R],
-) {
-    step_lines::<vector::Avx2, 2, false, R>(matrix, lines, constants, y, x, start);
+fn on_avx2(work: impl Compiled) {
+    work.run::<vector::Avx2, true, 2, false>();
 }
 
-/// What the loop is compiled for.
+/// What loops are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
     /// AVX-512.
@@ -343,6 +362,26 @@ impl InstructionSet {
         [Self::Avx512, Self::Avx2, Self::Generic].into_iter().filter(|set| set.is_here())
     }
 
+    /// Does some work as it was compiled for this set.
+    ///
+    /// # Panics
+    /// Where the processor does not have it.
+    pub fn run(self, work: impl Compiled) {
+        assert!(self.is_here(), "{self:?} is not there");
+        match self {
+            // SAFETY: the processor has AVX-512, as was just asked.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => unsafe { on_avx512(work) },
+            // SAFETY: the processor has AVX2 and FMA, as was just asked.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { on_avx2(work) },
+            _ => {
+                const FMA: bool = cfg!(target_arch = "aarch64");
+                work.run::<Portable<FMA>, FMA, 2, false>();
+            }
+        }
+    }
+
     fn is_here(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -368,31 +407,81 @@ impl InstructionSet {
     }
 }
 
-/// The loop over some lines: matrix, lines, constants, `y`, `x`, start.
-pub type Stepper<R> = fn(&Rows, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::lanes::LANES;
+    use crate::matrix::rows::{Builder, Entry, Lines};
 
-/// The loop for this processor.
-pub fn stepper<R: StartRow>() -> Stepper<R> {
-    stepper_for(InstructionSet::here())
-}
+    /// Numbers of anything between −1 and 1.
+    fn noise(number: usize) -> f64 {
+        (number as f64 * 12.9898).sin()
+    }
 
-/// The loop for a given instruction set.
-///
-/// # Panics
-/// Where the processor does not have it.
-pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
-    assert!(set.is_here(), "{set:?} is not there");
-    match set {
-        // SAFETY: the processor was asked.
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => |matrix, lines, constants, y, x, start| unsafe {
-            step_avx512(matrix, lines, constants, y, x, start)
-        },
-        // SAFETY: as above.
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => |matrix, lines, constants, y, x, start| unsafe {
-            step_avx2(matrix, lines, constants, y, x, start)
-        },
-        _ => step_lines::<Portable<{ cfg!(target_arch = "aarch64") }>, 2, false, R>,
+    fn lanes(row: usize) -> Lanes {
+        Lanes(std::array::from_fn(|part| noise(100 * row + part)))
+    }
+
+    /// Rows of cells that reach around a circle and, the first ones, to ghosts behind the rows.
+    fn entries(rows: usize, cells: usize, ghosts: usize) -> Vec<Vec<Entry>> {
+        let row = |i: usize| {
+            let mut columns = vec![i, (i + 1) % cells, (i + cells - 2) % cells];
+            columns.extend((i < ghosts).then_some(rows + i));
+            let entry = |(m, j): (usize, usize)| (j as u32, noise(7 * i + m), noise(3 * i + m));
+            columns.into_iter().enumerate().map(entry).collect()
+        };
+        (0..rows).map(row).collect()
+    }
+
+    /// Every set against the formula, on rows one by one and gathered, of which the last reads the
+    /// last ghost.
+    #[test]
+    fn steps_are_those_of_the_formula() {
+        let (rows, cells, ghosts) = (27, 24, 3);
+        let list = entries(rows, cells, ghosts);
+        let mut builder = Builder::with_capacity(rows);
+        list.iter().for_each(|row| builder.push(row));
+        let single = builder.finish();
+        let gathered = [(2, 3), (3, 2), (4, 1), (6, 4)]
+            .map(|(nodes, stride)| single.gathered(Lines { nodes, stride, cells }));
+        let x: Vec<Lanes> = (0..rows + ghosts).map(lanes).collect();
+        let before: Vec<Lanes> = (0..rows).map(|i| lanes(1000 + i)).collect();
+        let start: Vec<f64> = (0..rows).map(|i| noise(5 * i)).collect();
+        let constants = StepConstants {
+            scale: std::array::from_fn(|l| 0.5 + noise(l)),
+            shift: std::array::from_fn(|l| noise(l + 10)),
+            wavenumber: std::array::from_fn(|l| l as f64 - 3.0),
+            coefficient: std::array::from_fn(|l| noise(l + 20)),
+        };
+        for (matrix, set) in gathered
+            .iter()
+            .chain([&single])
+            .flat_map(|m| InstructionSet::all().map(move |s| (m, s)))
+        {
+            let mut y = before.clone();
+            let lines = 0..matrix.line_count();
+            let constants = &constants;
+            set.run(Step { matrix, lines, constants, y: &mut y, x: &x, start: &start });
+            for (i, row) in list.iter().enumerate() {
+                for l in 0..LANES {
+                    let at = |j: u32| [l, LANES + l].map(|part| x[j as usize].0[part]);
+                    let sum = |of: fn(&Entry) -> f64, part: usize| -> f64 {
+                        row.iter().map(|entry| of(entry) * at(entry.0)[part]).sum()
+                    };
+                    let (a, c) = (constants.scale[l], constants.shift[l]);
+                    let (mu, own) = (constants.wavenumber[l], at(i as u32));
+                    let re = mu * sum(|e| e.1, 1) + sum(|e| e.2, 0) - c * own[1];
+                    let im = -mu * sum(|e| e.1, 0) + sum(|e| e.2, 1) + c * own[0];
+                    let old = [l, LANES + l].map(|part| before[i].0[part]);
+                    let expected =
+                        [a * re + old[0] + constants.coefficient[l] * start[i], a * im + old[1]];
+                    let found = [l, LANES + l].map(|part| y[i].0[part]);
+                    for (found, expected) in found.iter().zip(expected) {
+                        let close = (found - expected).abs() < 1e-13;
+                        assert!(close, "{set:?} {:?} row {i} lane {l}", matrix.lines());
+                    }
+                }
+            }
+        }
     }
 }

@@ -33,11 +33,15 @@ impl Lanes {
 
 impl VectorRow for Lanes {
     const WIDTH: usize = 2 * LANES;
-    fn numbers(&self) -> &[f64] {
-        &self.0
+    #[inline]
+    fn write_to(&self, numbers: &mut [f64]) {
+        numbers.copy_from_slice(&self.0);
     }
-    fn numbers_mut(&mut self) -> &mut [f64] {
-        &mut self.0
+    #[inline]
+    fn of(numbers: &[f64]) -> Self {
+        let mut row = Self::ZERO;
+        row.0.copy_from_slice(numbers);
+        row
     }
 }
 

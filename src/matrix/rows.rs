@@ -161,22 +161,9 @@ impl Rows {
         template: usize,
         i: usize,
     ) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        // SAFETY: templates are numbers below `templates()`, so that `template + 1` is a place in
-        // `offsets`, which rise to the common length of `distances` and `values`; `Builder` and
-        // `gathered` make nothing else, and nobody changes them.
-        let entry = |e: usize| unsafe {
-            let [s, k] = *self.values.get_unchecked(e);
-            (*self.distances.get_unchecked(e), s, k)
-        };
-        // SAFETY: as above.
-        let (start, end) = unsafe {
-            let start = *self.offsets.get_unchecked(template);
-            (start, *self.offsets.get_unchecked(template + 1))
-        };
-        (start..end).map(move |e| {
-            let (distance, s, k) = entry(e);
-            ((i as u32).wrapping_add(distance) as usize, s, k)
-        })
+        let range = self.offsets[template]..self.offsets[template + 1];
+        let entries = self.distances[range.clone()].iter().zip(&self.values[range]);
+        entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
     }
 
     /// One more than the largest column: a vector that long can be multiplied.

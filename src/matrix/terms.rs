@@ -3,9 +3,10 @@
 //!
 //! As the steps of [`kernel`](crate::matrix::kernel), compiled for each instruction set.
 
-use crate::matrix::kernel::InstructionSet;
+use crate::matrix::kernel::{Compiled, InstructionSet};
 use crate::matrix::lanes::{LANES, Lanes, multiply_add};
 use crate::matrix::observables::MOMENTS;
+use crate::matrix::vector::Vector;
 use std::ops::Range;
 
 /// What is read of a term on some rows: whole points of space, then perhaps auxiliary unknowns.
@@ -32,31 +33,18 @@ pub struct TermRows<'a> {
     pub values: &'a mut [[f64; LANES]],
 }
 
-impl TermRows<'_> {
-    /// Reads them.
-    pub fn read(self) {
-        match InstructionSet::here() {
-            // SAFETY: the processor was asked.
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => unsafe { read_avx512(self) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => unsafe { read_avx2(self) },
-            _ => read_moments::<{ cfg!(target_arch = "aarch64") }>(self),
-        }
+impl Compiled for TermRows<'_> {
+    #[inline(always)]
+    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
+        read_moments::<FMA>(self);
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn read_avx512(rows: TermRows<'_>) {
-    read_moments::<true>(rows);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn read_avx2(rows: TermRows<'_>) {
-    read_moments::<true>(rows);
+impl TermRows<'_> {
+    /// Reads them.
+    pub fn read(self) {
+        InstructionSet::here().run(self);
+    }
 }
 
 #[inline(always)]

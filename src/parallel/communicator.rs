@@ -431,31 +431,29 @@ impl Communicator {
 pub trait VectorRow: Copy {
     /// Numbers a row.
     const WIDTH: usize;
-    /// The numbers.
-    fn numbers(&self) -> &[f64];
-    /// The numbers, to be written.
-    fn numbers_mut(&mut self) -> &mut [f64];
+    /// Writes its numbers, [`Self::WIDTH`] of them.
+    fn write_to(&self, numbers: &mut [f64]);
+    /// The row of these numbers.
+    fn of(numbers: &[f64]) -> Self;
 }
 
 impl VectorRow for f64 {
     const WIDTH: usize = 1;
-    fn numbers(&self) -> &[f64] {
-        std::slice::from_ref(self)
+    fn write_to(&self, numbers: &mut [f64]) {
+        numbers[0] = *self;
     }
-    fn numbers_mut(&mut self) -> &mut [f64] {
-        std::slice::from_mut(self)
+    fn of(numbers: &[f64]) -> Self {
+        numbers[0]
     }
 }
 
 impl VectorRow for Complex64 {
     const WIDTH: usize = 2;
-    fn numbers(&self) -> &[f64] {
-        // SAFETY: a complex number is its real and its imaginary part, in this order (`repr(C)`).
-        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast(), 2) }
+    fn write_to(&self, numbers: &mut [f64]) {
+        numbers.copy_from_slice(&[self.re, self.im]);
     }
-    fn numbers_mut(&mut self) -> &mut [f64] {
-        // SAFETY: as above.
-        unsafe { std::slice::from_raw_parts_mut(std::ptr::from_mut(self).cast(), 2) }
+    fn of(numbers: &[f64]) -> Self {
+        Self::new(numbers[0], numbers[1])
     }
 }
 
@@ -507,14 +505,16 @@ impl GhostExchange {
 
     /// Sends the rows the neighbours need, of `vector`, and posts the receives.
     pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
+        assert!(self.requests.is_empty(), "one exchange at a time");
         let communicator = self.group.communicator.as_raw();
-        self.requests.clear();
         for neighbour in &mut self.neighbours {
             let length = neighbour.ghosts.len() * R::WIDTH;
             for piece in neighbour.receive[..length].chunks_mut(MOST_AT_ONCE) {
                 let mut request = std::mem::MaybeUninit::uninit();
-                // SAFETY: the buffer lives in `self` and is not touched until `finish` has waited
-                // for the request.
+                // SAFETY: the buffer is on the heap and has so many numbers. Nobody touches it
+                // until `finish` has waited for the request: `start` refuses to run twice, and
+                // `drop` leaves the buffer to MPI. The call fills the request, as MPI ends the job
+                // where it fails.
                 unsafe {
                     ffi::MPI_Irecv(
                         piece.as_mut_ptr().cast(),
@@ -534,11 +534,11 @@ impl GhostExchange {
             for (out, &row) in
                 neighbour.send[..length].chunks_exact_mut(R::WIDTH).zip(&neighbour.rows)
             {
-                out.copy_from_slice(vector[row as usize].numbers());
+                vector[row as usize].write_to(out);
             }
             for piece in neighbour.send[..length].chunks(MOST_AT_ONCE) {
                 let mut request = std::mem::MaybeUninit::uninit();
-                // SAFETY: as above; the send buffer is only written by the next `start`.
+                // SAFETY: as above.
                 unsafe {
                     ffi::MPI_Isend(
                         piece.as_ptr().cast(),
@@ -560,7 +560,7 @@ impl GhostExchange {
         if self.requests.is_empty() {
             return;
         }
-        // SAFETY: every request was made by `start` and is completed here once.
+        // SAFETY: as many requests as there are were made by `start`; each is completed here, once.
         unsafe {
             ffi::MPI_Waitall(
                 self.requests.len() as i32,
@@ -572,15 +572,19 @@ impl GhostExchange {
         for neighbour in &self.neighbours {
             let rows = &mut ghosts[neighbour.ghosts.clone()];
             for (row, piece) in rows.iter_mut().zip(neighbour.receive.chunks_exact(R::WIDTH)) {
-                row.numbers_mut().copy_from_slice(piece);
+                *row = R::of(piece);
             }
         }
     }
 }
 
 impl Drop for GhostExchange {
+    /// Buffers that MPI may still use stay where they are.
     fn drop(&mut self) {
         debug_assert!(self.requests.is_empty(), "an exchange was not finished");
+        if !self.requests.is_empty() {
+            std::mem::forget(std::mem::take(&mut self.neighbours));
+        }
     }
 }
 

@@ -12,13 +12,11 @@ pub const CHECKSUM: &str = "checksum";
 /// Opens a file on all ranks of `world`. Collective, as closing it.
 ///
 /// A file that only some ranks can open stays open to the end of the process: the library does not
-/// close it then, which would wait for the others.
+/// close it then, which would wait for the others (the crate `hdf5` switches that off).
 ///
 /// # Errors
 /// What HDF5 says.
 pub fn open(world: &Group, path: &Path) -> hdf5::Result<File> {
-    // SAFETY: a plain call.
-    unsafe { hdf5_sys::h5::H5dont_atexit() };
     File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
 }
 

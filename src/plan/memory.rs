@@ -5,7 +5,7 @@ use crate::matrix::inflow::Inflow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::Mesh;
-use crate::problem::case::{Case, Data, Embedding, Limiter};
+use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
@@ -16,9 +16,9 @@ use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
-/// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on
-/// one rank, 30 on four, which share more buffers of MPI.
-pub(crate) const PROGRAM_BYTES: u64 = 30 << 20;
+/// Resident memory of the program and its libraries, buffers of HDF5 and MPI included: what is left
+/// of the peaks in the table of `docs/reliability.md`.
+pub(crate) const PROGRAM_BYTES: u64 = 32 << 20;
 
 /// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in
 /// it.
@@ -77,7 +77,9 @@ fn chunk_bytes(case: &Case, mesh: &Mesh) -> u64 {
     CHUNK_BYTES * chunks as u64 + (OWN_CHUNK_BYTES + AXIS_BYTES * axes) * own as u64
 }
 
-/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes.
+/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes, when they take
+/// most: while it solves, while the error of the grid is estimated, or while results are spread to
+/// the grid on which they are shown.
 pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
@@ -86,13 +88,16 @@ pub(crate) fn arrays(
     most: usize,
 ) -> Vec<(String, u64)> {
     let rank = FullestRank::new(case, bounds, mesh);
-    let mut list = rank.system();
-    match warp {
-        Some(warp) => list.extend(rank.modes(warp, most)),
-        None => list.extend(rank.classical()),
-    }
-    list.extend(rank.results());
-    list
+    let solving = match warp {
+        Some(warp) => rank.modes(warp, most),
+        None => rank.classical(),
+    };
+    let results = rank.results(warp);
+    let [estimating, showing] = [rank.estimate(), rank.as_shown()]
+        .map(|more| results.iter().cloned().chain(more).collect::<Vec<_>>());
+    let bytes = |list: &Vec<(String, u64)>| -> u64 { list.iter().map(|a| a.1).sum() };
+    let largest = [showing, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
+    [rank.system(), largest].concat()
 }
 
 /// How much of the grid the fullest rank of a mesh has.
@@ -170,17 +175,24 @@ impl<'a> FullestRank<'a> {
             true => rows,
             false => rows.min(case.space.velocity_cells() as u64 * around + 2 * self.auxiliary),
         };
-        let matrix =
-            4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct + 16 * self.points;
+        // Bounds that hold for any weights, until it is there.
+        let stored = match bounds.matrix_bytes {
+            Some(each) => (each * rows as f64) as u64,
+            None => 4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct,
+        };
+        let matrix = stored + 16 * self.points;
         let mut list = vec![
             ("program and libraries".to_owned(), PROGRAM_BYTES),
             ("matrix (S, K)".to_owned(), matrix),
             ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
+            // They are dropped; the allocator keeps their place.
+            ("values at the start".to_owned(), 8 * self.cells),
         ];
         let chunks = chunk_bytes(case, self.mesh);
         if chunks > 0 {
             list.push(("chunks being written".to_owned(), chunks));
         }
+        list.extend(self.exact());
         for (file, table) in case.table_values() {
             // Copies of a case share it.
             list.push((format!("table of {}", file.of.key()), 8 * table.values().len() as u64));
@@ -234,12 +246,13 @@ impl<'a> FullestRank<'a> {
             list.push(("moments on the way".to_owned(), bytes));
         }
         if !case.times.is_empty() {
-            let early = early_bytes(case, self.points, self.share());
+            let early = self.early_sums(warp.points.is_some()) + self.early(self.fields() - 1);
             list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
-        let recovered = 8 * ((readings + steps) * self.fields() + plateau) * self.share();
-        list.push(("recovered fields".to_owned(), recovered));
+        // Of the fields before; of the last one a number takes the place of its two integers.
+        let before = (readings + steps) * (self.fields() - 1);
+        list.push(("recovered fields".to_owned(), 8 * (before + 1) * self.share()));
         list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
         list
     }
@@ -254,12 +267,18 @@ impl<'a> FullestRank<'a> {
     /// the integrator.
     fn classical(&self) -> Vec<(String, u64)> {
         let (case, cells, length) = (self.case, self.cells, self.length());
+        // Those that are touched.
+        let vectors = match case.integrator {
+            Integrator::Exponential => 2,
+            Integrator::ForwardEuler | Integrator::SspRk3 => 3,
+        };
         let mut list = vec![
-            ("fields".to_owned(), 8 * 2 * self.fields() * cells),
-            ("integrator".to_owned(), 8 * 4 * length),
+            // The fields before, the state of this one, and what is read of it.
+            ("fields".to_owned(), 8 * (self.fields() * cells + length)),
+            ("integrator".to_owned(), 8 * vectors * length),
         ];
         if !case.times.is_empty() {
-            list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
+            list.push(("output times".to_owned(), self.early(self.fields())));
         }
         list.extend(self.at_start(cells));
         if case.limiter != Limiter::None {
@@ -275,39 +294,99 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// The results on the grid on which they are shown, where that is another, and the exact
-    /// solution, of which there is no other.
-    fn results(&self) -> Vec<(String, u64)> {
+    /// The results, which are there beside the system when nothing is solved any more.
+    fn results(&self, warp: Option<&WarpPlan>) -> Vec<(String, u64)> {
+        let case = self.case;
+        let (readings, plateau) =
+            warp.map_or((1, 0), |w| (w.readings.len() as u64, w.plateau.len() as u64));
+        let steps = u64::from(warp.is_some() && case.propagator.method.order() > 0);
+        let numbers = (readings + steps) * self.fields() + plateau;
+        let mut list = vec![("recovered fields".to_owned(), 8 * numbers * self.share())];
+        if !case.times.is_empty() {
+            list.push(("output times".to_owned(), self.early(self.fields())));
+        }
+        list.extend(self.at_start(self.share()));
+        list
+    }
+
+    /// What the estimate of the grid's error takes: vectors along one axis after the other, or
+    /// coefficients of elements.
+    fn estimate(&self) -> Option<(String, u64)> {
+        let space = &self.case.space;
+        let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
+        let vectors = match &self.case.data {
+            Data::Measure { .. } => return None,
+            Data::Density if space.axes().any(is_coarse) => 5,
+            Data::Density => 2,
+        };
+        Some(("estimate of the grid's error".to_owned(), 8 * vectors * self.cells))
+    }
+
+    /// The results on the grid on which they are shown, where that is another.
+    fn as_shown(&self) -> Option<(String, u64)> {
         let Self { case, mesh, .. } = self;
         let shown = grid(case);
-        let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| largest_part(a, *p));
-        let there = layers.product::<u64>() * shown.velocity_cells() as u64;
-        let mut list = Vec::new();
-        if shown != case.space {
-            let layers = largest_part(&shown.x[0], mesh.space[0]);
-            // One cell is not shared among the groups.
-            let groups = mesh.groups.min(case.space.x[0].cells);
-            let mesh = Mesh { space: mesh.space.clone(), groups };
-            let share = there / layers * largest_share(&shown.x[0], &mesh);
-            let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
-            list.push(("results as shown".to_owned(), 8 * self.fields() * times * share));
+        if shown == case.space {
+            return None;
         }
-        if case.exact.is_some() {
-            let n = case.space.dimension() as u64;
-            let points = case.space.space_cells() as u64;
-            let values = match case.data {
-                Data::Density => 8 * there,
-                // Mass and momentum, what is made of them, and the curve, whose arrays grow by
-                // doubling.
-                Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
-            };
-            // Its moments at every time, and a copy of them where they are written.
-            let here = there / shown.velocity_cells() as u64;
-            let times = 1 + case.shown_times().count() as u64;
-            let moments = 16 * MOMENTS as u64 * times * here;
-            list.push(("exact solution".to_owned(), values + 80 * points + moments));
-        }
-        list
+        let there = self.cells_as_shown(&shown);
+        let layers = largest_part(&shown.x[0], mesh.space[0]);
+        // One cell is not shared among the groups.
+        let groups = mesh.groups.min(case.space.x[0].cells);
+        let mesh = Mesh { space: mesh.space.clone(), groups };
+        let share = there / layers * largest_share(&shown.x[0], &mesh);
+        let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
+        Some(("results as shown".to_owned(), 8 * self.fields() * times * share))
+    }
+
+    /// Cells of the block on the grid on which results are shown.
+    fn cells_as_shown(&self, shown: &PhaseSpace) -> u64 {
+        let layers = (shown.x.iter().zip(&self.mesh.space)).map(|(a, p)| largest_part(a, *p));
+        layers.product::<u64>() * shown.velocity_cells() as u64
+    }
+
+    /// The exact solution, of which there is one copy.
+    fn exact(&self) -> Option<(String, u64)> {
+        let case = self.case;
+        case.exact.as_ref()?;
+        let shown = grid(case);
+        let there = self.cells_as_shown(&shown);
+        let n = case.space.dimension() as u64;
+        let points = case.space.space_cells() as u64;
+        let values = match case.data {
+            Data::Density => 8 * there,
+            // Mass and momentum, what is made of them, and the curve, whose arrays grow by
+            // doubling.
+            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
+        };
+        // Its moments at every time, and a copy of them where they are written.
+        let here = there / shown.velocity_cells() as u64;
+        let times = 1 + case.shown_times().count() as u64;
+        let moments = 16 * MOMENTS as u64 * times * here;
+        Some(("exact solution".to_owned(), values + 80 * points + moments))
+    }
+
+    /// Numbers of a field at each output time at a point of space: its moments, or all velocities.
+    fn early_numbers(&self) -> impl Iterator<Item = u64> + '_ {
+        let velocities = self.case.space.velocity_cells() as u64;
+        self.case.times.iter().map(move |time| match (time.fields, &self.case.data) {
+            (false, Data::Density) => MOMENTS as u64,
+            _ => velocities,
+        })
+    }
+
+    /// Sums of one field at the output times, on the block: of all of them, or of one after the
+    /// other where the modes are kept.
+    fn early_sums(&self, kept: bool) -> u64 {
+        let numbers = self.early_numbers();
+        16 * self.points * if kept { numbers.max().unwrap_or(0) } else { numbers.sum() }
+    }
+
+    /// Results of so many fields at the output times, and their moments.
+    fn early(&self, fields: u64) -> u64 {
+        let points = self.share() / self.case.space.velocity_cells() as u64;
+        let moments = 2 * MOMENTS as u64;
+        self.early_numbers().map(|numbers| 8 * points * (fields * numbers + moments)).sum()
     }
 }
 
@@ -358,21 +437,6 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
         transport + usize::from(bounds.forces) * force + usize::from(bounds.jumps) * jump
     };
     1 + space.x.iter().zip(&space.v).map(|(x, v)| along(x, v) as u64).sum::<u64>()
-}
-
-/// Sums, of one field at a time, and results at the output times, on a rank with so many points of
-/// space in its block (none where nothing is added up) and so many cells of the results.
-pub(crate) fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
-    let velocities = case.space.velocity_cells() as u64;
-    let numbers = |fields: bool| match (fields, &case.data) {
-        (false, Data::Density) => MOMENTS as u64,
-        _ => velocities,
-    };
-    let each = |fields: bool| {
-        let results = case.fields.len() as u64 * numbers(fields) + 2 * MOMENTS as u64;
-        16 * points * numbers(fields) + 8 * share / velocities * results
-    };
-    case.times.iter().map(|t| each(t.fields)).sum()
 }
 
 /// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and messages in

@@ -30,9 +30,7 @@ pub use crate::problem::case::data::{
     WarpedStart,
 };
 pub use crate::problem::case::keys::Kind;
-pub use crate::problem::case::output::{
-    DeltaWidth, OutputTime, Plateau, Storage, deflate_available,
-};
+pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{

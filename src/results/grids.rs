@@ -14,11 +14,12 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::problem::case::{Case, deflate_available};
+use crate::problem::case::Case;
 use crate::results::dataset::RESULT;
 use crate::results::views::{Grid, Step, View};
 use crate::results::writer::Outcome;
 use crate::results::xdmf::item;
+use hdf5::filters::deflate_available;
 use hdf5::{File, Group, H5Type, Hyperslab, SliceOrIndex};
 use ndarray::ArrayView2;
 use std::fmt::Write;

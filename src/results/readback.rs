@@ -11,6 +11,7 @@ use crate::problem::table::check_size;
 use crate::results::writer::Outcome;
 use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
+use hdf5::sync::sync;
 use hdf5::types::{TypeDescriptor, VarLenUnicode};
 use hdf5::{Dataset, LinkType, Location, LocationToken, LocationType};
 use serde::{Deserialize, Serialize};
@@ -232,9 +233,9 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
         return Err(hdf5::Error::from("a text could not be read"));
     }
     let mut bytes = vec![0u8; length];
-    // SAFETY: the dataset is scalar and of the type `kind`, which takes `length` bytes, and the
-    // handles are alive.
-    let status = unsafe {
+    // SAFETY: no other thread is in the library (`sync`). The dataset has one element, of the type
+    // `kind` and as long as `bytes`, and both are open as long as they are borrowed.
+    let status = sync(|| unsafe {
         hdf5_sys::h5d::H5Dread(
             dataset.id(),
             kind.id(),
@@ -243,7 +244,7 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
             hdf5_sys::h5p::H5P_DEFAULT,
             bytes.as_mut_ptr().cast(),
         )
-    };
+    });
     if status >= 0 { Ok(bytes) } else { Err(hdf5::Error::from("a text could not be read")) }
 }
 

@@ -66,9 +66,6 @@ pub fn put_in_place<T>(
     path: &Path,
     write: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
-    // Files that are given up after an error stay open to the end; the library must not close them
-    // then. SAFETY: a plain call before the library is used.
-    unsafe { hdf5_sys::h5::H5dont_atexit() };
     let partial = disk::partial(path);
     // A link in its place would be followed.
     world.on_first_rank(|| disk::clear(&partial).map_err(|e| failure(&partial, &e)))?;

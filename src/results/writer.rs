@@ -14,6 +14,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
 use crate::problem::case::Storage;
 use crate::problem::limits::{CHUNK, MOST_CHUNKS};
+use hdf5::sync::sync;
 use hdf5::types::{VarLenArray, VarLenUnicode};
 use hdf5::{Dataset, File, H5Type, Location, ObjectReference1};
 use std::cell::RefCell;
@@ -309,8 +310,10 @@ fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
 fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
     use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
     let name = CString::new(name).unwrap_or_default();
-    // SAFETY: plain calls on handles that are alive; each handle made here is closed here.
-    let written = unsafe {
+    // SAFETY: no other thread is in the library (`sync`). The dataset is open as long as `at` is
+    // borrowed; each other handle is made and closed here, and of one that could not be made the
+    // library says so. Both texts end with a zero, and `kind` is as long as the value.
+    let written = sync(|| unsafe {
         let kind = h5t::H5Tcopy(*h5t::H5T_C_S1);
         let sized = h5t::H5Tset_size(kind, value.to_bytes_with_nul().len());
         let scalar = h5s::H5Screate(h5s::H5S_class_t::H5S_SCALAR);
@@ -319,7 +322,7 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
         let written = h5a::H5Awrite(attribute, kind, value.as_ptr().cast());
         let closed = [h5a::H5Aclose(attribute), h5s::H5Sclose(scalar), h5t::H5Tclose(kind)];
         sized.min(written).min(closed.into_iter().min().unwrap_or(0))
-    };
+    });
     if written < 0 {
         return Err(hdf5::Error::from("an attribute could not be written"));
     }
@@ -329,9 +332,10 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
 /// Writes a text whose length is known at run time only, which the safe interface has no type for.
 fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
     let kind = dataset.dtype()?;
-    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and
-    // the handles are alive.
-    let status = unsafe {
+    assert!(dataset.is_scalar() && kind.size() == bytes.len(), "a text and its dataset");
+    // SAFETY: no other thread is in the library (`sync`). The dataset has one element, of the type
+    // `kind` and as long as `bytes`, and both are open as long as they are borrowed.
+    let status = sync(|| unsafe {
         hdf5_sys::h5d::H5Dwrite(
             dataset.id(),
             kind.id(),
@@ -340,7 +344,7 @@ fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
             hdf5_sys::h5p::H5P_DEFAULT,
             bytes.as_ptr().cast(),
         )
-    };
+    });
     if status < 0 {
         return Err(hdf5::Error::from("a text could not be written"));
     }
@@ -350,8 +354,9 @@ fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
 /// The property list of a transfer, which the caller closes, and its status: below 0 for a failure.
 fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
     use hdf5_sys::h5p;
-    // SAFETY: plain calls on a handle that is alive.
-    unsafe {
+    // SAFETY: no other thread is in the library (`sync`); the list is made here, and where it could
+    // not be, the library says so.
+    sync(|| unsafe {
         let transfer = h5p::H5Pcreate(*h5p::H5P_CLS_DATASET_XFER);
         if !together {
             return (transfer, 0);
@@ -365,22 +370,26 @@ fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
             h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
         );
         (transfer, collective.min(at_once))
-    }
+    })
 }
 
 /// Writes this rank's slab; `together` with all ranks, and then also one with nothing to write.
 fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) -> Outcome<()> {
     use hdf5_sys::{h5d, h5p, h5s, h5t};
     assert_eq!(slab.size(), values.len(), "a slab and its values");
+    assert_eq!(slab.start.len(), dataset.ndim(), "a slab and its dataset");
     if values.is_empty() && !together {
         return Ok(());
     }
     let numbers = |list: &[usize]| -> Vec<u64> { list.iter().map(|&n| n as u64).collect() };
     let (start, count) = (numbers(&slab.start), numbers(&slab.count));
     let (one, size) = (vec![1; start.len()], values.len() as u64);
-    // SAFETY: plain calls on handles that are alive; the memory space has as many elements as
-    // `values`; each handle made here is closed here.
-    unsafe {
+    // SAFETY: no other thread is in the library (`sync`). The dataset is open as long as it is
+    // borrowed; each other handle is made and closed here, and of one that could not be made the
+    // library says so. `start`, `one` and `count` have a number for each dimension of the dataset.
+    // The library reads as many numbers as `here` has selected, which are those of `values`: all,
+    // or none where there are none.
+    sync(|| unsafe {
         let (transfer, mut status) = transfer_list(together);
         let there = h5d::H5Dget_space(dataset.id());
         let here = h5s::H5Screate_simple(1, &size.max(1), std::ptr::null());
@@ -415,7 +424,7 @@ fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) ->
         h5s::H5Sclose(here);
         h5p::H5Pclose(transfer);
         outcome
-    }
+    })
 }
 
 #[cfg(test)]

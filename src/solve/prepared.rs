@@ -68,8 +68,10 @@ impl Prepared {
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
         let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
+        let each = system.matrix.bytes() as f64 / system.matrix.rows().max(1) as f64;
+        let matrix_bytes = Some(communicator.world.max(each));
         Ok(Self {
-            bounds: system.bounds(case, bounds),
+            bounds: Bounds { matrix_bytes, ..system.bounds(case, bounds) },
             case: case.clone(),
             communicator,
             place,

@@ -1,7 +1,9 @@
 //! Files and texts that mean no good: damaged or hostile HDF5 files, control characters in a case,
 //! grids that are too fine to look at. Each ends soon, with one message.
 
-use crate::support::{Finished, Job, SECONDS_TO_REFUSE, case, check_all, directory, require};
+use crate::support::{
+    Finished, Job, SECONDS_TO_REFUSE, case, check_all, directory, number_from_environment, require,
+};
 use hdf5::plist::dataset_create::Layout;
 use phasewarp::base::checksum::of_run;
 use rand_chacha::ChaCha8Rng;
@@ -164,8 +166,9 @@ fn a_file_that_is_never_read_to_its_end_is_given_up() {
 /// `PHASEWARP_FUZZ=1000 cargo test --release --test cli changed_words` tries that many.
 #[test]
 fn changed_words_of_results_are_refused_or_drawn() {
-    let wanted = std::env::var("PHASEWARP_FUZZ").ok().and_then(|n| n.parse().ok());
-    let trials: Vec<u64> = (0..wanted.unwrap_or(24)).collect();
+    let first = number_from_environment("PHASEWARP_FUZZ_FIRST", 0);
+    let trials = first..first + number_from_environment("PHASEWARP_FUZZ", 24);
+    let trials: Vec<u64> = trials.collect();
     let whole = fs::read(RESULTS.path().join("result.h5")).expect("a file");
     let drawn = AtomicU64::new(0);
     check_all(&trials, |&trial| {

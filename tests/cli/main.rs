@@ -34,6 +34,7 @@ mod reliability;
 mod replaced;
 mod resources;
 mod result_files;
+mod schema;
 mod simulator;
 mod spectrum;
 mod stability;
@@ -43,6 +44,9 @@ mod tables;
 mod tolerances;
 mod torture;
 mod warnings;
+
+#[path = "../support/fuzz.rs"]
+mod fuzzing;
 
 #[path = "../support/dense.rs"]
 mod dense;

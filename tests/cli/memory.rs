@@ -2,74 +2,73 @@
 
 use crate::support::{SLOPES, check_all, directory, run};
 
-/// Planned memory against the peak that was measured, where arrays outweigh the program.
+/// A case, its size, other settings, the number of ranks, and the part that a plan may be off by.
+type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
+
+/// Planned memory against the peak that was measured: within 5 % from 100 MiB on, below that within
+/// 5 MiB, which is how much the memory of MPI and HDF5 varies. Some are further off.
 #[test]
 fn memory_is_what_was_planned() {
-    // Resident memory of the program with next to no arrays: what a plan may be wrong by.
-    let place = directory();
-    let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
-    let base = tiny.on(1).solve(place.path()).unwrap();
-    let base = base.number("memory_peak_bytes_per_rank").unwrap();
+    const CLOSE: f64 = 0.05;
     let grid =
         ["axis.0.x.cells=512", "axis.0.v.cells=512", "time.end=0.05", "solver.tolerance=0.01"];
-    let large = ["axis.0.x.cells=1024", "axis.0.v.cells=1024", "time.end=0.05"];
+    let large = ["axis.0.x.cells=1024", "axis.0.v.cells=1024", "time.end=0.02"];
     let plane = [
         "axis.0.x.cells=30", "axis.1.x.cells=30", "axis.0.v.cells=18", "axis.1.v.cells=16",
         "time.end=0.05", "solver.tolerance=0.01",
     ];
     let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let elements = ["axis.0.x.cells=170", "axis.0.v.cells=170", "time.end=0.02", "scheme.degree=2"];
-    let more_elements =
-        ["axis.0.x.cells=240", "axis.0.v.cells=240", "time.end=0.02", "scheme.degree=2"];
     let quick = ["solver.tolerance=0.01", "scheme.flux=1"];
     let element_plane = [
         "axis.0.x.cells=15", "axis.1.x.cells=15", "axis.0.v.cells=8", "axis.1.v.cells=8",
         "time.end=0.02", "solver.tolerance=0.01", "scheme.degree=1",
     ];
+    let space = [
+        "axis.0.x.cells=8", "axis.1.x.cells=8", "axis.2.x.cells=8", "axis.0.v.cells=8",
+        "axis.1.v.cells=8", "axis.2.v.cells=8", "time.end=0.02", "solver.tolerance=0.01",
+    ];
     let small = ["axis.0.x.cells=128", "axis.0.v.cells=128", "time.end=0.05"];
     let chunks = ["output.chunks=[1,1]", "output.xdmf=false", "solver.tolerance=0.01"];
-    let rows: &[(&str, &[&str], &[&str], usize)] = &[
-        ("example1.toml", &small, &chunks, 1),
-        ("example1.toml", &small, &chunks, 2),
-        ("example1.toml", &grid, &[], 1),
-        ("example1.toml", &grid, &["scheme.interface=conservative"], 2),
-        ("example1.toml", &grid, &["output.moments_every=0.0005"], 1),
-        ("example1.toml", &large, &["solver.method=classical"], 1),
-        ("example1.toml", &grid, &["solver.verify=true"], 1),
-        ("slope_jump.toml", &large, &slopes, 1),
-        ("inflow_barrier.toml", &grid, &[], 1),
-        ("slope_jump.toml", &grid, &[], 2),
-        ("barrier2d.toml", &plane, &[], 1),
-        ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1),
-        ("example2.toml", &grid, &[], 1),
-        ("example3.toml", &plane, &[], 2),
-        ("example1.toml", &elements, &quick, 1),
-        ("slope_jump.toml", &elements, &quick, 2),
-        ("inflow_barrier.toml", &elements, &quick, 1),
-        ("example1.toml", &more_elements, &["solver.method=classical"], 1),
-        ("barrier2d.toml", &element_plane, &[], 1),
-        ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2),
+    let kept =
+        ["axis.0.x.cells=340", "axis.0.v.cells=340", "time.end=0.02", "output.warped_field=true"];
+    let rows: &[Row<'_>] = &[
+        ("example1.toml", &grid, &[], 1, CLOSE),
+        ("example1.toml", &grid, &["scheme.interface=conservative"], 2, CLOSE),
+        ("example1.toml", &grid, &["output.fields_every=0.02"], 1, CLOSE),
+        ("example1.toml", &grid, &["output.plateau={points=9}"], 1, CLOSE),
+        ("example1.toml", &kept, &["solver.tolerance=0.01"], 1, CLOSE),
+        ("example1.toml", &grid, &["solver.verify=true"], 1, CLOSE),
+        ("inflow_barrier.toml", &grid, &[], 1, CLOSE),
+        ("inflow_barrier.toml", &grid, &["solver.warp.inflow=full"], 1, CLOSE),
+        ("slope_jump.toml", &grid, &[], 2, CLOSE),
+        ("barrier2d.toml", &plane, &[], 1, CLOSE),
+        ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1, CLOSE),
+        ("example3.toml", &plane, &[], 2, CLOSE),
+        ("step3d.toml", &space, &["solver.reduce=false"], 1, CLOSE),
+        ("example1.toml", &elements, &quick, 1, CLOSE),
+        ("inflow_barrier.toml", &elements, &quick, 1, CLOSE),
+        ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
+        ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
+        ("example1.toml", &small, &chunks, 1, 0.18),
+        ("example1.toml", &small, &chunks, 2, 0.18),
+        ("example1.toml", &grid, &["output.moments_every=0.0005"], 1, 0.12),
+        ("example1.toml", &large, &["solver.method=classical"], 1, 0.08),
+        ("example1.toml", &large, &SLOPES, 1, 0.08),
+        ("slope_jump.toml", &large, &slopes, 1, 0.08),
+        ("example2.toml", &grid, &[], 1, 0.06),
+        ("slope_jump.toml", &elements, &quick, 2, 0.1),
+        ("example1.toml", &elements, &["solver.method=classical"], 1, 0.08),
     ];
-    check_all(rows, |(name, size, settings, ranks)| {
+    check_all(rows, |(name, size, settings, ranks, allowed)| {
         let place = directory();
         let summary = run(name).set(size).set(settings).on(*ranks).solve(place.path())?;
         let peak = summary.number("memory_peak_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
-        let mib = |bytes: f64| format!("{:.0} MiB", bytes / f64::from(1 << 20));
-        let (peak_text, planned_text, base_text) = (mib(peak), mib(planned), mib(base));
-        let arrays_count = peak > 1.4 * base;
-        summary
-            .require(arrays_count, || format!("peak {peak_text} of a program of {base_text}"))?;
-        summary.require(planned >= peak - base && planned <= 3.0 * peak, || {
-            format!("planned {planned_text}, peak {peak_text}, program {base_text}")
-        })?;
-        // The arrays alone.
-        let arrays = (planned - base) / (peak - base);
-        summary.require((0.75..=3.0).contains(&arrays), || {
-            format!(
-                "planned {planned_text}, peak {peak_text}, program {base_text}: \
-                 arrays by a factor {arrays:.2}"
-            )
+        let mib = |bytes: f64| format!("{:.1} MiB", bytes / f64::from(1 << 20));
+        let allowed = allowed * peak.max(f64::from(100 << 20));
+        summary.require((planned - peak).abs() <= allowed, || {
+            format!("planned {}, peak {}", mib(planned), mib(peak))
         })
     });
 }

@@ -1,11 +1,14 @@
 //! The library without MPI: the scheme against its definition, series, and random case files.
 
 mod chebyshev;
-mod fuzz_case;
+mod fuzz;
 mod plans;
 mod scheme;
 mod size;
 mod staircase;
+
+#[path = "../support/fuzz.rs"]
+mod fuzzing;
 
 #[path = "../support/dense.rs"]
 mod dense;

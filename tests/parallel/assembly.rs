@@ -8,8 +8,7 @@ use crate::support::dense::{assert_close, assert_same, noise};
 use num_complex::Complex64;
 use phasewarp::matrix::block_matrix::Operator;
 use phasewarp::matrix::blocking::{Blocking, BlockingShape, Steps};
-use phasewarp::matrix::kernel;
-use phasewarp::matrix::kernel::InstructionSet;
+use phasewarp::matrix::kernel::{InstructionSet, Step};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::parallel::communicator::{Communicator, World};
 use phasewarp::parallel::partition::Mesh;
@@ -147,14 +146,14 @@ pub fn one_step(world: &World) {
         for set in InstructionSet::all() {
             let mut other = piece.batch(|i| lanes_of_noise(i, Y));
             let rows = 0..piece.matrix.rows();
-            kernel::stepper_for(set)(
-                piece.matrix.stored(),
-                rows.clone(),
-                &constants,
-                &mut other,
-                &x,
-                &start,
-            );
+            set.run(Step {
+                matrix: piece.matrix.stored(),
+                lines: rows.clone(),
+                constants: &constants,
+                y: &mut other,
+                x: &x,
+                start: &start,
+            });
             // But for the row that is a sum over all ranks.
             for i in rows.filter(|&i| Some(i) != piece.matrix.shared_row()) {
                 let name = format!("{name}, {set:?} row {i}");

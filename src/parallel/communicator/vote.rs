@@ -26,7 +26,7 @@ impl Vote {
         Self {
             group: Group { communicator: group.communicator.duplicate() },
             ballots: vec![0; 2],
-            // SAFETY: a constant of the library.
+            // SAFETY: a constant of the library, which nobody writes.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },
             posted: false,
         }
@@ -43,8 +43,8 @@ impl Vote {
         self.ballots[0] = bits;
         self.posted = true;
         let ballots = self.ballots.as_mut_ptr();
-        // SAFETY: both numbers live in `self`, on the heap, and are not touched until `take` has
-        // waited for the request.
+        // SAFETY: both numbers are on the heap. Nobody touches them until `take` has waited for the
+        // request: another `post` is refused before, and `drop` leaves them to MPI.
         unsafe {
             ffi::MPI_Iallreduce(
                 ballots.cast(),
@@ -76,7 +76,11 @@ impl Vote {
 }
 
 impl Drop for Vote {
+    /// Numbers that MPI may still use stay where they are.
     fn drop(&mut self) {
         debug_assert!(!self.posted, "a vote's outcome was not taken");
+        if self.posted {
+            std::mem::forget(std::mem::take(&mut self.ballots));
+        }
     }
 }

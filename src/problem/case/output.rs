@@ -213,7 +213,8 @@ impl OutputTable {
             _ => return file.refuse(key, "must be from 0 (none) to 9"),
         };
         if level > 0
-            && let Some(why) = compression_refused(hdf5::library_version(), deflate_available())
+            && let Some(why) =
+                compression_refused(hdf5::library_version(), hdf5::filters::deflate_available())
         {
             return file.refuse(key, why);
         }
@@ -301,13 +302,6 @@ fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
     }
     (!deflate)
         .then(|| "this HDF5 library was built without deflate (zlib); leave it out or 0".to_owned())
-}
-
-/// Whether the HDF5 library knows deflate.
-pub fn deflate_available() -> bool {
-    use hdf5_sys::h5z::{H5Z_FILTER_DEFLATE, H5Zfilter_avail};
-    // SAFETY: a plain question.
-    hdf5::sync::sync(|| unsafe { H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0 })
 }
 
 #[cfg(test)]

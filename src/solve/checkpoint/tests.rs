@@ -1,6 +1,9 @@
 //! Checkpoints written by the ranks of any mesh and read on any other, and what may go on from
 //! them.
 
+#[path = "../../../tests/support/fuzz.rs"]
+mod fuzzing;
+
 use super::*;
 use crate::parallel::partition::Mesh;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -8,9 +11,8 @@ use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{Fingerprint, Kept, KeptMode, Numbers, Start, State};
 use crate::solve::statistics::BatchStatistics;
+use fuzzing::{Random, Reader, fuzz};
 use num_complex::Complex64;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -303,31 +305,45 @@ fn every_flipped_bit_is_found() {
     }
 }
 
-/// Files whose checksum is right and whose contents are not: refused or read, and never a panic.
-/// `PHASEWARP_FUZZ=1000000 cargo test --release --lib changed_files` tries that many.
+/// Files of checkpoints whose checksum is right and whose contents are not.
+struct Files {
+    space: PhaseSpace,
+    mesh: Mesh,
+    directory: tempfile::TempDir,
+    /// The file of each rank as it was written.
+    written: Vec<Vec<u8>>,
+}
+
+impl Reader for Files {
+    /// A rank, and what is in the place of its file.
+    type Input = (usize, Vec<u8>);
+    const INPUTS: u64 = 2000;
+
+    fn new() -> Self {
+        let (space, mesh) = (space(&[5, 4]), Mesh { space: vec![2, 1], groups: 2 });
+        let directory = tempfile::tempdir().expect("a directory");
+        write_all(directory.path(), &space, &mesh);
+        let read = |rank| std::fs::read(file_of(directory.path(), rank)).expect("a file");
+        let written = (0..mesh.ranks()).map(read).collect();
+        Self { space, mesh, directory, written }
+    }
+
+    fn input(&self, random: &mut Random) -> (usize, Vec<u8>) {
+        let rank = random.below(self.written.len());
+        (rank, changed(&self.written[rank], random))
+    }
+
+    fn read(&mut self, (rank, bytes): &(usize, Vec<u8>)) -> std::result::Result<bool, String> {
+        let path = file_of(self.directory.path(), *rank);
+        std::fs::write(&path, bytes).expect("a file");
+        let reader = &Rank::all(&self.space, &self.mesh)[*rank];
+        Ok(RankFile::open(&path).is_ok_and(|file| is_read(&file, reader)))
+    }
+}
+
 #[test]
 fn changed_files_are_refused_or_read() {
-    let wanted = std::env::var("PHASEWARP_FUZZ").ok().and_then(|n| n.parse().ok());
-    let trials: u64 = wanted.unwrap_or(1000);
-    let space = space(&[5, 4]);
-    let mesh = Mesh { space: vec![2, 1], groups: 2 };
-    let directory = tempfile::tempdir().expect("a directory");
-    write_all(directory.path(), &space, &mesh);
-    let path = file_of(directory.path(), 1);
-    let whole = std::fs::read(&path).expect("a file");
-    let mut outcomes = [0u64; 3];
-    for trial in 0..trials {
-        let mut random = ChaCha8Rng::seed_from_u64(trial);
-        let bytes = changed(&whole, &mut random);
-        std::fs::write(&path, &bytes).expect("a file");
-        let outcome = match RankFile::open(&path) {
-            Err(_) => 0,
-            Ok(file) => 1 + usize::from(is_read(&file, &Rank::all(&space, &mesh)[1])),
-        };
-        outcomes[outcome] += 1;
-    }
-    println!("not opened, not read, read: {outcomes:?}");
-    assert!(outcomes.iter().all(|&count| 400 * count > trials), "{outcomes:?}");
+    fuzz::<Files>("solve::checkpoint::tests::changed_files_are_refused_or_read");
 }
 
 /// Whether `rank` can read the file.
@@ -350,10 +366,10 @@ fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
 
 /// A file with a few changes of its words, its length and numbers of its header. Half of them are
 /// then as long as their header says.
-fn changed(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
+fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
     const NUMBERS: [&str; 8] =
         ["0", "1", "2", "7", "-1", "4294967296", "1152921504606846976", "18446744073709551615"];
-    let mut below = |n: usize| (random.next_u64() % n as u64) as usize;
+    let mut below = |n: usize| random.below(n);
     let length = 8 * u64::from_le_bytes(whole.as_chunks().0[1]) as usize;
     let mut header = String::from_utf8_lossy(&whole[16..16 + length]).into_owned();
     let mut words = whole[16 + length..].to_vec();

@@ -86,12 +86,7 @@ const ENOUGH: u64 = 4 << 30;
 static RESULTS: LazyLock<&Path> = LazyLock::new(|| {
     let memory = Path::new("/dev/shm");
     let on_disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    // SAFETY: a path that ends with a zero byte, and a structure of integers.
-    let room = unsafe {
-        let mut room: libc::statvfs = std::mem::zeroed();
-        let known = libc::statvfs(c"/dev/shm".as_ptr(), &raw mut room) == 0;
-        if known { room.f_bavail as u64 * room.f_frsize as u64 } else { 0 }
-    };
+    let room = rustix::fs::statvfs(memory).map_or(0, |room| room.f_bavail * room.f_frsize);
     let writable = tempfile::tempfile_in(memory).is_ok();
     if room >= ENOUGH && writable { memory } else { on_disk }
 });
