@@ -10,8 +10,7 @@ use crate::problem::grid::axis_names;
 
 /// The case in lines: axes, formulas, method, what was reduced, cells and rates.
 pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
-    let title = if case.title.is_empty() { &case.name } else { &case.title };
-    let mut text = format!("{title}\n");
+    let mut text = format!("{}\n", case.title);
     text += &axes(case);
     text += &formulas(case);
     text += &method(case, bounds);
@@ -87,6 +86,7 @@ fn formulas(case: &Case) -> String {
     for region in &case.potential {
         let condition = match &region.condition {
             Some(condition) => format!("where {}", on_one_line(condition.text())),
+            None if case.potential.len() == 1 => "everywhere".to_owned(),
             None => "elsewhere".to_owned(),
         };
         let reflection = region.reflection.as_ref().map_or(String::new(), |formula| {

@@ -103,7 +103,7 @@ pub fn values(name: &str, text: &str, overrides: &[String]) -> Result<Value> {
 pub struct Case {
     /// Name of the file it was read from.
     pub name: String,
-    /// `title`.
+    /// `title`; the name of the case's file where it gives none.
     pub title: String,
     /// `reference`.
     pub reference: String,
@@ -208,6 +208,10 @@ impl Case {
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);
+        if case.title.is_empty() {
+            let file = Path::new(name).file_name().unwrap_or(name.as_ref());
+            case.title = file.to_string_lossy().into_owned();
+        }
         text.clone_into(&mut case.text);
         case.overrides = overrides.to_vec();
         Ok(case)

@@ -9,7 +9,8 @@
 //! highest one of each element. At fronts that is the highest one itself; where coefficients fall
 //! fast, as those of smooth data, it is smaller by how fast they fall. Beside `f` the error of the
 //! density is of the order of the square of that of `f`: what is smeared at a front of width `w` is
-//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
+//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel. A third of that square is in
+//! the middle of what is measured.
 //!
 //! How far all of it may be trusted is in docs/limits.md, and tested in tests/cli/accuracy.rs.
 
@@ -35,6 +36,8 @@ const OF_COEFFICIENTS: f64 = 3.0;
 const OF_FRONTS: f64 = 0.5;
 /// Of degree 1 nothing is known of how fast coefficients fall: the part of the highest one.
 const OF_DEGREE_1: f64 = 0.5;
+/// Error of a density of elements beside the square of that of `f`.
+const OF_SQUARE: f64 = 1.0 / 3.0;
 
 /// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run;
 /// none for measure-valued data, and where `V` jumps nearly everywhere. Collective.
@@ -54,15 +57,15 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     if with_elements {
         let more = by_coefficients(prepared, f);
         let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
-        found = [field, f64::hypot(density, field * field)];
+        found = [field, f64::hypot(density, OF_SQUARE * field * field)];
     }
     // Where nothing is left of the field there is no relative error.
     Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same of the integrals over the velocities.
-/// Next to an end of the box or a jump of `V` nothing is added; NaN where nearly all of `f` lies
-/// there. Collective.
+/// Next to an end of the box or a jump of `V` nothing is known of `D f`, and it is taken to be as
+/// large there as elsewhere; NaN where nearly all of `f` lies there. Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.
@@ -90,9 +93,10 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
         fill_ghosts(exchange, &mut corrections, rows);
         let mut parts = [vec![0.0; block.cells()], vec![0.0; block.cells()]];
+        let mut along = vec![0.0; block.cells()];
         line.each(|i, cell| {
             let found = line.difference(i, cell, &corrections);
-            added[i] += found.unwrap_or(0.0);
+            along[i] = found.unwrap_or(0.0);
             let is_known = [scheme.speed(cell, axis) != 0.0, found.is_some()];
             parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = f64::from(u8::from(is)));
         });
@@ -103,6 +107,8 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         if known < LEAST_KNOWN * moving {
             return Ok([f64::NAN; 2]);
         }
+        let of_all = if known > 0.0 { (moving / known).sqrt() } else { 1.0 };
+        added.iter_mut().zip(&along).for_each(|(sum, part)| *sum += of_all * part);
         if space.degree() > 0 {
             let mut within = vec![0.0; block.cells()];
             line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));

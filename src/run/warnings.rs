@@ -93,12 +93,9 @@ pub(crate) fn opening_line(plan: &Plan) -> String {
         }
         None => counted(plan.classical_steps, "classical step", "classical steps"),
     };
-    let title = match plan.title.as_str() {
-        "" => "phasewarp",
-        title => title,
-    };
     format!(
-        "{title}: {}, {what}, {} ({} in space x {} in modes)",
+        "{}: {}, {what}, {} ({} in space x {} in modes)",
+        plan.title,
         plan.grid_size(),
         counted(mesh.ranks(), "rank", "ranks"),
         mesh.blocks(),

@@ -33,7 +33,6 @@ use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
 use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
-use crate::study::trial::title;
 use std::time::Duration;
 
 #[cfg(test)]
@@ -79,7 +78,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
         _ => "density",
     };
     let mut chart = Chart {
-        title: title(case).to_owned(),
+        title: case.title.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         git: GIT.to_owned(),
         ranks: world.group().size(),

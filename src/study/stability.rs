@@ -37,7 +37,6 @@ use crate::study::budget::{Budget, refuse_long_look};
 use crate::study::stability::panel::{
     Findings, Found, LeftOut, Name, Panel, Scale, Stability, Sweep,
 };
-use crate::study::trial::title;
 use std::time::Duration;
 
 /// A panel: the varied number along `x`, the measured one along `y`, and how.
@@ -123,7 +122,7 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
     panels.sort_by_key(|panel| panel.name);
     left_out.sort_by_key(|left_out| left_out.name);
     Ok(Stability {
-        title: title(case).to_owned(),
+        title: case.title.clone(),
         degree: case.space.degree(),
         shape: case.space.elements(),
         time: case.duration(),

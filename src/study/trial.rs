@@ -82,11 +82,3 @@ pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) 
 pub fn ranks(world: &World) -> Resources {
     Resources { ranks: world.group().size(), ..Resources::default() }
 }
-
-/// The title of `case`, or its name.
-pub fn title(case: &Case) -> &str {
-    match case.title.is_empty() {
-        true => &case.name,
-        false => &case.title,
-    }
-}

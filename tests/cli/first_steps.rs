@@ -26,6 +26,10 @@ fn a_case_to_begin_with() {
     let finished = job.succeed().unwrap();
     finished.says(&finished.output, &["done in", "distance to the exact"]).unwrap();
     assert!(!finished.errors.contains("warning"), "{}", finished.report("a warning"));
+    // A case without a title has the name of its file.
+    let nameless = Job::new(["run", "1.toml", "-o", "2", "--set", "title=''"]).inside(place.path());
+    let finished = nameless.set(&["axis.0.x.cells=12"]).succeed().unwrap();
+    finished.says(&finished.errors, &["1.toml: 1152 cells"]).unwrap();
     Job::new(["init", "--dimension", "4"]).is_refused(&["--dimension", "'4'", "1..=3"]).unwrap();
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -182,7 +183,9 @@ def call(
         raise kind(message_of(unwrapped(errors)), process.returncode, command, output)
     for line in (*unwrapped(errors).splitlines(), *unwrapped(output).splitlines()):
         if line.startswith(("warning: ", "UNDER-RESOLVED: ")):
-            warnings.warn(line.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
+            # The case may be a file that is gone by now.
+            said = re.sub(r"phasewarp advise .* --accuracy ε", "pw.advise(case, ε)", line)
+            warnings.warn(said.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
     return output
 
 

@@ -27,7 +27,9 @@ pub(super) fn parse(text: &str, names: &[&[&str]], constants: &Constants) -> Res
     let mut parser = Parser { tokens: tokenize(text)?, position: 0, depth: 0, names, constants };
     let tree = parser.expression()?;
     match parser.peek() {
-        Some(Token { text, at }) => Err(format!("unexpected \"{text}\" at character {at}")),
+        Some(Token { text, at }) => {
+            Err(format!("unexpected \"{text}\" at character {at}{}", instead(text)))
+        }
         None => Ok(tree),
     }
 }
@@ -57,7 +59,8 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
         } else if "+-*/^()<>,!".contains(c) {
             1
         } else {
-            return Err(format!("unexpected \"{c}\" at character {at}"));
+            let sign = &rest[..c.len_utf8()];
+            return Err(format!("unexpected \"{c}\" at character {at}{}", instead(sign)));
         };
         let (token, after) = rest.split_at(length);
         if number > 0 && !token.parse::<f64>().is_ok_and(f64::is_finite) {
@@ -70,6 +73,18 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
         rest = after;
     }
     Ok(tokens)
+}
+
+/// What to write for a word or a sign that is not expected: other languages have it.
+fn instead(text: &str) -> &'static str {
+    match text {
+        "and" | "&" => "; write &&",
+        "or" | "|" => "; write ||",
+        "not" => "; write !",
+        "=" => "; write ==",
+        _ if text == "(" || text.starts_with(is_of_word) => "; a product is written with *",
+        _ => "",
+    }
 }
 
 /// The names that occur in a formula, of whatever they are; none of a text that is no formula.
@@ -141,7 +156,8 @@ impl<'a> Parser<'a> {
         }
         Err(match self.peek() {
             Some(Token { text, at }) => {
-                format!("expected \"{token}\", found \"{text}\" at character {at}")
+                let hint = if token == ")" { instead(text) } else { "" };
+                format!("expected \"{token}\", found \"{text}\" at character {at}{hint}")
             }
             None => format!("expected \"{token}\" at the end"),
         })
@@ -251,6 +267,9 @@ impl<'a> Parser<'a> {
         }
         if let Some(value) = self.constants.get(text) {
             return Ok(Node::Number(*value));
+        }
+        if text == "not" {
+            return Err(format!("unexpected \"{text}\" at character {at}{}", instead(text)));
         }
         if text.starts_with(is_of_word) && text != "if" && text != "else" {
             return Err(self.unknown(text, at));

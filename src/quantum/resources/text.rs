@@ -79,7 +79,7 @@ impl Record {
         let q = list(&self.sparsity.q, ", ");
         writeln!(f, "interface {}{weights}; Q = {q}", word(&self.interface))?;
         let setup = &self.setup;
-        let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {delta:?}"));
+        let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {}", word(&delta)));
         writeln!(
             f,
             "{}, {} up to mu = {}{delta}",

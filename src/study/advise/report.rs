@@ -137,9 +137,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
 
 impl fmt::Display for Advised {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !self.title.is_empty() {
-            writeln!(f, "{}", self.title)?;
-        }
+        writeln!(f, "{}", self.title)?;
         let against = if self.exact {
             "against the exact solution"
         } else {
