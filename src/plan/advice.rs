@@ -47,6 +47,9 @@ pub struct Candidate {
     pub groups: usize,
     /// Modelled time over that of the first mesh.
     pub cost: f64,
+    /// Modelled time itself, of all fields: rows times applications of the rank with most to do, in
+    /// which the exchange of ghosts counts as rows.
+    pub row_applications: f64,
     /// Largest and mean modelled cost of a mode group, as a ratio.
     pub imbalance: f64,
     /// Part of the modelled time that splitting space adds: the exchange of ghosts, and a solver's
@@ -98,9 +101,11 @@ impl Advice {
         let mut meshes: Vec<Candidate> = Layout::every(case, bounds, warp, ranks)
             .map(|layout| {
                 let (rows, split) = layout.rows(case, warp);
-                let memory = layout.memory();
+                let (memory, cost) = (layout.memory(), layout.cost(case, warp));
+                let cells_of_fields = case.space.cells() * case.fields.len();
                 Candidate {
-                    cost: layout.cost(case, warp),
+                    cost,
+                    row_applications: cost * cells_of_fields as f64,
                     imbalance: layout.imbalance,
                     split: split / (rows + split),
                     memory,
