@@ -26,20 +26,17 @@ import sys
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "bench"))
 from messages import Network, Run  # noqa: E402
 from report import ROOT, Bad, prose, replaced, short, table  # noqa: E402
-from study import call, cells  # noqa: E402
+from study import call, cells, words  # noqa: E402
 
 
-def planned(program, words, ranks):
-    """The plan of a case on so many ranks."""
-    return json.loads(call([program, "plan", *words, "--ranks", str(ranks), "--json"]))
+def planned(program, case, ranks):
+    """The plan on so many ranks of a case, given with its options."""
+    return json.loads(call([program, "plan", *case, "--ranks", str(ranks), "--json"]))
 
 
 def modelled(plan, row_seconds):
     """Seconds by the plan's own model of its mesh."""
-    mesh = plan["layout"]["mesh"]
-    [work] = [found["row_applications"] for found in plan["advice"]["meshes"]
-              if found["space"] == mesh["space"]]
-    return row_seconds * work
+    return row_seconds * plan["advice"]["row_applications"]
 
 
 # What the table has, and the files of the job scripts: these fill in what they measure.
@@ -58,7 +55,8 @@ def row(scene, ranks, options, row_seconds, network):
     mesh = plan["layout"]["mesh"]
     parts = Run(plan, network, row_seconds).seconds()
     whole = sum(parts.values())
-    blocked = sum(Run(plan, network, row_seconds, depth=scene.depth).seconds().values())
+    blocking = Run(plan, network, row_seconds, depth=scene.depth)
+    blocked = whole if blocking.depth == 1 else sum(blocking.seconds().values())
     found = {
         "case": scene.name, "ranks": ranks, "mode_groups": mesh["groups"],
         "space_blocks": " x ".join(str(parts) for parts in mesh["space"]),
@@ -87,23 +85,24 @@ def shown(rows):
 
 
 class Scene:
-    """A case on many ranks; `depth` is the steps of a trip where they are blocked."""
-    def __init__(self, name, case, settings, depth=1):
-        self.name, self.case, self.settings, self.depth = name, case, settings, depth
+    """A case and what of it depends on the ranks; `depth` is the steps of a blocked trip, as in
+    docs/performance.md."""
+    def __init__(self, name, case, settings, depth, options=lambda ranks: []):
+        self.name, self.depth, self.options = name, depth, options
+        self.common = words(case, settings)
 
     def words(self, ranks):
-        settings = self.settings(ranks) if callable(self.settings) else self.settings
-        return [os.path.join(ROOT, "cases", f"{self.case}.toml"),
-                *(word for setting in settings for word in ("--set", setting))]
+        return [*self.common, *self.options(ranks)]
 
 
-# The last is that of jobscripts/weak_scaling.sbatch. Steps of a trip as in docs/performance.md.
 SCENES = [
     Scene("example 1, 4096²", "example1", cells(4096, 1), 16),
     Scene("example 3, 64⁴", "example3", cells(64, 2), 4),
     Scene("step and slope in 3D, 24⁶", "step_slope3d", cells(24, 3), 2),
-    Scene("example 1, 256 × 128 a rank", "example1",
-          lambda ranks: [f"axis.0.x.cells={256 * ranks}", f"time.end={1 / ranks!r}"], 16),
+    # As jobscripts/weak_scaling.sbatch.
+    Scene("example 1, 256 × 128 a rank, T = 1/ranks", "example1", [], 16,
+          lambda ranks: ["--set", f"axis.0.x.cells={256 * ranks}", "--set", f"time.end={1 / ranks}",
+                         "--ranks-x", str(ranks)]),
 ]
 RANKS = [64, 128, 256, 512, 1024, 2048, 4096, 6400]
 

@@ -37,7 +37,8 @@ def planned(case: str, cells: int, number: int, *words: str) -> dict[str, Any]:
 
 
 def seconds(plan: dict[str, Any], of: messages.Network, **options: int) -> float:
-    return sum(messages.Run(plan, of, ROW_SECONDS, **options).seconds().values())
+    total: float = sum(messages.Run(plan, of, ROW_SECONDS, **options).seconds().values())
+    return total
 
 
 CASES = [("example1", 24), ("example3", 6)]
@@ -77,7 +78,7 @@ def test_slower_networks_take_longer(case: str, cells: int) -> None:
 
 
 def test_a_window_of_steps_tells_what_all_steps_take() -> None:
-    plan = planned("example1", 24, 6, "--ranks-x=3")
+    plan = planned("example1", 48, 6, "--ranks-x=3")
     steps = min(batch["cost"] for group in plan["layout"]["groups"] for batch in group) // 8
     whole, window = (seconds(plan, network(), window=n) for n in (steps, 12))
     assert steps > 40
@@ -137,7 +138,8 @@ def test_the_table_of_a_cluster_is_read(
         assert line["case"] == 'two, of "them"'
         assert float(line["simulated_seconds"]) >= float(line["rows_seconds"]) > 0
     # The first line sets the seconds of a row, without messages.
-    assert lines[0]["model_seconds"] == lines[0]["simulated_seconds"] == lines[0]["solve_seconds"]
+    for name in ("model_seconds", "simulated_seconds"):
+        assert float(lines[0][name]) == pytest.approx(float(lines[0]["solve_seconds"]), rel=1e-4)
     # A file that is none of the scripts' is refused.
     measured.write_text("ranks\n1\n", "utf-8")
     refused = subprocess.run(

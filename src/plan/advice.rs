@@ -47,9 +47,6 @@ pub struct Candidate {
     pub groups: usize,
     /// Modelled time over that of the first mesh.
     pub cost: f64,
-    /// Modelled time itself, of all fields: rows times applications of the rank with most to do, in
-    /// which the exchange of ghosts counts as rows.
-    pub row_applications: f64,
     /// Largest and mean modelled cost of a mode group, as a ratio.
     pub imbalance: f64,
     /// Part of the modelled time that splitting space adds: the exchange of ghosts, and a solver's
@@ -66,6 +63,9 @@ pub struct Candidate {
 pub struct Advice {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
     pub meshes: Vec<Candidate>,
+    /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
+    /// with most to do, in which the exchange of ghosts counts as rows.
+    pub row_applications: f64,
     /// The node.
     pub node: Option<Node>,
     /// Nodes that the ranks take.
@@ -101,11 +101,9 @@ impl Advice {
         let mut meshes: Vec<Candidate> = Layout::every(case, bounds, warp, ranks)
             .map(|layout| {
                 let (rows, split) = layout.rows(case, warp);
-                let (memory, cost) = (layout.memory(), layout.cost(case, warp));
-                let cells_of_fields = case.space.cells() * case.fields.len();
+                let memory = layout.memory();
                 Candidate {
-                    cost,
-                    row_applications: cost * cells_of_fields as f64,
+                    cost: layout.cost(case, warp),
                     imbalance: layout.imbalance,
                     split: split / (rows + split),
                     memory,
@@ -133,8 +131,10 @@ impl Advice {
         let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
         let (largest_points, largest_points_mesh) =
             largest.map(|(n, mesh)| (n, mesh.space)).unzip();
+        let cells_of_fields = (case.space.cells() * case.fields.len()) as f64;
         Self {
             meshes,
+            row_applications: plan.layout.cost(case, warp) * cells_of_fields,
             node,
             nodes,
             memory_per_node: full,
