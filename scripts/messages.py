@@ -24,7 +24,7 @@ LANES, BYTES_A_ROW = 8, 128
 # A block with more rows than this is out of the cache of a core (1 MiB), and its steps are blocked.
 ROWS_IN_CACHE = 2000
 # Steps of the window.
-WINDOW = 24
+WINDOW = 12
 
 
 class Network:
