@@ -21,7 +21,7 @@ pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent
 /// and unpacked. Measured within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a
-/// row.
+/// row. Of two blocks; more have twice the ghosts between their neighbours, which is not counted.
 const ROWS_A_ROUND: f64 = 300.0;
 const ROWS_A_GHOST: f64 = 3.0;
 
@@ -213,7 +213,7 @@ impl Layout {
         }
         let splitting =
             warp.map_or(1.0, |_| descriptor(case.propagator.method).cost_of_splitting());
-        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts as f64;
+        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.corner_ghosts as f64;
         (rows, splitting * (rows + exchange) - rows)
     }
 

@@ -114,7 +114,7 @@ struct FullestRank<'a> {
 
 impl<'a> FullestRank<'a> {
     fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a Mesh) -> Self {
-        let BlockSize { points, cells, ghosts } = mesh.fullest_block(&case.space);
+        let BlockSize { points, cells, ghosts, .. } = mesh.fullest_block(&case.space);
         let [points, cells, ghosts] = [points, cells, ghosts].map(|n| n as u64);
         let ends = inflow_rows(case, bounds, cells);
         let (listed, auxiliary) = match (bounds.inflow, case.warp.inflow) {
