@@ -30,9 +30,9 @@ PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
-.PHONY: run build test torture fuzz bench example3 calibration study stability chart examples quantum \
-    baseline slurm docs check check-fmt check-clippy check-doc check-python deny readers qiskit \
-    python mkdocs browser mpich setup clean help
+.PHONY: run build test torture fuzz bench example3 calibration study scaling stability chart \
+    examples quantum baseline slurm docs check check-fmt check-clippy check-doc check-python deny \
+    readers qiskit python mkdocs browser mpich setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
@@ -68,7 +68,10 @@ calibration: build ## predictions beside runs, into docs/performance.md (ARGS=--
 	scripts/bench/calibration.py --program $(PROGRAM) $(ARGS)
 
 study: build ## memory and time against N_p, into docs/scaling.md (ARGS=--quick, --counts)
-	scripts/study.sh --program $(PROGRAM) $(ARGS)
+	scripts/charted.sh study.py --program $(PROGRAM) $(ARGS)
+
+scaling: build ## 64 to 6400 ranks, modelled and simulated, into docs/scaling.md (ARGS=--measured F)
+	scripts/charted.sh ranks.py --program $(PROGRAM) $(ARGS)
 
 stability: build ## where methods fail on example 1, for docs/stability.md (or CASE=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) stability $(CASE) --budget 5m -o $(RESULTS)-stability

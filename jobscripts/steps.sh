@@ -172,3 +172,36 @@ solve_in_jobs() {
 number() {
     sed -n "s/^  \"$2\": \([-+0-9.e]*\),*\$/\1/p" "$1"
 }
+
+# start_table CSV: writes the header of the tables of strong and weak scaling, which
+# scripts/ranks.py reads.
+start_table() {
+    local columns=(command ranks space_blocks mode_groups oversubscribed cells applications
+        solve_seconds wall_seconds nanoseconds_a_row_and_application_a_rank speed_up efficiency
+        memory_bytes_per_rank)
+    (IFS=, && echo "${columns[*]}" >"$1")
+}
+
+# add_run CSV RANKS RESULTS CASE [OPTION]…: solves a case on so many ranks, and adds the line. The
+# efficiency is that of a row and application, over the one of the first line.
+add_run() {
+    local csv=$1 ranks=$2 summary=$3/summary.json command oversubscribed=no blocks numbers
+    launch "$ranks" "$program" run "${@:4}" -o "$3" --force
+    command=$(printf '%q ' "${@:4}")
+    # A queue gives each rank a core.
+    if [ -z "${SLURM_JOB_ID:-}" ] && [ "$ranks" -gt "$(nproc)" ]; then
+        oversubscribed=yes
+    fi
+    blocks=$(sed -n '/"space_blocks"/,/]/p' "$summary" | grep -oE '[0-9]+' | paste -sd x)
+    numbers=$(awk -v ranks="$ranks" -v first="$(sed -n 2p "$csv" | rev | cut -d, -f4 | rev)" \
+        -v cells="$(number "$summary" cells)" -v applications="$(number "$summary" matvecs)" \
+        -v solve="$(number "$summary" solve_seconds)" \
+        -v wall="$(number "$summary" wall_seconds)" '
+        BEGIN {
+            OFS = ","; each = 1e9 * solve * ranks / cells / applications
+            efficiency = first ? first / each : 1
+            print cells, applications, solve, wall, each, efficiency * ranks, efficiency
+        }')
+    echo "\"${command//\"/\"\"}\",$ranks,${blocks//x/ x },$(number "$summary" mode_groups),$(
+    )$oversubscribed,$numbers,$(number "$summary" memory_peak_bytes_per_rank)" >>"$csv"
+}

@@ -245,6 +245,18 @@ def stored(directory):
         return json.loads(plan), file["f"][()].ravel()
 
 
+def peak():
+    """Multiply-adds a second of one core, nearly: those of a product of matrices."""
+    n = 768
+    matrix = np.full((n, n), 0.5)
+    seconds = []
+    for _ in range(10):
+        begin = time.perf_counter()
+        matrix @ matrix
+        seconds.append(time.perf_counter() - begin)
+    return n**3 / min(seconds)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("program")
@@ -387,6 +399,8 @@ def run(options, cells, rounds, tolerance, place):
         tolerance=tolerance,
         modes=count,
         applications=summary["matvecs"],
+        entries_a_row=(abs(modes.S) + abs(modes.K)).nnz / len(modes.start),
+        peak=peak(),
         peer_applications=int(chebyshev.applications(modes, everything)),
         error=theirs,
         rounds=rounds,

@@ -2,9 +2,10 @@
 """Writes the tables of docs/performance.md from what `make bench` and `make example3` measured.
 
 Usage: report.py [--results DIR] [--document FILE] [--example3 DIR]
-       [--only example3|error]
+       [--only example3|error|peers]
 
-Needs the standard library only. A table stands between `<!-- begin NAME -->` and
+Needs the standard library only, and Matplotlib for peers.svg, a picture of the tables of other
+programs as they stand in the document. A table stands between `<!-- begin NAME -->` and
 `<!-- end NAME -->` and is replaced; a table that was not measured is kept, and its name printed.
 Runs that were counted but not timed (`make bench ARGS=--counts`) give tables without seconds.
 Bad input (a file that is not JSON, a missing key or marker, text in place of a number) ends with
@@ -509,6 +510,7 @@ def by_peer(peers):
     name = (f"{fastest.text('name')}, "
             f"{fastest.number('processes')} × {fastest.number('threads')}")
     classical, ours = peers.times("classical"), mine.times("classical_solve1")
+    text += [limit_of_peers(peers, alone), ""]
     text.append(
         table(["goal", "ratio", ""], [
             [
@@ -532,6 +534,29 @@ def by_peer(peers):
             ],
         ]))
     return "\n".join(text)
+
+
+def limit_of_peers(peers, alone):
+    """How near one core is to its peak, and what 20 times the best peer would take; the least of
+    the seconds of both. An entry of a row is four multiply-adds, real and imaginary parts of S x
+    and K x here, a complex product there; then there is the rest of a step."""
+    entries, peak = peers.positive("entries_a_row"), peers.positive("peak")
+    applied = peers.positive("cells")**2 * peers.positive("applications")
+    [theirs] = [min(peer.times("seconds")) for peer in peers["peers"]
+                if peer.text("name") == "NumPy Chebyshev, in place"
+                and peer.number("processes") == 1]
+    rows = []
+    for name, others, seconds in (("phasewarp", 7, min(alone)),
+                                  ("NumPy Chebyshev, in place", 4, theirs),
+                                  ("20 times as fast as that", 7, theirs / 20)):
+        work = 4 * entries + others
+        rate = work * applied / seconds
+        rows.append([name, f"{work:.1f}", f"{1e9 * seconds / applied:.3f}", f"{rate / 1e9:.1f}",
+                     f"{rate / peak:.2f}"])
+    rows.append(["a product of matrices", "–", "–", f"{peak / 1e9:.1f}", "1"])
+    header = ["one core", "multiply-adds a row and application", "ns", "10⁹ a second",
+              "of the peak"]
+    return table(header, rows)
 
 
 # --- example 3 ------------------------------------------------------------------------------------
@@ -565,6 +590,56 @@ def by_example3(folder):
         "cells", "modes", "applications", "solve, s", "all, s", "GiB in all: measured, planned",
         "error estimate", "density, L1 to exact", "mean velocity, L1 to exact", "mass"
     ], rows)
+
+
+# --- the picture ----------------------------------------------------------------------------------
+
+
+def body(text, name, path):
+    """The cells of the lines of tables between the markers, headers included."""
+    found = re.search(rf"<!-- begin {name} -->\n(.*?)<!-- end {name} -->", text, re.DOTALL)
+    if found is None:
+        raise Bad(f"{path}: markers 'begin {name}', 'end {name}' expected")
+    lines = [line for line in found[1].splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def draw_peers(text, document):
+    """Seconds of other programs beside phasewarp's, by the tables of the document; False where
+    there is no Matplotlib."""
+    try:
+        import matplotlib
+    except ImportError:
+        return False
+    matplotlib.use("svg")
+    matplotlib.rcParams |= {"svg.hashsalt": "phasewarp", "svg.fonttype": "none", "font.size": 9}
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.4))
+    seconds = lambda cell: float(cell.split()[0])
+    bars = [(line[0], seconds(line[1])) for line in body(text, "peers", document)
+            if line[0].startswith("phasewarp")]
+    bars += [(f"{line[0]}, {line[1]}", seconds(line[3])) for line in body(text, "peers", document)
+             if re.match(r"\d+ × \d+$", line[1])]
+    bars.sort(key=lambda bar: -bar[1])
+    colors = ["C1" if name.startswith("phasewarp") else "C0" for name, _ in bars]
+    left.barh([name for name, _ in bars], [value for _, value in bars], color=colors)
+    left.set(xscale="log", xlabel="seconds to solve", title="The same modes: example 1, 1e-9")
+    left.tick_params(axis="y", labelsize=6)
+    lines = [line for line in body(text, "galerkin", document) if re.match(r"\de", line[0])]
+    for name, marker in zip(dict.fromkeys(line[2] for line in lines), "os^vD"):
+        mine = [line for line in lines if line[2] == name]
+        right.plot([float(line[4]) for line in mine], [seconds(line[6]) for line in mine],
+                   marker=marker, markersize=4, linewidth=1, label=name)
+    right.set(xscale="log", yscale="log", xlabel="error reached, relative L2",
+              ylabel="seconds to solve", title="The same physics: a beam in a constant force")
+    right.invert_xaxis()
+    right.grid(True, which="major", linewidth=0.3)
+    right.legend(fontsize=7)
+    figure.tight_layout()
+    path = os.path.join(os.path.dirname(document), "peers.svg")
+    figure.savefig(path, metadata={"Date": None})
+    return True
 
 
 # --- the document ---------------------------------------------------------------------------------
@@ -609,11 +684,11 @@ def main():
     parser.add_argument("--results", default=os.path.join(ROOT, "results/bench"))
     parser.add_argument("--example3", default=os.path.join(ROOT, "results"))
     parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
-    parser.add_argument("--only", choices=["example3", "error"], help="this table alone")
+    parser.add_argument("--only", choices=["example3", "error", "peers"], help="this table alone")
     options = parser.parse_args()
     content = {}
     programs = None
-    if options.only != "example3":
+    if options.only not in ("example3", "peers"):
         programs = load(os.path.join(options.results, "programs.json"))
     if programs is not None and options.only == "error":
         runs = [Run(node) for node in programs["rows"]]
@@ -641,10 +716,12 @@ def main():
     if not options.only and os.path.exists(
             path := os.path.join(options.results, "application.txt")):
         content["rates"] = rates(path)
-    peers = None if options.only else load(os.path.join(options.results, "peers.json"))
+    peers = None
+    if options.only in (None, "peers"):
+        peers = load(os.path.join(options.results, "peers.json"))
     if peers is not None:
         content["peers"] = by_peer(peers)
-    if options.only != "error" and any(
+    if options.only in (None, "example3") and any(
             os.path.exists(os.path.join(options.example3, f"example3-{n}", "summary.json"))
             for n in (8, 16, 32, 64)):
         content["example3"] = by_example3(options.example3)
@@ -658,6 +735,8 @@ def main():
     with open(options.document, "w", encoding="utf-8") as file:
         file.write(text)
     print(f"report: {', '.join(content) or 'nothing'} written into {options.document}")
+    if options.only in (None, "peers") and not draw_peers(text, options.document):
+        print("report: no Matplotlib: peers.svg stays as it was")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,24 @@ pub fn split(range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     at(part)..at(part + 1)
 }
 
+/// Cells of the largest of so many parts of `axis`, each of whole elements.
+pub fn largest_part(axis: &Axis, parts: usize) -> usize {
+    axis.elements().div_ceil(parts) * axis.nodes.count()
+}
+
+/// How much of the grid a block has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockSize {
+    /// Points of space.
+    pub points: usize,
+    /// Cells.
+    pub cells: usize,
+    /// Cells of neighbours.
+    pub ghosts: usize,
+    /// The same of a block in a corner of the box, which has one neighbour along a split axis.
+    pub corner_ghosts: usize,
+}
+
 /// `part` of `parts` nearly equal pieces of the cells `range` of `axis`, all of whole elements.
 fn split_elements(axis: &Axis, range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     let count = axis.nodes.count();
@@ -39,6 +57,19 @@ impl Mesh {
     /// Number of ranks.
     pub fn ranks(&self) -> usize {
         self.blocks() * self.groups
+    }
+
+    /// The size of the fullest block: the largest part of each axis, with neighbours on as many
+    /// sides as any block has.
+    pub fn fullest_block(&self, space: &PhaseSpace) -> BlockSize {
+        let along = |a: usize| largest_part(&space.x[a], self.space[a]);
+        let points: usize = (0..space.dimension()).map(along).product();
+        let cells = points * space.velocity_cells();
+        let ghosts = |most: usize| {
+            let sides = self.space.iter().map(|&parts| (parts - 1).min(most));
+            sides.enumerate().map(|(a, sides)| sides * cells / along(a)).sum()
+        };
+        BlockSize { points, cells, ghosts: ghosts(2), corner_ghosts: ghosts(1) }
     }
 
     /// Checks that every block holds at least one cell a axis.
@@ -367,6 +398,12 @@ mod tests {
                 });
             }
             assert!(owner.iter().all(|&o| o != usize::MAX));
+            let fullest = mesh.fullest_block(&space);
+            let most = |size: fn(&Block) -> usize| all.iter().map(size).max();
+            assert_eq!(most(Block::space_cells), Some(fullest.points));
+            assert_eq!(most(Block::cells), Some(fullest.cells));
+            // A block with neighbours on all sides may have fewer cells.
+            assert!(most(Block::ghosts).is_some_and(|ghosts| ghosts <= fullest.ghosts));
             for (b, block) in all.iter().enumerate() {
                 let mut ghosts = vec![usize::MAX; block.ghosts()];
                 let nv = block.velocity_cells;

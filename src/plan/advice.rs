@@ -63,6 +63,9 @@ pub struct Candidate {
 pub struct Advice {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
     pub meshes: Vec<Candidate>,
+    /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
+    /// with most to do, in which the exchange of ghosts counts as rows.
+    pub row_applications: f64,
     /// The node.
     pub node: Option<Node>,
     /// Nodes that the ranks take.
@@ -128,8 +131,10 @@ impl Advice {
         let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
         let (largest_points, largest_points_mesh) =
             largest.map(|(n, mesh)| (n, mesh.space)).unzip();
+        let cells_of_fields = (case.space.cells() * case.fields.len()) as f64;
         Self {
             meshes,
+            row_applications: plan.layout.cost(case, warp) * cells_of_fields,
             node,
             nodes,
             memory_per_node: full,

@@ -4,7 +4,7 @@ use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
-use crate::parallel::partition::{Block, Mesh};
+use crate::parallel::partition::Mesh;
 use crate::plan::balance;
 use crate::plan::balance::Batch;
 use crate::plan::memory::{arrays, memory_of_points};
@@ -21,7 +21,7 @@ pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent
 /// and unpacked. Measured within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a
-/// row.
+/// row. Of two blocks; more have twice the ghosts between their neighbours, which is not counted.
 const ROWS_A_ROUND: f64 = 300.0;
 const ROWS_A_GHOST: f64 = 3.0;
 
@@ -122,14 +122,14 @@ impl Layout {
 
     /// Refuses more cells on a rank than can be numbered.
     fn numbered(self, case: &Case) -> Result<Self> {
-        let largest = Block::new(&case.space, &self.mesh, 0);
-        if 2 * largest.cells() + largest.ghosts() <= u32::MAX as usize {
+        let largest = self.mesh.fullest_block(&case.space);
+        if 2 * largest.cells + largest.ghosts <= u32::MAX as usize {
             return Ok(self);
         }
         Err(Error::Ranks(format!(
             "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along x \
              (--ranks-x)",
-            largest.cells(),
+            largest.cells,
             bytes_text(self.memory()),
             u32::MAX / 2
         )))
@@ -206,14 +206,14 @@ impl Layout {
 
     /// Rows of the fullest block, and what splitting space adds, in rows.
     pub(crate) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
-        let fullest = Block::new(&case.space, &self.mesh, 0);
-        let rows = fullest.cells() as f64;
+        let fullest = self.mesh.fullest_block(&case.space);
+        let rows = fullest.cells as f64;
         if self.mesh.blocks() == 1 {
             return (rows, 0.0);
         }
         let splitting =
             warp.map_or(1.0, |_| descriptor(case.propagator.method).cost_of_splitting());
-        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
+        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.corner_ghosts as f64;
         (rows, splitting * (rows + exchange) - rows)
     }
 

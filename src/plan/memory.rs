@@ -4,7 +4,7 @@ use crate::matrix::bounds::Bounds;
 use crate::matrix::inflow::Inflow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::{BlockSize, Mesh, largest_part};
 use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -119,16 +119,8 @@ struct FullestRank<'a> {
 
 impl<'a> FullestRank<'a> {
     fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a Mesh) -> Self {
-        let along = |a: usize| largest_part(&case.space.x[a], mesh.space[a]);
-        let points: u64 = (0..case.space.dimension()).map(along).product();
-        let cells = points * case.space.velocity_cells() as u64;
-        let ghosts = (mesh.space.iter().enumerate())
-            .filter(|(_, p)| **p > 1)
-            .map(|(a, p)| {
-                let sides = if *p > 2 { 2 } else { 1 };
-                sides * cells / along(a)
-            })
-            .sum();
+        let BlockSize { points, cells, ghosts, .. } = mesh.fullest_block(&case.space);
+        let [points, cells, ghosts] = [points, cells, ghosts].map(|n| n as u64);
         let ends = inflow_rows(case, bounds, cells);
         let (listed, auxiliary) = match (bounds.inflow, case.warp.inflow) {
             (false, _) => (0, 0),
@@ -160,7 +152,8 @@ impl<'a> FullestRank<'a> {
     /// Bytes of the result's cells that a rank keeps after the sums are shared among mode groups.
     fn share(&self) -> u64 {
         let first = &self.case.space.x[0];
-        self.cells / largest_part(first, self.mesh.space[0]) * largest_share(first, self.mesh)
+        let layers = largest_part(first, self.mesh.space[0]) as u64;
+        self.cells / layers * largest_share(first, self.mesh)
     }
 
     /// Matrix, states, inflow.
@@ -330,7 +323,7 @@ impl<'a> FullestRank<'a> {
             return None;
         }
         let there = self.cells_as_shown(&shown);
-        let layers = largest_part(&shown.x[0], mesh.space[0]);
+        let layers = largest_part(&shown.x[0], mesh.space[0]) as u64;
         // One cell is not shared among the groups.
         let groups = mesh.groups.min(case.space.x[0].cells);
         let mesh = Mesh { space: mesh.space.clone(), groups };
@@ -342,7 +335,7 @@ impl<'a> FullestRank<'a> {
     /// Cells of the block on the grid on which results are shown.
     fn cells_as_shown(&self, shown: &PhaseSpace) -> u64 {
         let layers = (shown.x.iter().zip(&self.mesh.space)).map(|(a, p)| largest_part(a, *p));
-        layers.product::<u64>() * shown.velocity_cells() as u64
+        (layers.product::<usize>() * shown.velocity_cells()) as u64
     }
 
     /// The exact solution, of which there is one copy.
@@ -402,11 +395,6 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
         true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
         false => ends,
     }
-}
-
-/// Cells of the largest of so many parts of an axis, each of whole elements.
-fn largest_part(axis: &Axis, parts: usize) -> u64 {
-    (axis.elements().div_ceil(parts) * axis.nodes.count()) as u64
 }
 
 /// Cells along the first space axis of the largest share of a rank of a block.
