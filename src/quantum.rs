@@ -10,6 +10,7 @@
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
+//! | [`phases`] | the rotations of `e^{−iτH}` by generalised quantum signal processing |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
@@ -29,6 +30,7 @@ pub mod export;
 pub mod figure;
 pub mod matrices;
 pub mod optimise;
+pub mod phases;
 pub mod probability;
 pub mod readout;
 pub mod resources;
