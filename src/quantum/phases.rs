@@ -236,9 +236,8 @@ mod tests {
                 for j in 0..50 {
                     let y = Complex64::cis(0.13 * f64::from(j));
                     let [p, q] = phases.product(y);
-                    let apart = (p * y.powi(-(phases.degree as i32))
-                        - Complex64::cis(tau * y.im))
-                    .norm();
+                    let apart =
+                        (p * y.powi(-(phases.degree as i32)) - Complex64::cis(tau * y.im)).norm();
                     assert!(apart <= phases.bound + 1e-12, "{tau} {tail}: {apart}");
                     assert!((p.norm_sqr() + q.norm_sqr() - 1.0).abs() < 1e-12);
                 }
