@@ -22,8 +22,7 @@
 //! | file | what |
 //! |---|---|
 //! | `interface.qasm` | `G`, OpenQASM 3 |
-//! | `circuit.json` | `α`, counts, registers, gates `[name, qubits]` or `[name, qubits, angle]`, and
-//! the angles of the evolution's rotations |
+//! | `circuit.json` | `α`, counts, registers, gates `[name, qubits, angle]`, phases |
 //! | `azure.json`, `qref.json` | the counts of the evolution for other programs |
 
 pub mod arithmetic;

@@ -1,13 +1,13 @@
-//! One circuit of all steps, of a case that has a [block encoding](crate::quantum::circuit) by gates.
+//! One circuit of all steps, of a case that has a [block encoding](crate::quantum::circuit).
 //!
 //! | stage | what its gates do |
 //! |---|---|
-//! | `start` | `f(0)`: a product axis by axis, a set of cells by comparators, else cell by cell; `g` |
+//! | `start` | `f(0)`: a product by axis, a set of cells by comparators, else by cell; `g` |
 //! | `modes` | `Φ⁻¹` on the register of `p` |
 //! | `evolution` | `e^{−iHT}` in `2K` steps of the [`Walk`], with the [`Phases`] of its sequence |
 //! | `points` | `Φ` |
 //! | `moment` | the inverse of what prepares `ζ`: the point p◇, a cell, all its velocities |
-//! | `estimation` | canonical phase estimation of `Q = −A S_0 A⁻¹ S_0`, `A` being all of the above |
+//! | `estimation` | phase estimation of `Q = −A S_0 A⁻¹ S_0`, `A` being all of the above |
 //!
 //! After `points` the field is where the qubits of the block, `control` and `start` are 0, at the
 //! point p◇. After `moment` all qubits are 0 with the amplitude `a = √s ⟨ζ|w(T)⟩`, where `s` is the
