@@ -84,13 +84,16 @@ const FOUR: &[&str] = &[
 const BEAM: &[&str] = &["initial.f=1 if x < 0 && v > 0 else 0"];
 const CORNERS: &[&str] = &["initial.f=1 if x * v < 0 || x < 0 else 0"];
 const SLOPE: &[&str] = &["initial.f=3 + x * v"];
-const ONE_MODE: &[&str] = &["scheme.flux=0", "time.end=0.5", "solver.tolerance=0.01"];
+const ONE_MODE: &[&str] = &[
+    "scheme.flux=0", "scheme.ends=closed", "axis.0.x.cells=4", "time.end=1",
+    "solver.tolerance=0.01",
+];
 
 /// Complete circuits, and their qubits of amplitude estimation.
 const COMPLETE: &[(&[&[&str]], &str)] = &[
     (&[HALVES, FOUR, BEAM], "1"),
     (&[HALVES, FOUR, CORNERS], "0"),
-    (&[HALVES, ONE_MODE, SLOPE], "2"),
+    (&[HALVES, ONE_MODE, SLOPE], "1"),
 ];
 
 /// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.
