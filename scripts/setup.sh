@@ -224,9 +224,9 @@ set_up_python() {
     fi
     say "installing what $script takes into $place"
     new_python "$place" &&
-        "$place/bin/pip" --quiet --disable-pip-version-check install -r "$requirements" &&
+        "$place/bin/python" -m pip --quiet --disable-pip-version-check install -r "$requirements" &&
         { [ "$#" -eq 0 ] ||
-            "$place/bin/pip" --quiet --disable-pip-version-check install --no-deps "$@"; } &&
+            "$place/bin/python" -m pip --quiet --disable-pip-version-check install --no-deps "$@"; } &&
         "$place/bin/python" "$script" --packages
 }
 
@@ -243,7 +243,7 @@ set_up_from() {
     fi
     say "installing what $file names into $place"
     new_python "$place" &&
-        (cd "$root" && "$place/bin/pip" --quiet --disable-pip-version-check install "$@") &&
+        (cd "$root" && "$place/bin/python" -m pip --quiet --disable-pip-version-check install "$@") &&
         cp "$file" "$place/"
 }
 

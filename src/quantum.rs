@@ -10,6 +10,8 @@
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
+//! | [`phases`] | the rotations of `e^{−iτH}` by generalised quantum signal processing |
+//! | [`surface_code`] | physical qubits, under stated assumptions |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
@@ -29,10 +31,12 @@ pub mod export;
 pub mod figure;
 pub mod matrices;
 pub mod optimise;
+pub mod phases;
 pub mod probability;
 pub mod readout;
 pub mod resources;
 pub mod sparsity;
+pub mod surface_code;
 pub mod walk;
 
 /// The modes that `plan` has for `case`.

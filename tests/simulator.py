@@ -8,6 +8,9 @@
 The circuit is the one of the paper: preparation, inverse transform of the p-register, exp(-iHT) as
 a gate, transform. Then the p-register is found at the recovery point and the label at 0, and
 overlaps are read by Hadamard tests, from what is left and from the whole state.
+
+`complete.json`, where it is, is one circuit of all steps without that gate. It is run as it is, and
+after every stage its amplitudes are compared within the bound that it states.
 """
 
 import json
@@ -22,7 +25,14 @@ from qiskit import QuantumCircuit, qasm3
 from qiskit.circuit.library import UnitaryGate
 from qiskit.quantum_info import Statevector
 
+try:
+    from qiskit_aer import AerSimulator
+except ModuleNotFoundError:
+    # Slower.
+    AerSimulator = None
+
 TOLERANCE = 1e-10
+GATES = {"x", "h", "z", "s", "sdg", "t", "tdg", "ry", "rz", "cx", "cz", "cp", "swap", "ccx"}
 
 
 def same(found, expected, what, by=TOLERANCE):
@@ -54,6 +64,130 @@ def hadamard_test(first, second):
         circuit.append(gate.control(1, ctrl_state=value, annotated=True), [ancilla, *system])
     circuit.h(ancilla)
     return 2.0 * Statevector(circuit).probabilities([ancilla])[0] - 1.0
+
+
+def parts(complete):
+    """The circuit of each stage of a complete circuit, by the name of the stage."""
+    qubits = sum(register["size"] for register in complete["registers"])
+    gates, stages = complete["gates"], complete["description"]["stages"]
+    ends = [stage["first"] for stage in stages[1:]] + [len(gates)]
+    circuits = {}
+    for stage, end in zip(stages, ends):
+        circuit = QuantumCircuit(qubits)
+        for name, places, *angle in gates[stage["first"] : end]:
+            assert name in GATES, name
+            getattr(circuit, name)(*angle, *places)
+        circuits[stage["name"]] = circuit
+    return circuits
+
+
+def states_after(circuits):
+    """The state after each of these circuits, one after the other, from zeros."""
+    if AerSimulator is None:
+        state, after = Statevector.from_label("0" * next(iter(circuits.values())).num_qubits), {}
+        for name, circuit in circuits.items():
+            state = after[name] = state.evolve(circuit)
+        return {name: state.data for name, state in after.items()}
+    whole = QuantumCircuit(next(iter(circuits.values())).num_qubits)
+    for name, circuit in circuits.items():
+        whole.compose(circuit, inplace=True)
+        whole.save_statevector(label=name)
+    result = AerSimulator(method="statevector").run(whole).result()
+    assert result.success, result.status
+    return {name: np.asarray(result.data()[name]) for name in circuits}
+
+
+def lines_of(complete):
+    """The gates of a complete circuit as lines of OpenQASM 3."""
+    names = [
+        f"{register['name']}[{bit}]"
+        for register in complete["registers"]
+        for bit in range(register["size"])
+    ]
+    for name, places, *angle in complete["gates"]:
+        yield name, angle, ", ".join(names[q] for q in places)
+
+
+def same_program(folder, complete):
+    """The program has the same gates, and Qiskit reads its beginning as the same circuit."""
+    text = (folder / "complete.qasm").read_text()
+    gates = [line for line in text.splitlines() if line.endswith("];") and line[:6] != "qubit["]
+    expected = list(lines_of(complete))
+    assert len(gates) == len(expected)
+    for line, (name, angle, places) in zip(gates, expected):
+        head, at = line[:-1].split(" ", 1)
+        assert at == places and head.split("(")[0] == name, line
+        assert [float(x) for x in head.split("(")[1:] and [head.split("(")[1][:-1]]] == angle, line
+    head = text.split("// evolution")[0]
+    circuits = parts(complete)
+    start = circuits["start"].compose(circuits["modes"])
+    assert qasm3.loads(head).count_ops() == start.count_ops()
+
+
+def estimates(amplitude, qubits):
+    """Probabilities of canonical amplitude estimation with so many qubits."""
+    values = 2**qubits
+    phase = np.arcsin(min(abs(amplitude), 1.0)) / np.pi
+    both = 0.0
+    for sign in [1.0, -1.0]:
+        waves = np.exp(2j * np.pi * np.outer(np.arange(values), sign * phase - np.arange(values) / values))
+        both = both + 0.5 * np.abs(waves.sum(axis=0) / values) ** 2
+    return both
+
+
+def check_complete(folder, about, states, field):
+    complete = json.loads((folder / "complete.json").read_text())
+    told = complete["description"]
+    qubits = sum(register["size"] for register in complete["registers"])
+    assert qubits == told["counts"]["qubits"] <= 20 and told["bound"] < 0.05
+    same_program(folder, complete)
+    after = states_after(parts(complete))
+    size, points = 2 ** about["qubits"], 2 ** about["qubits_p"]
+    root = told["probability_start"] ** 0.5
+    blocks = {name: state.reshape(-1, size)[0] / root for name, state in after.items()}
+    bounds = {"start": 0.0, "modes": 0.0, "evolution": told["bound"], "points": told["bound"]}
+    worst = 0.0
+    for stage, name in [
+        ("start", "initial"),
+        ("modes", "initial_modes"),
+        ("evolution", "final_modes"),
+        ("points", "final"),
+    ]:
+        off = np.linalg.norm(blocks[stage] - states[name])
+        assert off <= bounds[stage] + TOLERANCE, f"{stage}: {off:.2e}, bound {bounds[stage]:.2e}"
+        worst = max(worst, off)
+    # The field, after postselection.
+    found = told["scale"] * blocks["points"][about["recovery_index"] :: points].real
+    off = np.linalg.norm(found[: len(field)] - field)
+    assert off <= told["field_bound"] * (1.0 + TOLERANCE), f"field: {off:.2e}"
+    # A moment: the amplitude of zeros.
+    amplitude = after["moment"][0] / root
+    exact = complex(*told["amplitude"]) / root
+    assert abs(amplitude - exact) <= told["bound"] + TOLERANCE, f"moment: {amplitude}, {exact}"
+    density = told["moment_scale"] * amplitude.real
+    number = 0
+    for cell, bits in zip(told["cell"], about["qubits_phase_space"]):
+        number = number * 2**bits + cell
+    velocities = len(about["velocities"][0])
+    expected = field[number * velocities :][:velocities].sum() * about["velocity_volume"]
+    assert abs(density - expected) <= told["moment_bound"], f"density: {density}, {expected}"
+    # Amplitude estimation of it: all probabilities.
+    said = ""
+    if told["estimate"] > 0:
+        register = next(r for r in complete["registers"] if r["name"] == "estimate")
+        place = range(register["first"], register["first"] + register["size"])
+        probabilities = Statevector(after["estimation"]).probabilities(list(place))
+        ideal = estimates(after["moment"][0], told["estimate"])
+        same(probabilities, ideal, "amplitude estimation", 1e-9)
+        # Control: another amplitude is noticed.
+        other = estimates(1.1 * after["moment"][0], told["estimate"])
+        assert np.max(np.abs(probabilities - other)) > 1e-6
+        said = f", {len(ideal)} estimates"
+    return (
+        f"; complete circuit: {qubits} qubits, {told['steps']} steps, states within {worst:.1e} "
+        f"of {told['bound']:.1e}, field within {off:.1e} of {told['field_bound']:.1e}, "
+        f"density {density:.6f}, {expected:.6f} expected{said}"
+    )
 
 
 def check(folder):
@@ -140,7 +274,10 @@ def check(folder):
     # Control: the point next to it, or the cell, is another state.
     other = np.roll(zeta, 1, axis=1 if p else 0).reshape(-1)
     assert abs(hadamard_test(other, state.data) - direct) > 0.0
-    return f"{n} qubits, P = {in_p * in_block:.2e}, amplitudes within {worst:.1e}"
+    said = f"{n} qubits, P = {in_p * in_block:.2e}, amplitudes within {worst:.1e}"
+    if (folder / "complete.json").exists():
+        said += check_complete(folder, about, states, field)
+    return said
 
 
 if sys.argv[1:] != ["--packages"]:

@@ -6,7 +6,7 @@ use crate::command::values::{
     parse_wavenumber,
 };
 use crate::quantum::circuit::scene::MOST_BIN_BITS;
-use crate::quantum::circuit::transport::Levels;
+use crate::quantum::circuit::transport::{Levels, ModeWeights};
 use crate::study::stability::panel::Name;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ pub enum Command {
     /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
     Chart(ChartArgs),
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
-    ExportQuantum(ExportArgs),
+    ExportQuantum(QuantumArgs),
     /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
     ExportMatrix(ExportArgs),
     /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
@@ -404,6 +404,25 @@ pub struct ExportArgs {
     pub force: bool,
 }
 
+/// Options of `export-quantum`.
+#[derive(Debug, Args)]
+pub struct QuantumArgs {
+    /// The case, and where the files go.
+    #[command(flatten)]
+    pub export: ExportArgs,
+    /// Also one circuit of all steps by gates, with so many qubits of amplitude estimation: the
+    /// start, transforms in p, exp(-iHT) by the block encoding of export-circuit, a density; 20
+    /// qubits at most
+    #[arg(
+        long,
+        value_name = "QUBITS",
+        num_args = 0..=1,
+        default_missing_value = "2",
+        value_parser = clap::value_parser!(u8).range(0..=8)
+    )]
+    pub complete: Option<u8>,
+}
+
 /// Options of `export-circuit`.
 #[derive(Debug, Args)]
 pub struct CircuitArgs {
@@ -422,6 +441,10 @@ pub struct CircuitArgs {
     /// many as needed, by rotations, with the least alpha
     #[arg(long, value_enum, default_value = "hadamard")]
     pub levels: Levels,
+    /// All modes with one weight, as a sum of signs of bits, or each with its own, by rotations:
+    /// the least alpha, in 6 N_p rotations a call
+    #[arg(long, value_enum, default_value = "sum", conflicts_with = "wavenumber")]
+    pub mode_weights: ModeWeights,
     /// H of one mode with this wavenumber, instead of all modes in a register
     #[arg(
         long,

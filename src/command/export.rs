@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::log::report;
 use crate::base::text::{rounded, short};
-use crate::command::cli::{CircuitArgs, ExportArgs};
+use crate::command::cli::{CircuitArgs, ExportArgs, QuantumArgs};
 use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
 use crate::command::resources::{has_counts, norms};
@@ -13,7 +13,7 @@ use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, Kind, Owner};
 use crate::quantum::circuit::{Choice, Compiled, NAMES, scene};
-use crate::quantum::export::{Description, Export};
+use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::resources::Record;
 use crate::quantum::{export, matrices, planned_modes};
@@ -25,12 +25,13 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// As [`export::refuse`], [`Prepared::new`], [`Prepared::plan_modes`], [`Export::new`] and
 /// [`Export::write`].
-pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
-    let case = load(world, &args.case)?;
+pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
+    let case = load(world, &args.export.case)?;
     let names = export::NAMES.map(str::to_owned);
     let owner = Owner::new(Kind::Quantum, &case);
-    let directory = output(world, args, &owner, &names, &case)?;
-    let description = export_quantum(world, &case, &directory)?;
+    let directory = output(world, &args.export, &owner, &names, &case)?;
+    let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
+    let description = exported.description();
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
     {
@@ -46,6 +47,21 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
         directory.display()
     );
     print(world, &line);
+    if let Some(about) = exported.complete() {
+        let line = format!(
+            "complete circuit: {} qubits, {} steps of the walk an evolution (tau = {:.2}), {} \
+             gates, {} of them Toffoli; field within {:.1e}, density of cell {:?} within {:.1e}",
+            about.counts.qubits,
+            about.steps,
+            about.tau,
+            about.counts.gates,
+            about.counts.toffoli,
+            about.field_bound,
+            about.cell,
+            about.moment_bound
+        );
+        print(world, &line);
+    }
     Ok(())
 }
 
@@ -90,6 +106,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let choice = Choice {
         bin_bits: args.sub_bins.map(usize::from),
         levels: args.levels,
+        mode_weights: args.mode_weights,
         wavenumber: args.wavenumber,
         columns: args.check,
     };
@@ -131,13 +148,18 @@ fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
 }
 
 /// Exports `case` into `directory`: the first rank writes. Collective.
-fn export_quantum(world: &World, case: &Case, directory: &Path) -> Result<Description> {
+fn export_quantum(
+    world: &World,
+    case: &Case,
+    directory: &Path,
+    estimate: Option<usize>,
+) -> Result<Export> {
     export::refuse(case)?;
     let all = world.group();
     let (mut prepared, here) = assembled(world, case)?;
     let ratio = prepared.probe();
     let mut prepared = prepared.plan_modes(world, &here, ratio)?;
-    let exported = all.agree(Export::new(&mut prepared))?;
+    let exported = all.agree(Export::new(&mut prepared, estimate))?;
     all.on_first_rank(|| exported.write(directory))?;
-    Ok(exported.description().clone())
+    Ok(exported)
 }

@@ -7,6 +7,7 @@
 //! | [`interface`] | the block encoding, with its mathematics |
 //! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
+//! | [`evolution`] | `e^{−iHT}` by calls of it |
 //! | [`gates`] | gates, registers, counts |
 //! | [`simulate`] | circuits on basis states and their sums |
 //! | [`description`] | what was compiled, and the counts of the evolution |
@@ -16,16 +17,17 @@
 //! `⟨0|G|0⟩ = H/α`. So `e^{−iHT}` is a sequence of `2K` phased steps of the walk, with `τ = αT` in
 //! the place of `d‖H‖_max T` (see [`walk`](crate::quantum::walk)). A step has one call, controlled
 //! by the qubit of the sequence, a reflection about the zeros of the block's qubits, controlled as
-//! well, and one rotation of that qubit.
+//! well, and one rotation of that qubit, whose angles are those of [`Phases`].
 //!
 //! | file | what |
 //! |---|---|
 //! | `interface.qasm` | `G`, OpenQASM 3 |
-//! | `circuit.json` | `α`, counts, registers, gates `[name, qubits]` or `[name, qubits, angle]` |
+//! | `circuit.json` | `α`, counts, registers, gates `[name, qubits, angle]`, phases |
 //! | `azure.json`, `qref.json` | the counts of the evolution for other programs |
 
 pub mod arithmetic;
 pub mod description;
+pub mod evolution;
 pub mod formats;
 pub mod gates;
 pub mod interface;
@@ -34,16 +36,19 @@ pub mod simulate;
 #[cfg(test)]
 mod tests;
 pub mod transport;
-mod wires;
+pub(in crate::quantum) mod wires;
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
-use crate::quantum::circuit::description::{Check, Description, Evolution, Sparse, steps_of};
+use crate::quantum::circuit::description::{
+    Check, Description, Evolution, Sequence, Sparse, steps_of,
+};
 use crate::quantum::circuit::gates::{Circuit, Role};
 use crate::quantum::circuit::scene::{Bins, Scene};
 use crate::quantum::circuit::simulate::block_column;
-use crate::quantum::circuit::transport::{Levels, Modes};
+use crate::quantum::circuit::transport::{Levels, ModeWeights, Modes};
+use crate::quantum::phases::Phases;
 use crate::quantum::resources::Record;
 use crate::solve::prepared::Prepared;
 use num_complex::Complex64;
@@ -62,6 +67,8 @@ pub struct Choice {
     pub bin_bits: Option<usize>,
     /// The register of the levels.
     pub levels: Levels,
+    /// How modes have their wavenumbers.
+    pub mode_weights: ModeWeights,
     /// One mode, instead of all.
     pub wavenumber: Option<f64>,
     /// Columns of the block that are simulated.
@@ -74,6 +81,8 @@ pub struct Compiled {
     pub circuit: Circuit,
     /// What it is.
     pub description: Description,
+    /// The rotations of the evolution; none of a long one.
+    pub phases: Option<Phases>,
 }
 
 /// Names of all files but the description.
@@ -92,20 +101,25 @@ impl Compiled {
             Some(mu) => Modes::One(mu),
             // The unitary scheme: H = iK.
             None if case.flux == 0.0 => Modes::One(0.0),
-            None => Modes::Register {
-                qubits: record.points.trailing_zeros() as usize,
-                period: record.period,
-            },
+            None => {
+                let (qubits, period) = (record.points.trailing_zeros() as usize, record.period);
+                let highest = record.setup.highest_wavenumber;
+                match choice.mode_weights {
+                    ModeWeights::Sum => Modes::Register { qubits, period },
+                    ModeWeights::Rotations => Modes::Rotated { qubits, period, highest },
+                }
+            }
         };
         let (time, levels) = (case.duration(), choice.levels);
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
+        let tau = alpha * time;
         let controlled = transport.encode(modes, levels, true).counts();
         // The unitary scheme's one mode is the field, whatever the profile.
         let fine = record.walk_tolerance.value().filter(|_| case.flux != 0.0);
         let tolerance = fine.unwrap_or(case.tolerance);
         let (highest, alpha_of_highest) = match modes {
-            Modes::One(mu) => (mu, None),
+            Modes::One(mu) | Modes::Rotated { highest: mu, .. } => (mu, None),
             Modes::Register { .. } => {
                 let highest = record.setup.highest_wavenumber;
                 (highest, Some(transport.alpha(Modes::One(highest), levels)))
@@ -113,6 +127,8 @@ impl Compiled {
         };
         let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
         let sparse_alpha = nonzeros as f64 * largest_entry;
+        let evolution = Evolution::new(tau, tolerance, &controlled);
+        let phases = Phases::new(tau, evolution.steps / 2);
         let mut compiled = Self {
             description: Description {
                 title: case.title.clone(),
@@ -133,11 +149,13 @@ impl Compiled {
                 },
                 counts: circuit.counts(),
                 controlled,
-                evolution: Evolution::new(alpha * time, tolerance, &controlled),
+                evolution,
                 transport,
+                sequence: phases.as_ref().map(Sequence::of),
                 check: None,
             },
             circuit,
+            phases,
         };
         if choice.columns > 0 {
             compiled.description.check = Some(compiled.check(prepared, choice.columns)?);
@@ -151,7 +169,9 @@ impl Compiled {
         let (transport, modes) = (&self.description.transport, self.description.modes);
         // The register of modes; of one mode, two points, the first of that wavenumber.
         let (points, period) = match modes {
-            Modes::Register { qubits, period } => (1 << qubits, period),
+            Modes::Register { period, .. } | Modes::Rotated { period, .. } => {
+                (1 << modes.qubits(), period)
+            }
             Modes::One(mu) => (2, -TAU / mu),
         };
         let of_block = self.circuit.registers.iter().filter(|r| r.role == Role::Block);
@@ -176,6 +196,9 @@ impl Compiled {
             let (cell, l) =
                 (column * states / columns / listed, column * states / columns % listed);
             let row = cell * points + l;
+            if !modes.carries(l) {
+                continue;
+            }
             let mut left: HashMap<usize, Complex64> = (0..access.sparsity())
                 .map(|entry| access.location(&mut scratch, row, entry))
                 .filter(|&k| k < access.order())
@@ -201,14 +224,15 @@ impl Compiled {
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let Self { circuit, description } = self;
+        let Self { circuit, description, phases } = self;
         disk::make(directory)?;
         let write = |name: &str, text: &str| disk::write_text(&directory.join(name), text);
-        write("interface.qasm", &formats::qasm(circuit, &description.title))?;
+        write("interface.qasm", &formats::qasm(circuit, Some(&description.title)))?;
         let whole = json!({
             "description": description,
             "registers": circuit.registers,
             "gates": circuit.gates,
+            "phases": phases.as_ref().map(|phases| &phases.angles),
         });
         for (name, value) in [
             ("circuit.json", &whole),

@@ -22,8 +22,10 @@
 //! | `hamiltonian.mtx` | `H`, Matrix Market, the lower triangle of a Hermitian matrix |
 //! | `transform.qasm` | `Φ` on the p-register, OpenQASM 3 |
 //! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; real `w(0)` only |
+//! | `complete.qasm`, `complete.json` | if asked for: one circuit of all steps ([`complete`]) |
 
 pub mod circuit;
+pub mod complete;
 pub mod numpy;
 
 use crate::base::disk;
@@ -39,6 +41,8 @@ use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
+use crate::quantum::circuit::formats::qasm;
+use crate::quantum::export::complete::{About, Complete, Task};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -111,12 +115,13 @@ pub struct Export {
     hamiltonian: String,
     transform: String,
     preparation: Option<String>,
+    complete: Option<Complete>,
 }
 
 /// Names of all files but the description.
-pub const NAMES: [&str; 9] = [
+pub const NAMES: [&str; 11] = [
     "initial_modes.npy", "final_modes.npy", "initial.npy", "final.npy", "field.npy", "weights.npy",
-    "hamiltonian.mtx", "transform.qasm", "preparation.qasm",
+    "hamiltonian.mtx", "transform.qasm", "preparation.qasm", "complete.qasm", "complete.json",
 ];
 
 /// Refuses what cannot be exported, before it is assembled.
@@ -322,12 +327,13 @@ impl Reading {
 }
 
 impl Export {
-    /// The export of a case whose whole grid is on this rank.
+    /// The export of a case whose whole grid is on this rank; with so many qubits of amplitude
+    /// estimation, if a complete circuit is asked for.
     ///
     /// # Errors
     /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power
-    /// of two, or a start that is zero.
-    pub fn new(prepared: &mut Prepared) -> Result<Self> {
+    /// of two, or a start that is zero; as [`Complete::new`].
+    pub fn new(prepared: &mut Prepared, estimate: Option<usize>) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
         let warp = planned_modes(case, plan)?;
         let grid = PointGrid::new(case, warp)?;
@@ -355,9 +361,28 @@ impl Export {
 
         let pi = &system.weights.pi[..cells];
         let reading = Reading::new(&states[1], &grid, pi, norm_of_state);
-        let (preparation, refused) = match preparation(&start, &system.states[0][..rows], unknowns)
-        {
-            Ok(text) => (Some(text), None),
+        let profile = profile(&start);
+        let complete = estimate
+            .map(|estimate| {
+                let series = &warp.series;
+                Complete::new(&Task {
+                    case,
+                    registers: &registers,
+                    grid: &grid,
+                    reading: &reading,
+                    highest: series.wavenumber(series.modes() - 1),
+                    norm_of_state,
+                    profile: profile.clone(),
+                    start: &system.states[0][..cells],
+                    end: &states[1],
+                    estimate,
+                })
+            })
+            .transpose()?;
+        let mut start = system.states[0][..rows].to_vec();
+        start.resize(unknowns, 0.0);
+        let (preparation, refused) = match profile {
+            Ok(profile) => (Some(qasm(&circuit::preparation(&profile, &start), None)), None),
             Err(why) => (None, Some(why)),
         };
         Ok(Self {
@@ -365,12 +390,13 @@ impl Export {
                 case, &registers, &grid, &reading, norm_of_state, refused,
             ),
             hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
-            transform: circuit::transform(registers.p),
+            transform: qasm(&circuit::transform(registers.p), None),
             modes,
             states,
             field: reading.field,
             weights: reading.weights,
             preparation,
+            complete,
         })
     }
 
@@ -392,12 +418,21 @@ impl Export {
         if let Some(preparation) = &self.preparation {
             write("preparation.qasm", preparation.as_bytes())?;
         }
+        if let Some(complete) = &self.complete {
+            write("complete.qasm", complete.qasm(&self.description.title).as_bytes())?;
+            write("complete.json", complete.json().as_bytes())?;
+        }
         exported::write(directory, &self.description)
     }
 
     /// What was exported.
     pub fn description(&self) -> &Description {
         &self.description
+    }
+
+    /// What the complete circuit is, if there is one.
+    pub fn complete(&self) -> Option<&About> {
+        self.complete.as_ref().map(|complete| &complete.about)
     }
 }
 
@@ -449,12 +484,8 @@ fn initial_modes(start: &[Complex64], system: &[f64], unknowns: usize) -> Vec<Co
     initial
 }
 
-/// The circuit that prepares `w(0)`, or the reason why there is none.
-fn preparation(
-    start: &[Complex64],
-    system: &[f64],
-    unknowns: usize,
-) -> std::result::Result<String, String> {
+/// The normalised amplitudes of `w(0)` in `p`, or the reason why no circuit prepares them.
+fn profile(start: &[Complex64]) -> std::result::Result<Vec<f64>, String> {
     let profile: Vec<Complex64> = transformed(start).collect();
     let size = norm(&profile);
     let (amplitudes, imaginary) = real(&profile);
@@ -466,9 +497,7 @@ fn preparation(
             imaginary / size
         ));
     }
-    let mut system = system.to_vec();
-    system.resize(unknowns, 0.0);
-    Ok(circuit::preparation(&amplitudes, &system))
+    Ok(amplitudes)
 }
 
 /// The evolution of all modes of a case to round-off.

@@ -34,6 +34,7 @@ use crate::quantum::optimise::{Choice, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
 use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
+use crate::quantum::surface_code::physical_qubits;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
@@ -78,6 +79,8 @@ pub struct Way {
     pub cost: Option<Cost>,
     /// Toffoli gates of all.
     pub toffoli: Figure,
+    /// Physical qubits, of a model of the surface code.
+    pub physical_qubits: Figure,
 }
 
 /// A classical method.
@@ -146,11 +149,18 @@ impl Measured {
         Ok(Self { grids: shapes, order, seconds: group.max(last.0), spread: last.1, errors })
     }
 
-    /// How many times finer than the finest grid one is whose error is `wanted`; not coarser than
-    /// the coarsest.
+    /// How many times finer than the finest grid one is whose error is `wanted`: between two grids
+    /// on which errors were measured by these, else by the order; not coarser than the coarsest.
     fn factor(&self, wanted: f64) -> f64 {
-        let finest = self.errors[self.errors.len() - 1];
-        self.order.refinement(finest, wanted).max(0.25)
+        let last = self.errors.len() - 1;
+        match self.errors.iter().rposition(|&error| error > wanted) {
+            Some(k) if k < last => {
+                let [coarse, fine] = [self.errors[k], self.errors[k + 1]];
+                let part = (coarse / wanted).ln() / (coarse / fine).ln();
+                (k as f64 + part - last as f64).exp2()
+            }
+            _ => self.order.refinement(self.errors[last], wanted).max(0.25),
+        }
     }
 }
 
@@ -382,9 +392,17 @@ impl Task<'_> {
         let found = scheme.and_then(|scheme| self.priced(name, &scheme, known));
         found.unwrap_or_else(|why| {
             let none = || Figure::unavailable(&why.to_string());
-            let (probability, evolutions, toffoli) = (none(), none(), none());
-            let (grids, errors) = (Vec::new(), Vec::new());
-            Way { name, grids, errors, order: None, probability, evolutions, cost: None, toffoli }
+            Way {
+                name,
+                grids: Vec::new(),
+                errors: Vec::new(),
+                order: None,
+                probability: none(),
+                evolutions: none(),
+                cost: None,
+                toffoli: none(),
+                physical_qubits: none(),
+            }
         })
     }
 
@@ -443,6 +461,7 @@ impl Task<'_> {
             probability: Figure::estimate(probability, why),
             evolutions,
             toffoli: cost.until_measured[0].clone(),
+            physical_qubits: physical_qubits(&cost.qubits, &cost.until_measured[0]),
             cost: Some(cost),
         })
     }
@@ -498,6 +517,7 @@ impl Task<'_> {
             order: None,
             probability: Figure::exact(1.0),
             toffoli: evolutions.times(&trace),
+            physical_qubits: Figure::unavailable("no circuit of a trace is compiled"),
             evolutions,
             cost: None,
         }
@@ -562,6 +582,7 @@ impl EndToEnd {
             quantum("probability", |way| &way.probability),
             quantum("evolutions", |way| &way.evolutions),
             quantum("toffoli", |way| &way.toffoli),
+            quantum("physical_qubits", |way| &way.physical_qubits),
             words("cells_or_traces", |_| Value::Null, |method| method.size.into()),
             Figure::column("seconds", seconds),
         ]
@@ -591,6 +612,7 @@ impl fmt::Display for EndToEnd {
                 ("probability", &way.probability),
                 ("evolutions", &way.evolutions),
                 ("Toffoli gates", &way.toffoli),
+                ("physical qubits", &way.physical_qubits),
             ] {
                 writeln!(f, "  {name:<20}{figure}")?;
             }

@@ -294,6 +294,8 @@ fn a_density_from_end_to_end() {
         assert_eq!(cost["toffoli_a_step"]["label"], "emitted");
         let all = value(&cost["toffoli"]) * value(&way["evolutions"]);
         assert!((value(&way["toffoli"]) / all - 1.0).abs() < 1e-9);
+        assert_eq!(way["physical_qubits"]["label"], "model");
+        assert!(value(&way["physical_qubits"]) > 100.0 * value(&cost["qubits"]));
     }
     assert!(unitary["order"].as_f64() > Some(1.5) && upwind["order"].as_f64() < Some(1.0));
     assert_eq!(value(&unitary["probability"]), 1.0);

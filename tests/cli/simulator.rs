@@ -62,6 +62,40 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[TINY, UNITARY]),
 ];
 
+/// Two cells on a ring, at whose faces half of the particles are reflected.
+const HALVES: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.0.x.cells=2",
+    "axis.0.x.boundary=periodic",
+    "axis.0.v.cells=2",
+    "axis.0.v.lower=-1",
+    "axis.0.v.upper=1",
+    "potential.0.value=0.25",
+    "time.end=0.3",
+];
+/// Four modes.
+const FOUR: &[&str] = &[
+    "solver.warp.profile=exponential",
+    "solver.warp.coefficients=sampled",
+    "solver.warp.points=4",
+    "solver.tolerance=0.1",
+];
+/// A product; a set of cells that is none; no product and no set.
+const BEAM: &[&str] = &["initial.f=1 if x < 0 && v > 0 else 0"];
+const CORNERS: &[&str] = &["initial.f=1 if x * v < 0 || x < 0 else 0"];
+const SLOPE: &[&str] = &["initial.f=3 + x * v"];
+const ONE_MODE: &[&str] = &[
+    "scheme.flux=0", "scheme.ends=closed", "axis.0.x.cells=4", "time.end=1",
+    "solver.tolerance=0.01",
+];
+
+/// Complete circuits, and their qubits of amplitude estimation.
+const COMPLETE: &[(&[&[&str]], &str)] = &[
+    (&[HALVES, FOUR, BEAM], "1"),
+    (&[HALVES, FOUR, CORNERS], "0"),
+    (&[HALVES, ONE_MODE, SLOPE], "1"),
+];
+
 /// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.
 const READ: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[SMALL, &["solver.warp.sigma=0.25"]]),
@@ -118,6 +152,36 @@ fn qiskit_finds_the_same_amplitudes() {
         match simulate(&python, &[&path]) {
             Err(why) if why.contains("final_modes: differs") => Ok(()),
             other => Err(fails(format!("another time was not noticed: {other:?}"))),
+        }
+    });
+}
+
+/// The start, transforms in p, the evolution, a moment and its estimation, all by gates.
+#[test]
+fn complete_circuits_find_the_field_and_a_moment() {
+    let python = python::with_packages("qiskit", SCRIPT);
+    check_all(COMPLETE, |(settings, estimate)| {
+        let place = directory();
+        let job = export("example1.toml", &settings.concat(), place.path());
+        job.with(["--complete", estimate]).succeed()?;
+        // Without Qiskit there is a circuit, at least; the other test says so.
+        let Some(python) = &python else { return Ok(()) };
+        let path = place.path().display().to_string();
+        let said = simulate(python, &[&path])?;
+        if !said.contains("complete circuit: ") {
+            return Err(said);
+        }
+        // Control: a bound that is a hundredth of it does not hold.
+        let file = place.path().join("complete.json");
+        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let mut whole: serde_json::Value =
+            serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let bound = whole["description"]["bound"].as_f64().ok_or("no bound")?;
+        whole["description"]["bound"] = (0.01 * bound).into();
+        std::fs::write(&file, whole.to_string()).map_err(|e| e.to_string())?;
+        match simulate(python, &[&path]) {
+            Err(why) if why.contains("evolution: ") => Ok(()),
+            other => Err(format!("a lower bound holds: {other:?}")),
         }
     });
 }

@@ -3,6 +3,7 @@
 //! Numbers are lists of qubits, the lowest bit first. Scratch is clean before and after.
 
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use std::f64::consts::PI;
 
 /// A qubit and the value that it is to have.
 pub type Literal = (Qubit, bool);
@@ -158,6 +159,84 @@ impl Circuit {
         self.give_back(&constants);
     }
 
+    /// Not of `target` where all `controls` are 1, with `borrowed` qubits in any state, one or more
+    /// of them beyond two controls. With `k − 2` of them `4(k − 2)` Toffoli gates; with fewer the
+    /// controls are halved (Barenco and others 1995).
+    pub fn flip_where_all(&mut self, controls: &[Qubit], target: Qubit, borrowed: &[Qubit]) {
+        match *controls {
+            [] => return self.push(Gate::X(target)),
+            [a] => return self.push(Gate::Cx(a, target)),
+            [a, b] => return self.push(Gate::Ccx(a, b, target)),
+            _ => {}
+        }
+        let rest = controls.len() - 2;
+        if borrowed.len() >= rest {
+            let end = [&borrowed[..rest], &[target]].concat();
+            let step =
+                |c: &mut Self, i: usize| c.push(Gate::Ccx(controls[i + 1], end[i - 1], end[i]));
+            for last in [rest + 1, rest] {
+                (1..last).rev().for_each(|i| step(self, i));
+                self.push(Gate::Ccx(controls[0], controls[1], end[0]));
+                (1..last).for_each(|i| step(self, i));
+            }
+            return;
+        }
+        let (first, second) = controls.split_at(controls.len().div_ceil(2));
+        let (one, others) = (borrowed[0], &borrowed[1..]);
+        let last = [second, &[one]].concat();
+        for _ in 0..2 {
+            self.flip_where_all(first, one, &[second, &[target], others].concat());
+            self.flip_where_all(&last, target, &[first, others].concat());
+        }
+    }
+
+    /// Rotates `target` by `angles[c]` where `controls` have the value `c`: as many rotations by
+    /// the Walsh transform of the angles, in the order of the Gray code, each followed by a
+    /// controlled not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
+    pub fn rotate(
+        &mut self,
+        rotation: fn(f64, Qubit) -> Gate,
+        controls: &[Qubit],
+        target: Qubit,
+        angles: &[f64],
+    ) {
+        let count = angles.len();
+        let gray = |j: usize| j ^ j >> 1;
+        for j in 0..count {
+            let sign = |c: usize| {
+                if (c & gray(j)).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 }
+            };
+            let sum: f64 = angles.iter().enumerate().map(|(c, angle)| sign(c) * angle).sum();
+            self.push(rotation(sum / count as f64, target));
+            if count > 1 {
+                // The bit that changes next; after the last the first bit, which closes the circle.
+                let bit = (gray(j) ^ gray((j + 1) % count)).trailing_zeros() as usize;
+                self.push(Gate::Cx(controls[bit], target));
+            }
+        }
+    }
+
+    /// Prepares a normalised real vector from zeros, by uniformly controlled rotations.
+    pub fn prepare(&mut self, qubits: &[Qubit], values: &[f64]) {
+        for level in 0..qubits.len() {
+            let (below, above) = qubits.split_at(qubits.len() - level);
+            self.rotate(Gate::Ry, above, below[below.len() - 1], &halves(values, level));
+        }
+    }
+
+    /// The Fourier transform with the positive sign, of numbers whose first bit is the lowest.
+    pub fn fourier(&mut self, qubits: &[Qubit]) {
+        for (place, &target) in qubits.iter().enumerate().rev() {
+            self.push(Gate::H(target));
+            for (control, &q) in qubits[..place].iter().enumerate().rev() {
+                self.push(Gate::Cp(PI / (1u64 << (place - control)) as f64, q, target));
+            }
+        }
+        for (low, &q) in qubits[..qubits.len() / 2].iter().enumerate() {
+            self.push(Gate::Swap(q, qubits[qubits.len() - 1 - low]));
+        }
+    }
+
     /// Hadamard of `target` where `control` is 1: two T gates.
     fn controlled_hadamard(&mut self, control: Qubit, target: Qubit) {
         let around = |c: &mut Self| {
@@ -213,6 +292,22 @@ impl Circuit {
             );
         }
     }
+}
+
+/// Angles of the rotations of bit `level`, counted from the first. Each value of the bits before it
+/// selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
+/// `2 atan(b/a)`. For the last bit `a` and `b` are the numbers themselves, with their signs.
+fn halves(values: &[f64], level: usize) -> Vec<f64> {
+    let size = values.len() >> level;
+    let angle = |part: &[f64]| {
+        let (first, second) = part.split_at(size / 2);
+        let norm = |x: &[f64]| match x {
+            [one] => *one,
+            _ => x.iter().map(|x| x * x).sum::<f64>().sqrt(),
+        };
+        2.0 * norm(second).atan2(norm(first))
+    };
+    values.chunks_exact(size).map(angle).collect()
 }
 
 /// The angle of the `ry` that keeps the value of a qubit with this probability.

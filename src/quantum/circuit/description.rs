@@ -2,6 +2,7 @@
 
 use crate::quantum::circuit::gates::Counts;
 use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::phases::{MOST_STEPS, Phases};
 use crate::quantum::walk;
 use serde::Serialize;
 use std::fmt;
@@ -47,6 +48,24 @@ pub struct Check {
     pub difference: f64,
 }
 
+/// The rotations of the evolution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Sequence {
+    /// Bound on the distance of the sequence from `e^{−iHT}` in norm.
+    pub bound: f64,
+    /// The product of its steps beside its polynomial, at points of the unit circle: the largest
+    /// difference.
+    pub difference: f64,
+}
+
+impl Sequence {
+    /// Of these rotations.
+    pub fn of(phases: &Phases) -> Self {
+        const POINTS: usize = 64;
+        Self { bound: phases.bound, difference: phases.difference(POINTS) }
+    }
+}
+
 /// What was compiled.
 #[derive(Clone, Debug, Serialize)]
 pub struct Description {
@@ -79,6 +98,8 @@ pub struct Description {
     pub controlled: Counts,
     /// The evolution that calls the controlled circuit.
     pub evolution: Evolution,
+    /// Its rotations; none of more than [`MOST_STEPS`] steps.
+    pub sequence: Option<Sequence>,
     /// What was simulated.
     pub check: Option<Check>,
 }
@@ -119,7 +140,7 @@ impl fmt::Display for Description {
         )?;
         match self.modes {
             Modes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
-            Modes::Register { qubits, period } => {
+            Modes::Register { qubits, period } | Modes::Rotated { qubits, period, .. } => {
                 writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)?;
             }
         }
@@ -151,6 +172,18 @@ impl fmt::Display for Description {
             "qubits of one call: {} of the system, {} of the block, {} scratch",
             counts.system_qubits, counts.block_qubits, counts.scratch_qubits
         )?;
+        match self.sequence {
+            Some(Sequence { bound, difference }) => write!(
+                f,
+                "\nrotations of the evolution: within {bound:.1e} of exp(-iHT); their product \
+                 within {difference:.1e} of its polynomial"
+            )?,
+            None => write!(
+                f,
+                "\nno rotations of the evolution are computed: {} steps, {MOST_STEPS} at most",
+                evolution.steps
+            )?,
+        }
         if let Some(Check { columns, difference }) = self.check {
             write!(
                 f,

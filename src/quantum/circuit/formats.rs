@@ -5,10 +5,12 @@ use crate::quantum::circuit::gates::{Circuit, Counts};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// `circuit` in OpenQASM 3, with the gates of `stdgates.inc`.
-pub fn qasm(circuit: &Circuit, title: &str) -> String {
-    let title = title.replace(['\n', '\r'], " ");
-    let mut text = format!("OPENQASM 3.0;\ninclude \"stdgates.inc\";\n// {title}\n");
+/// `circuit` in OpenQASM 3, with the gates of `stdgates.inc`, and a title if it has one.
+pub fn qasm(circuit: &Circuit, title: Option<&str>) -> String {
+    let mut text = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n".to_owned();
+    if let Some(title) = title {
+        let _ = writeln!(text, "// {}", title.replace(['\n', '\r'], " "));
+    }
     let mut names = Vec::with_capacity(circuit.qubits());
     for register in &circuit.registers {
         let _ = writeln!(text, "qubit[{}] {};", register.size, register.name);

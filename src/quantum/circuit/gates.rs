@@ -30,6 +30,10 @@ pub enum Gate {
     Cx(Qubit, Qubit),
     /// Sign where both are 1.
     Cz(Qubit, Qubit),
+    /// Phase `e^{iθ}` where both are 1.
+    Cp(f64, Qubit, Qubit),
+    /// Exchange.
+    Swap(Qubit, Qubit),
     /// Toffoli: not of the third where the first two are 1.
     Ccx(Qubit, Qubit, Qubit),
 }
@@ -49,6 +53,8 @@ impl Gate {
             Self::Rz(angle, q) => ("rz", Some(angle), vec![q]),
             Self::Cx(a, q) => ("cx", None, vec![a, q]),
             Self::Cz(a, q) => ("cz", None, vec![a, q]),
+            Self::Cp(angle, a, q) => ("cp", Some(angle), vec![a, q]),
+            Self::Swap(a, q) => ("swap", None, vec![a, q]),
             Self::Ccx(a, b, q) => ("ccx", None, vec![a, b, q]),
         }
     }
@@ -62,6 +68,7 @@ impl Gate {
             Self::Tdg(q) => Self::T(q),
             Self::Ry(angle, q) => Self::Ry(-angle, q),
             Self::Rz(angle, q) => Self::Rz(-angle, q),
+            Self::Cp(angle, a, q) => Self::Cp(-angle, a, q),
             own_inverse => own_inverse,
         }
     }
@@ -88,6 +95,8 @@ pub enum Role {
     Block,
     /// Zero before and after.
     Scratch,
+    /// Zero before, and read after.
+    Readout,
 }
 
 /// Neighbouring qubits, the lowest bit first.
@@ -145,6 +154,17 @@ impl Circuit {
         debug_assert!(qubits.first().is_none_or(|&q| q == self.named + self.scratch[0]));
     }
 
+    /// The scratch qubits taken so far, which are clean.
+    pub fn clean_scratch(&self) -> Vec<Qubit> {
+        (self.named + self.scratch[0]..self.qubits()).collect()
+    }
+
+    /// The qubits of the registers with this role.
+    pub fn qubits_of(&self, role: Role) -> Vec<Qubit> {
+        let registers = self.registers.iter().filter(|r| r.role == role);
+        registers.flat_map(|r| r.first..r.first + r.size).collect()
+    }
+
     /// Scratch becomes a register.
     pub fn finish(&mut self) {
         let [_, size] = std::mem::take(&mut self.scratch);
@@ -193,9 +213,7 @@ impl Circuit {
 
     /// Numbers of gates and qubits.
     pub fn counts(&self) -> Counts {
-        let role = |role: Role| {
-            self.registers.iter().filter(|r| r.role == role).map(|r| r.size).sum::<usize>()
-        };
+        let role = |role: Role| self.qubits_of(role).len();
         let mut counts = Counts {
             system_qubits: role(Role::System),
             block_qubits: role(Role::Block),
@@ -211,6 +229,10 @@ impl Circuit {
             match gate {
                 Gate::Ccx(..) => counts.toffoli += 1,
                 Gate::Cx(..) | Gate::Cz(..) => counts.cnot += 1,
+                Gate::Swap(..) => counts.cnot += 3,
+                Gate::Cp(..) => {
+                    (counts.cnot, counts.rotations) = (counts.cnot + 2, counts.rotations + 3)
+                }
                 Gate::T(_) | Gate::Tdg(_) => counts.t += 1,
                 Gate::Ry(..) | Gate::Rz(..) => counts.rotations += 1,
                 Gate::H(_) => counts.hadamard += 1,
@@ -263,9 +285,9 @@ pub struct Counts {
     pub t: usize,
     /// With [`T_OF_TOFFOLI`] for each `ccx`, without those of rotations.
     pub t_with_toffoli: usize,
-    /// `ry` and `rz`.
+    /// `ry` and `rz`; three of each `cp`.
     pub rotations: usize,
-    /// `cx` and `cz`.
+    /// `cx` and `cz`; two of each `cp`, three of each `swap`.
     pub cnot: usize,
     /// `h`.
     pub hadamard: usize,

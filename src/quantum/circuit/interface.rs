@@ -78,7 +78,19 @@ impl Transport {
     pub fn encode(&self, modes: Modes, levels: Levels, controlled: bool) -> Circuit {
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, self, modes, controlled);
-        let c = &mut circuit;
+        self.call(&mut circuit, &wires, modes, levels);
+        circuit.finish();
+        circuit
+    }
+
+    /// The same on registers that are there.
+    pub(in crate::quantum) fn call(
+        &self,
+        c: &mut Circuit,
+        wires: &Wires,
+        modes: Modes,
+        levels: Levels,
+    ) {
         c.comment("prepare the weights of the sum, and uniform levels");
         let first = c.gates.len();
         wires.prepare(c, modes, self.level_values(levels));
@@ -89,7 +101,7 @@ impl Transport {
         wires.where_moving(c, |c, moving| {
             for (axis, along) in self.axes.iter().zip(&wires.along) {
                 if axis.rate != 0.0 {
-                    axis.apply(c, &wires, along, moving);
+                    axis.apply(c, wires, along, moving);
                 }
             }
         });
@@ -99,8 +111,6 @@ impl Transport {
         });
         c.comment("undo the preparation");
         c.gates.extend(prepared.iter().rev().map(|gate| gate.inverse()));
-        circuit.finish();
-        circuit
     }
 }
 
@@ -167,7 +177,6 @@ impl AxisTransport {
     fn cross(&self, c: &mut Circuit, along: &Along, moved: Qubit) {
         let (e, downhill) = (&along.kinetic, along.sign());
         let height = c.take(e.len());
-        let reflected = c.take(1)[0];
         let load = |c: &mut Circuit| {
             for jump in &self.jumps {
                 let part = jump.part.iter().map(|&(bit, value)| (along.others[bit], value));
@@ -186,6 +195,8 @@ impl AxisTransport {
         };
         c.comment("the jump at the face; the sign becomes: downhill");
         c.within(load, |c| {
+            // Taken here: what loads has scratch of its own.
+            let reflected = c.take(1)[0];
             c.comment("who is reflected");
             let not_downhill = |c: &mut Circuit| c.push(Gate::X(downhill));
             c.within(not_downhill, |c| c.less(e, &height, Some(downhill), reflected));
@@ -198,8 +209,8 @@ impl AxisTransport {
             c.comment("reflection");
             c.push(Gate::Cx(reflected, downhill));
             c.less(e, &height, Some(downhill), reflected);
+            c.give_back(&[reflected]);
         });
-        c.give_back(&[reflected]);
         c.give_back(&height);
     }
 

@@ -41,6 +41,13 @@ impl State {
             }
             Gate::Z(q) => self.turn(|s| bit(q, s), -Complex64::ONE),
             Gate::Cz(a, b) => self.turn(|s| bit(a, s) & bit(b, s), -Complex64::ONE),
+            Gate::Cp(angle, a, b) => {
+                self.turn(|s| bit(a, s) & bit(b, s), Complex64::cis(angle));
+            }
+            Gate::Swap(a, b) => self.terms.iter_mut().for_each(|(s, _)| {
+                let differ = bit(a, *s) ^ bit(b, *s);
+                *s ^= differ << a | differ << b;
+            }),
             Gate::S(q) => self.turn(|s| bit(q, s), Complex64::I),
             Gate::Sdg(q) => self.turn(|s| bit(q, s), -Complex64::I),
             Gate::T(q) => self.turn(|s| bit(q, s), Complex64::cis(FRAC_PI_4)),

@@ -2,10 +2,14 @@
 
 use crate::problem::case::Interface;
 use crate::problem::grid::Axis;
+use crate::propagate::chebyshev::degree;
+use crate::quantum::circuit::evolution::Walk;
 use crate::quantum::circuit::formats::qasm;
 use crate::quantum::circuit::gates::{Circuit, Gate, Role};
 use crate::quantum::circuit::simulate::{State, block_column};
 use crate::quantum::circuit::transport::{AxisTransport, Jump, Levels, Modes, Transport};
+use crate::quantum::circuit::wires::Wires;
+use crate::quantum::phases::Phases;
 use crate::scheme::interface::{Side, sources, velocity};
 use num_complex::Complex64;
 use std::collections::HashMap;
@@ -38,6 +42,24 @@ fn check_all(circuit: &Circuit, bits: usize, expected: impl Fn(u128) -> u128) {
 
 fn toffolis(circuit: &Circuit) -> usize {
     circuit.counts().toffoli
+}
+
+/// With any number of borrowed qubits, in any state, which stay as they are.
+#[test]
+fn flips_with_borrowed_qubits() {
+    for controls in 0..=7usize {
+        for borrowed in usize::from(controls > 2)..=5 {
+            let bits = controls + borrowed + 1;
+            let circuit = on_register(bits, |c, q| {
+                c.flip_where_all(&q[..controls], q[controls], &q[controls + 1..]);
+            });
+            let all = (1u128 << controls) - 1;
+            check_all(&circuit, bits, |s| s ^ u128::from(s & all == all) << controls);
+            if controls > 2 && borrowed >= controls - 2 {
+                assert_eq!(toffolis(&circuit), 4 * (controls - 2));
+            }
+        }
+    }
 }
 
 #[test]
@@ -233,14 +255,14 @@ fn check_block(grid: &Grid, modes: Modes, levels: Levels) -> usize {
     let circuit = transport.encode(modes, levels, false);
     let wavenumbers = match modes {
         Modes::One(mu) => vec![mu],
-        Modes::Register { qubits, period } => {
+        Modes::Register { qubits, period } | Modes::Rotated { qubits, period, .. } => {
             let points = 1i32 << qubits;
             (0..points).map(|l| TAU * f64::from(l - points / 2) / period).collect()
         }
     };
     let points = wavenumbers.len();
     let states = grid.states();
-    for (l, mu) in wavenumbers.into_iter().enumerate() {
+    for (l, mu) in wavenumbers.into_iter().enumerate().filter(|(l, _)| modes.carries(*l)) {
         let h = grid.hamiltonian(mu);
         for &column in &states {
             let mut left = h.clone();
@@ -261,7 +283,10 @@ fn check_block(grid: &Grid, modes: Modes, levels: Levels) -> usize {
 fn blocks_are_the_hamiltonian_of_the_scheme() {
     let register = Modes::Register { qubits: 2, period: 7.3 };
     for grid in GRIDS {
-        for modes in [register, Modes::One(3.7), Modes::One(-0.4), Modes::One(0.0)] {
+        let highest = TAU / 7.3;
+        let rotated = Modes::Rotated { qubits: 2, period: 7.3, highest };
+        let all = Modes::Rotated { qubits: 2, period: 7.3, highest: 2.0 * highest };
+        for modes in [register, rotated, all, Modes::One(3.7), Modes::One(-0.4), Modes::One(0.0)] {
             for levels in [Levels::Hadamard, Levels::Uniform] {
                 check_block(grid, modes, levels);
             }
@@ -360,7 +385,8 @@ fn particles_move_one_to_one() {
 #[test]
 fn circuits_are_their_own_inverses() {
     for grid in GRIDS {
-        for modes in [Modes::One(0.8), Modes::Register { qubits: 1, period: 2.0 }] {
+        let rotated = Modes::Rotated { qubits: 1, period: 2.0, highest: 3.2 };
+        for modes in [Modes::One(0.8), Modes::Register { qubits: 1, period: 2.0 }, rotated] {
             let encode = |controlled| grid.transport().encode(modes, Levels::Uniform, controlled);
             let (circuit, controlled) = (encode(false), encode(true));
             let points = if matches!(modes, Modes::One(_)) { 1 } else { 2 };
@@ -386,6 +412,63 @@ fn circuits_are_their_own_inverses() {
                 }
             }
         }
+    }
+}
+
+/// `e^{−iHt}` of a basis state of one mode, by its Taylor series.
+fn evolved(h: &HashMap<(usize, usize), Complex64>, state: usize) -> HashMap<usize, Complex64> {
+    let mut term = HashMap::from([(state, Complex64::ONE)]);
+    let mut sum = term.clone();
+    for k in 1..80 {
+        let mut next: HashMap<usize, Complex64> = HashMap::new();
+        for ((i, j), value) in h {
+            if let Some(x) = term.get(j) {
+                *next.entry(*i).or_default() += value * x * -Complex64::I / f64::from(k);
+            }
+        }
+        next.iter().for_each(|(&i, x)| *sum.entry(i).or_default() += x);
+        term = next;
+    }
+    sum
+}
+
+/// The sequence of phased steps is the exponential, as near as its series.
+#[test]
+fn sequences_are_exponentials() {
+    let halves = Grid { cells: 3, periodic: true, speeds: 1, bin_bits: 1, jumps: &[(0, 0.5)] };
+    let modes = Modes::Rotated { qubits: 1, period: 3.0, highest: TAU / 3.0 };
+    for (grid, modes) in [(&halves, modes), (&GRIDS[11], Modes::One(0.0))] {
+        let transport = grid.transport();
+        let mut circuit = Circuit::default();
+        let wires = Wires::new(&mut circuit, &transport, modes, true);
+        let walk = Walk::new(&mut circuit, &wires, &transport, modes, Levels::Uniform);
+        let tau = transport.alpha(modes, Levels::Uniform);
+        let tail = 1e-7;
+        let degree = degree(&mut Vec::new(), tau, tail);
+        let phases = Phases::new(tau, degree).expect("a short sequence");
+        walk.evolve(&mut circuit, &phases);
+        circuit.finish();
+        let wavenumbers = modes.wavenumbers();
+        for (l, &mu) in wavenumbers.iter().enumerate() {
+            let h = grid.hamiltonian(mu);
+            for state in grid.states() {
+                let mut expected = evolved(&h, state);
+                let mut apart = 0.0f64;
+                for (found, value) in block_column(&circuit, state * wavenumbers.len() + l) {
+                    let place = found / wavenumbers.len();
+                    // Where the control is 1, the series is not.
+                    if found >> walk.control & 1 == 0 {
+                        let other = expected.remove(&place).unwrap_or_default();
+                        apart += (value - other).norm_sqr();
+                    }
+                }
+                apart += expected.values().map(Complex64::norm_sqr).sum::<f64>();
+                assert!(apart.sqrt() <= phases.bound + 1e-12, "{mu} {state}: {apart:e}");
+            }
+        }
+        // Control: half the time is another state.
+        let other = Phases::new(0.5 * tau, degree).expect("a short sequence");
+        assert!((other.angles[degree] - phases.angles[degree]).abs() > 1e-3);
     }
 }
 
@@ -433,7 +516,7 @@ fn counts_are_those_of_the_text() {
         for controlled in [false, true] {
             let modes = Modes::Register { qubits: 3, period: 4.0 };
             let circuit = grid.transport().encode(modes, Levels::Uniform, controlled);
-            let text = qasm(&circuit, "a\ntitle");
+            let text = qasm(&circuit, Some("a\ntitle"));
             let tally = |names: &[&str]| {
                 let named = |line: &&str| {
                     let name = line.split([' ', '(']).next().unwrap_or_default();

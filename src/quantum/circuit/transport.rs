@@ -1,7 +1,7 @@
 //! The transport of a case in whole numbers, and which modes and levels a circuit takes.
 
 use serde::Serialize;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// A jump of `V`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -49,6 +49,15 @@ pub enum Modes {
         /// `P`.
         period: f64,
     },
+    /// All of such a register, each with weights of its own, by uniformly controlled rotations.
+    Rotated {
+        /// `n_p`.
+        qubits: usize,
+        /// `P`.
+        period: f64,
+        /// The highest wavenumber that carries something; beyond it modes have this one.
+        highest: f64,
+    },
     /// One, of this wavenumber.
     One(f64),
 }
@@ -72,9 +81,51 @@ impl Modes {
                 let largest = PI * (1u64 << qubits) as f64 / period;
                 [largest, largest + 1.0]
             }
-            Self::One(mu) => [mu.abs(), mu.hypot(1.0)],
+            Self::Rotated { highest: mu, .. } | Self::One(mu) => [mu.abs(), mu.hypot(1.0)],
         }
     }
+
+    /// Qubits of the register of modes.
+    pub fn qubits(self) -> usize {
+        match self {
+            Self::Register { qubits, .. } | Self::Rotated { qubits, .. } => qubits,
+            Self::One(_) => 0,
+        }
+    }
+
+    /// Whether the circuit has mode `l` of the register with its own wavenumber.
+    pub fn carries(self, l: usize) -> bool {
+        match self {
+            Self::Rotated { qubits, period, highest } => {
+                let mode = l as f64 - (1u64 << qubits) as f64 / 2.0;
+                (TAU * mode / period).abs() <= highest * (1.0 + 1e-12)
+            }
+            Self::Register { .. } | Self::One(_) => true,
+        }
+    }
+
+    /// The wavenumber of each mode, in the order of the register.
+    pub fn wavenumbers(self) -> Vec<f64> {
+        let (period, highest) = match self {
+            Self::Register { period, .. } => (period, f64::INFINITY),
+            Self::Rotated { period, highest, .. } => (period, highest),
+            Self::One(mu) => return vec![mu],
+        };
+        let points = 1i64 << self.qubits();
+        let of = |l: i64| (TAU * (l - points / 2) as f64 / period).clamp(-highest, highest);
+        (0..points).map(of).collect()
+    }
+}
+
+/// How the modes of a register have their wavenumbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum ModeWeights {
+    /// As a sum of signs of the register's bits: one weight for all, Toffoli gates.
+    #[default]
+    Sum,
+    /// Each mode its own, by as many rotations: α is least.
+    Rotations,
 }
 
 /// Bits that number `count` things.

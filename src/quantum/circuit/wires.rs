@@ -15,7 +15,9 @@ enum Sum {
         /// A register whose first 1 chooses a bit of the mode.
         first: Vec<Qubit>,
     },
-    /// Weights for one mode: 1 for `T` and `T†`, 0 for `D`.
+    /// Weights for each mode of a register: 1 for `T` and `T†`, 0 for `D`.
+    Each(Qubit),
+    /// Weights for one mode: the same.
     One(Qubit),
 }
 
@@ -23,6 +25,7 @@ impl Sum {
     fn new(c: &mut Circuit, modes: Modes) -> Self {
         match modes {
             Modes::One(_) => Self::One(c.register("moved", 1, Role::Block)[0]),
+            Modes::Rotated { .. } => Self::Each(c.register("moved", 1, Role::Block)[0]),
             Modes::Register { qubits, .. } => Self::Register {
                 unit: c.register("unit", 1, Role::Block)[0],
                 half: c.register("half", 1, Role::Block)[0],
@@ -33,7 +36,7 @@ impl Sum {
 }
 
 /// The registers of an axis.
-pub(super) struct Along {
+pub(in crate::quantum) struct Along {
     /// The speed, and the sign above it.
     velocity: Vec<Qubit>,
     /// The cell.
@@ -90,7 +93,7 @@ impl Along {
 }
 
 /// The registers of a circuit.
-pub(super) struct Wires {
+pub(in crate::quantum) struct Wires {
     modes: Vec<Qubit>,
     /// The registers of each axis.
     pub along: Vec<Along>,
@@ -120,11 +123,7 @@ const SPACES: [&[&str]; 2] = [&["space"], &["space_x", "space_y", "space_z"]];
 impl Wires {
     pub fn new(c: &mut Circuit, transport: &Transport, modes: Modes, controlled: bool) -> Self {
         let axes = &transport.axes;
-        let mode_qubits = match modes {
-            Modes::Register { qubits, .. } => qubits,
-            Modes::One(_) => 0,
-        };
-        let warped = c.register("warped", mode_qubits, Role::System);
+        let warped = c.register("warped", modes.qubits(), Role::System);
         // The last axis is the lowest.
         let mut by_axis = |names: [&[&'static str]; 2], bits: &dyn Fn(&AxisTransport) -> usize| {
             let names = names[usize::from(axes.len() > 1)];
@@ -184,6 +183,7 @@ impl Wires {
     pub fn prepare(&self, c: &mut Circuit, modes: Modes, values: usize) {
         let [diagonal, moved] = modes.weights();
         match &self.sum {
+            Sum::Each(_) => {}
             Sum::One(q) if diagonal == 0.0 => c.push(Gate::X(*q)),
             Sum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
             Sum::Register { unit, half, first } => {
@@ -194,8 +194,31 @@ impl Wires {
             }
         }
         c.push(Gate::H(self.reversed));
+        if let Sum::Each(moved) = self.sum {
+            self.rotate_each(c, modes, moved);
+        }
         self.bins.iter().for_each(|&q| c.push(Gate::H(q)));
         c.uniform(&self.level, values);
+    }
+
+    /// The weights of each mode, `1 − w` of `D` and `w` of `T` and `T†`, and phases. With `α'` the
+    /// sum of the highest mode's, `w = √(1 + μ²)/α'`, and `reversed`, which is flipped between this
+    /// and its inverse, has the block `⟨+|X e^{iχZ}|+⟩ = cos χ`: of `D` with
+    /// `cos χ = −μ/(α' − √(1 + μ²))`, and of `T` and `T†` the phases `e^{±iχ}`, `tan χ = 1/μ`.
+    fn rotate_each(&self, c: &mut Circuit, modes: Modes, moved: Qubit) {
+        let all: f64 = modes.weights().iter().sum();
+        let (mut weights, mut phases) = (Vec::new(), [Vec::new(), Vec::new()]);
+        for mu in modes.wavenumbers() {
+            let of_moved = mu.hypot(1.0);
+            let left = all - of_moved;
+            weights.push(angle_of(left / all));
+            let cos = if left > 0.0 { (-mu / left).clamp(-1.0, 1.0) } else { 0.0 };
+            phases[0].push(-cos.acos());
+            phases[1].push(-1f64.atan2(mu));
+        }
+        c.rotate(Gate::Ry, &self.modes, moved, &weights);
+        let controls = [&self.modes[..], &[moved]].concat();
+        c.rotate(Gate::Rz, &controls, self.reversed, &phases.concat());
     }
 
     /// The factors of the sum that act on the modes, and its phases.
@@ -219,8 +242,8 @@ impl Wires {
                     self.signs(c, q, first);
                 });
             }
-            // The wires are those of the modes.
-            (Sum::One(_), Modes::Register { .. }) => {}
+            // These have them in their preparation; the wires are those of the modes.
+            (Sum::Each(_), _) | (Sum::One(_), _) => {}
         }
     }
 
@@ -261,7 +284,7 @@ impl Wires {
     /// `body` with the literal that says `T` or `T†`, and not `D`.
     pub fn where_moving(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Literal)) {
         match self.sum {
-            Sum::One(q) => body(c, (q, true)),
+            Sum::One(q) | Sum::Each(q) => body(c, (q, true)),
             Sum::Register { unit, half, .. } => {
                 let none = [(unit, false), (half, false)];
                 c.where_all(&none, |c, diagonal| body(c, (diagonal, false)));

@@ -1,90 +1,40 @@
-//! Circuits in OpenQASM 3. Registers have long names: `p` and `s` are gates there.
+//! The circuits of an export. Registers have long names: `p` and `s` are gates in OpenQASM.
 
-use std::f64::consts::PI;
-use std::fmt::Write;
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
 
-/// The beginning of a program.
-const HEAD: &str = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n";
+/// `Φ`, the last bit of the register first: the Fourier transform with the positive sign, then
+/// `(−1)^k`.
+pub fn phi(c: &mut Circuit, warped: &[Qubit]) {
+    c.fourier(warped);
+    c.gates.extend(warped.first().map(|&q| Gate::Z(q)));
+}
 
-/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with
-/// the positive sign, then `(−1)^k`.
-pub fn transform(qubits: usize) -> String {
-    let mut text = HEAD.to_owned();
-    if qubits == 0 {
-        return text;
-    }
-    let _ = writeln!(text, "qubit[{qubits}] warped;");
-    for target in (0..qubits).rev() {
-        let _ = writeln!(text, "h warped[{target}];");
-        for control in (0..target).rev() {
-            let angle = PI / (1u64 << (target - control)) as f64;
-            let _ = writeln!(text, "cp({angle:?}) warped[{control}], warped[{target}];");
-        }
-    }
-    for low in 0..qubits / 2 {
-        let _ = writeln!(text, "swap warped[{low}], warped[{}];", qubits - 1 - low);
-    }
-    text + "z warped[0];\n"
+/// `Φ` on a register `warped` of `qubits` qubits.
+pub fn transform(qubits: usize) -> Circuit {
+    let mut circuit = Circuit::default();
+    let warped = circuit.register("warped", qubits, Role::System);
+    phi(&mut circuit, &warped);
+    circuit
 }
 
 /// Prepares the product of two normalised real vectors from zeros: `profile` on a register
 /// `warped`, `system` on a register of that name.
-pub fn preparation(profile: &[f64], system: &[f64]) -> String {
-    let mut text = HEAD.to_owned();
+pub fn preparation(profile: &[f64], system: &[f64]) -> Circuit {
+    let mut circuit = Circuit::default();
     let registers = [("warped", profile), ("system", system)].map(|(name, values)| {
         let qubits = values.len().trailing_zeros() as usize;
-        (name, values, qubits)
+        (circuit.register(name, qubits, Role::System), values)
     });
-    for (name, _, qubits) in registers.iter().filter(|r| r.2 > 0) {
-        let _ = writeln!(text, "qubit[{qubits}] {name};");
+    for (qubits, values) in &registers {
+        circuit.prepare(qubits, values);
     }
-    for (name, values, qubits) in registers {
-        for level in 0..qubits {
-            rotate(&mut text, name, qubits - 1 - level, &angles(values, level));
-        }
-    }
-    text
-}
-
-/// Angles of the rotations of bit `level`, counted from the first. Each value of the bits before it
-/// selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
-/// `2 atan(b/a)`. For the last bit `a` and `b` are the numbers themselves, with their signs.
-fn angles(values: &[f64], level: usize) -> Vec<f64> {
-    let size = values.len() >> level;
-    let halves = |part: &[f64]| {
-        let (first, second) = part.split_at(size / 2);
-        let norm = |x: &[f64]| match x {
-            [one] => *one,
-            _ => x.iter().map(|x| x * x).sum::<f64>().sqrt(),
-        };
-        2.0 * norm(second).atan2(norm(first))
-    };
-    values.chunks_exact(size).map(halves).collect()
-}
-
-/// Rotates qubit `target` about y by `angles[c]` where the qubits above it are `c`: as many
-/// rotations by the Walsh transform of the angles, in the order of the Gray code, each followed by
-/// a controlled not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
-fn rotate(text: &mut String, name: &str, target: usize, angles: &[f64]) {
-    let count = angles.len();
-    let gray = |j: usize| j ^ j >> 1;
-    for j in 0..count {
-        let sign = |c: usize| {
-            if (c & gray(j)).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 }
-        };
-        let sum: f64 = angles.iter().enumerate().map(|(c, angle)| sign(c) * angle).sum();
-        let _ = writeln!(text, "ry({:?}) {name}[{target}];", sum / count as f64);
-        if count > 1 {
-            // The bit that changes next; after the last the first bit, which closes the circle.
-            let bit = (gray(j) ^ gray((j + 1) % count)).trailing_zeros() as usize;
-            let _ = writeln!(text, "cx {name}[{}], {name}[{target}];", target + 1 + bit);
-        }
-    }
+    circuit
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quantum::circuit::formats::qasm;
     use num_complex::Complex64;
 
     /// Runs a program of these gates on all amplitudes of one register, from basis state `start`.
@@ -149,7 +99,7 @@ mod tests {
     fn the_transform_is_phi() {
         for qubits in 1..6 {
             let n = 1usize << qubits;
-            let text = transform(qubits);
+            let text = qasm(&transform(qubits), None);
             for l in 0..n {
                 let found = run(&text, "warped", qubits, l);
                 let mut modes = vec![Complex64::ZERO; n];
@@ -173,7 +123,7 @@ mod tests {
                 (0..1 << qubits).map(value).collect()
             };
             let vectors = [vector(p, 0.4), vector(s, 2.0)];
-            let text = preparation(&vectors[0], &vectors[1]);
+            let text = qasm(&preparation(&vectors[0], &vectors[1]), None);
             for (name, qubits, values) in [("warped", p, &vectors[0]), ("system", s, &vectors[1])] {
                 if qubits == 0 {
                     continue;

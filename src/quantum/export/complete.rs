@@ -1,0 +1,455 @@
+//! One circuit of all steps, of a case that has a [block encoding](crate::quantum::circuit).
+//!
+//! | stage | what its gates do |
+//! |---|---|
+//! | `start` | `f(0)`: a product by axis, a set of cells by comparators, else by cell; `g` |
+//! | `modes` | `Φ⁻¹` on the register of `p` |
+//! | `evolution` | `e^{−iHT}` in `2K` steps of the [`Walk`], with the [`Phases`] of its sequence |
+//! | `points` | `Φ` |
+//! | `moment` | the inverse of what prepares `ζ`: the point p◇, a cell, all its velocities |
+//! | `estimation` | phase estimation of `Q = −A S_0 A⁻¹ S_0`, `A` being all of the above |
+//!
+//! After `points` the field is where the qubits of the block, `control` and `start` are 0, at the
+//! point p◇. After `moment` all qubits are 0 with the amplitude `a = √s ⟨ζ|w(T)⟩`, where `s` is the
+//! probability of the start: 1, or the part of the grid that comparators let pass. Amplitude
+//! estimation finds `|a|`. Each of these is off by the distance of the cut series from `e^{−iτH}`.
+
+use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
+use crate::propagate::chebyshev::degree;
+use crate::quantum::circuit::arithmetic::equals;
+use crate::quantum::circuit::evolution::Walk;
+use crate::quantum::circuit::formats::qasm;
+use crate::quantum::circuit::gates::{Circuit, Counts, Gate, Qubit, Role};
+use crate::quantum::circuit::scene::{self, Bins, Scene};
+use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::circuit::wires::Wires;
+use crate::quantum::export::circuit::phi;
+use crate::quantum::export::{PointGrid, Reading, Registers};
+use crate::quantum::phases::Phases;
+use num_complex::Complex64;
+use serde::Serialize;
+use serde_json::json;
+
+/// Most qubits of a complete circuit.
+pub const MOST_QUBITS: usize = 20;
+/// Relative differences of cells below this are round-off.
+const ROUND_OFF: f64 = 1e-14;
+
+/// What the circuit is made of.
+pub(super) struct Task<'a> {
+    pub case: &'a Case,
+    pub registers: &'a Registers,
+    pub grid: &'a PointGrid,
+    pub reading: &'a Reading,
+    /// The highest wavenumber that carries something.
+    pub highest: f64,
+    pub norm_of_state: f64,
+    /// The normalised amplitudes in `p`, or why no circuit prepares them.
+    pub profile: std::result::Result<Vec<f64>, String>,
+    /// `f(0)` by cell.
+    pub start: &'a [f64],
+    /// `w(T)`, normalised.
+    pub end: &'a [Complex64],
+    /// Qubits of amplitude estimation.
+    pub estimate: usize,
+}
+
+/// A part of the circuit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Stage {
+    /// As in the table above.
+    pub name: &'static str,
+    /// Its first gate.
+    pub first: usize,
+}
+
+/// What the circuit is, and what it should find.
+#[derive(Clone, Debug, Serialize)]
+pub struct About {
+    /// The block is `H/α`.
+    pub alpha: f64,
+    /// `αT`.
+    pub tau: f64,
+    /// `K`.
+    pub degree: usize,
+    /// `2K`.
+    pub steps: usize,
+    /// Bound on the distance of the cut series from `e^{−iτH}`, which bounds all others.
+    pub bound: f64,
+    /// `s`.
+    pub probability_start: f64,
+    /// The field at a cell is this times the amplitude there, over `√s`: `C_w e^{p◇}`.
+    pub scale: f64,
+    /// Bound on the error of the field, in the norm of its vector.
+    pub field_bound: f64,
+    /// The space cell of the moment, where the density is largest.
+    pub cell: Vec<usize>,
+    /// `a` as this program finds it: real and imaginary part.
+    pub amplitude: [f64; 2],
+    /// The density there is this times `a`, over `√s`.
+    pub moment_scale: f64,
+    /// Bound on the error of the density.
+    pub moment_bound: f64,
+    /// Qubits of amplitude estimation.
+    pub estimate: usize,
+    /// Where each part begins.
+    pub stages: Vec<Stage>,
+    /// Counts of all gates.
+    pub counts: Counts,
+}
+
+/// The circuit.
+pub(super) struct Complete {
+    circuit: Circuit,
+    pub about: About,
+}
+
+impl Complete {
+    /// The circuit of a task.
+    ///
+    /// # Errors
+    /// As [`scene::refuse`] and [`Scene::new`]; [`Error::Input`] for more than [`MOST_QUBITS`]
+    /// qubits, and what has no circuit of this kind.
+    pub fn new(task: &Task<'_>) -> Result<Self> {
+        let Task { case, registers, grid, reading, .. } = task;
+        let wrong = |what: String| Error::Input(format!("{}: --complete: {what}", case.name));
+        scene::refuse(case)?;
+        let Scene { transport, .. } = Scene::new(case, Bins::Whole)?;
+        let profile = task.profile.clone().map_err(wrong)?;
+        let modes = match (case.flux == 0.0, registers.p) {
+            (true, 0) => Modes::One(0.0),
+            (true, _) => {
+                let what = "the unitary scheme needs no p: leave out what is set in solver.warp";
+                return Err(wrong(what.to_owned()));
+            }
+            (false, qubits) => {
+                Modes::Rotated { qubits, period: grid.period, highest: task.highest }
+            }
+        };
+        let alpha = transport.alpha(modes, Levels::Uniform);
+        let tau = alpha * case.duration();
+        // The field is a part of the state.
+        let tail = 0.5 * case.tolerance * reading.in_block.sqrt();
+        let phases = Phases::new(tau, degree(&mut Vec::new(), tau, tail));
+        let phases = phases.ok_or_else(|| wrong(format!("too many steps: tau = {tau:.1}")))?;
+        let start = Start::new(task);
+        let mut builder = Builder::new(task, &transport, modes, &start);
+        let qubits = builder.circuit.qubits();
+        if qubits > MOST_QUBITS {
+            let size = |role| builder.circuit.qubits_of(role).len();
+            return Err(wrong(format!(
+                "{qubits} qubits ({} of the system and its control, {} of the block, {} read, {} \
+                 scratch); one circuit has at most {MOST_QUBITS}: fewer cells, fewer modes by a \
+                 larger solver.tolerance, or fewer qubits of amplitude estimation",
+                size(Role::System),
+                size(Role::Block),
+                size(Role::Readout),
+                builder.circuit.clean_scratch().len()
+            )));
+        }
+        let cell = densest(reading, case);
+        builder.run(&Steps { start: &start, profile: &profile, phases: &phases, grid, cell });
+        let Builder { mut circuit, stages, .. } = builder;
+        circuit.finish();
+        let about = task.about(alpha, &phases, &start, cell, stages, circuit.counts());
+        Ok(Self { circuit, about })
+    }
+
+    /// In OpenQASM 3.
+    pub fn qasm(&self, title: &str) -> String {
+        qasm(&self.circuit, Some(title))
+    }
+
+    /// What it is, its registers and gates.
+    pub fn json(&self) -> String {
+        let Self { circuit, about } = self;
+        let whole = json!({
+            "description": about,
+            "registers": circuit.registers,
+            "gates": circuit.gates,
+        });
+        format!("{whole}\n")
+    }
+}
+
+/// The number of the space cell where the density is largest.
+fn densest(reading: &Reading, case: &Case) -> usize {
+    let cells = reading.field.chunks_exact(case.space.velocity_cells());
+    let densities = cells.map(|f| f.iter().sum::<f64>());
+    let largest = densities.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    largest.map_or(0, |found| found.0)
+}
+
+impl Task<'_> {
+    fn about(
+        &self,
+        alpha: f64,
+        phases: &Phases,
+        start: &Start,
+        cell: usize,
+        stages: Vec<Stage>,
+        counts: Counts,
+    ) -> About {
+        let Self { case, grid, end, .. } = self;
+        let velocities = case.space.velocity_cells();
+        let at = |j: usize| end[(cell * velocities + j) * grid.points + grid.recovery_index];
+        let root = (velocities as f64).sqrt();
+        let probability_start = start.probability(self.start);
+        let a = (0..velocities).map(at).sum::<Complex64>() / root * probability_start.sqrt();
+        let scale = grid.recovery.exp() * self.norm_of_state;
+        let moment_scale = scale * root * case.space.velocity_volume();
+        let mut rest = cell;
+        let mut index: Vec<usize> = Vec::new();
+        for axis in case.space.x.iter().rev() {
+            index.insert(0, rest % axis.cells);
+            rest /= axis.cells;
+        }
+        About {
+            alpha,
+            tau: phases.tau,
+            degree: phases.degree,
+            steps: 2 * phases.degree,
+            bound: phases.bound,
+            probability_start,
+            scale,
+            field_bound: scale * phases.bound,
+            cell: index,
+            amplitude: [a.re, a.im],
+            moment_scale,
+            moment_bound: moment_scale * phases.bound,
+            estimate: self.estimate,
+            stages,
+            counts,
+        }
+    }
+}
+
+/// How `f(0)` is prepared.
+enum Start {
+    /// A product of a vector an axis, `(x1..xn, v1..vn)`.
+    Product(Vec<Vec<f64>>),
+    /// Of one dimension, the velocities `first..last` of each space cell.
+    Set(Vec<[usize; 2]>),
+    /// Cell by cell.
+    Cells(Vec<f64>),
+}
+
+impl Start {
+    fn new(task: &Task<'_>) -> Self {
+        let (f, shape) = (task.start, task.case.space.shape());
+        let one = task.case.space.dimension() == 1;
+        product(f, &shape)
+            .map(Self::Product)
+            .or_else(|| Some(Self::Set(set(f, shape[1]).filter(|_| one && shape[0] > 1)?)))
+            .unwrap_or_else(|| Self::Cells(f.to_vec()))
+    }
+
+    /// `s`.
+    fn probability(&self, f: &[f64]) -> f64 {
+        match self {
+            Self::Set(intervals) => {
+                let inside: usize = intervals.iter().map(|[first, last]| last - first).sum();
+                inside as f64 / f.len() as f64
+            }
+            _ => 1.0,
+        }
+    }
+}
+
+/// The vectors whose product `f` is, one an axis; none if it is no product.
+fn product(f: &[f64], shape: &[usize]) -> Option<Vec<Vec<f64>>> {
+    let largest = (0..f.len()).max_by(|&a, &b| f[a].abs().total_cmp(&f[b].abs()))?;
+    let stride = |axis: usize| shape[axis + 1..].iter().product::<usize>();
+    let number = |cell: usize, axis: usize| cell / stride(axis) % shape[axis];
+    let along = |axis: usize| -> Vec<f64> {
+        let zero = largest - number(largest, axis) * stride(axis);
+        (0..shape[axis]).map(|k| f[zero + k * stride(axis)] / f[largest]).collect()
+    };
+    let mut factors: Vec<Vec<f64>> = (0..shape.len()).map(along).collect();
+    let value = |cell: usize| -> f64 {
+        factors.iter().enumerate().map(|(axis, factor)| factor[number(cell, axis)]).product()
+    };
+    let same = |cell: usize| (value(cell) - f[cell] / f[largest]).abs() <= ROUND_OFF;
+    let is_product = (0..f.len()).all(same);
+    if let Some(factor) = factors.iter_mut().find(|factor| factor.len() > 1) {
+        factor.iter_mut().for_each(|x| *x *= f[largest].signum());
+    }
+    is_product.then_some(factors)
+}
+
+/// The interval of velocities of each cell, if `f` has one value above 0 there and is 0 elsewhere.
+fn set(f: &[f64], velocities: usize) -> Option<Vec<[usize; 2]>> {
+    let value = f.iter().copied().find(|&f| f != 0.0).filter(|&f| f > 0.0)?;
+    let interval = |cell: &[f64]| {
+        let first = cell.iter().position(|&f| f != 0.0).unwrap_or(0);
+        let last = cell.iter().rposition(|&f| f != 0.0).map_or(first, |last| last + 1);
+        cell[first..last].iter().all(|&f| f == value).then_some([first, last])
+    };
+    f.chunks_exact(velocities).map(interval).collect()
+}
+
+/// What the stages are made of.
+struct Steps<'a> {
+    start: &'a Start,
+    profile: &'a [f64],
+    phases: &'a Phases,
+    grid: &'a PointGrid,
+    /// The number of the space cell of the moment.
+    cell: usize,
+}
+
+/// The circuit while it is built.
+struct Builder {
+    circuit: Circuit,
+    walk: Walk,
+    warped: Vec<Qubit>,
+    /// By axis, `(x1..xn, v1..vn)`.
+    axes: Vec<Vec<Qubit>>,
+    /// 1 where comparators found no part of the start.
+    outside: Option<Qubit>,
+    estimate: Vec<Qubit>,
+    stages: Vec<Stage>,
+}
+
+impl Builder {
+    fn new(task: &Task<'_>, transport: &Transport, modes: Modes, start: &Start) -> Self {
+        let mut circuit = Circuit::default();
+        let wires = Wires::new(&mut circuit, transport, modes, true);
+        let flag = usize::from(matches!(start, Start::Set(_)));
+        let outside = circuit.register("start", flag, Role::Readout).first().copied();
+        let estimate = circuit.register("estimate", task.estimate, Role::Readout);
+        let walk = Walk::new(&mut circuit, &wires, transport, modes, Levels::Uniform);
+        // The last axis is the lowest, velocities below space.
+        let sizes = &task.registers.phase_space;
+        let (x, v) = sizes.split_at(sizes.len() / 2);
+        let mut next = modes.qubits();
+        let mut axes: Vec<Vec<Qubit>> = Vec::new();
+        for &size in x.iter().chain(v).rev() {
+            axes.insert(0, (next..next + size).collect());
+            next += size;
+        }
+        let warped = (0..modes.qubits()).collect();
+        let mut builder =
+            Self { circuit, walk, warped, axes, outside, estimate, stages: Vec::new() };
+        // Scratch of the start.
+        if let Start::Set(intervals) = start {
+            builder.compare(intervals);
+            builder.circuit.gates.clear();
+        }
+        builder
+    }
+
+    fn stage(&mut self, name: &'static str) {
+        let first = self.circuit.gates.len();
+        self.stages.push(Stage { name, first });
+        self.circuit.comment(name);
+    }
+
+    fn run(&mut self, steps: &Steps<'_>) {
+        self.stage("start");
+        self.prepare(steps.start);
+        let warped = self.warped.clone();
+        self.circuit.prepare(&warped, steps.profile);
+        self.stage("modes");
+        self.circuit.inverse_of(|c| phi(c, &warped));
+        self.stage("evolution");
+        self.walk.evolve(&mut self.circuit, steps.phases);
+        self.stage("points");
+        phi(&mut self.circuit, &warped);
+        self.stage("moment");
+        self.moment(steps.grid.recovery_index, steps.cell);
+        self.stage("estimation");
+        self.estimate();
+    }
+
+    fn prepare(&mut self, start: &Start) {
+        match start {
+            Start::Product(factors) => {
+                for (qubits, factor) in self.axes.iter().zip(factors) {
+                    self.circuit.prepare(qubits, factor);
+                }
+            }
+            Start::Set(intervals) => self.compare(intervals),
+            Start::Cells(values) => {
+                let all: Vec<Qubit> = self.axes.iter().rev().flatten().copied().collect();
+                self.circuit.prepare(&all, values);
+            }
+        }
+    }
+
+    /// All cells in a sum; `outside` is flipped where the velocity is below the last of its cell,
+    /// again where it is below the first, and once more.
+    fn compare(&mut self, intervals: &[[usize; 2]]) {
+        let Some(outside) = self.outside else { return };
+        let (space, velocity) = (self.axes[0].clone(), self.axes[1].clone());
+        let c = &mut self.circuit;
+        c.gates.extend(space.iter().chain(&velocity).map(|&q| Gate::H(q)));
+        let zero = c.take(1);
+        let limit = c.take(velocity.len() + 1);
+        let number = [&velocity[..], &zero].concat();
+        for end in [1, 0] {
+            let load = |c: &mut Circuit| {
+                for (cell, interval) in intervals.iter().enumerate().filter(|i| i.1[end] > 0) {
+                    let here: Vec<_> = equals(&space, cell).collect();
+                    c.where_all(&here, |c, here| {
+                        for (q, _) in equals(&limit, interval[end]).filter(|bit| bit.1) {
+                            c.push(Gate::Cx(here, q));
+                        }
+                    });
+                }
+            };
+            c.within(load, |c| c.less(&number, &limit, None, outside));
+        }
+        c.push(Gate::X(outside));
+        c.give_back(&limit);
+        c.give_back(&zero);
+    }
+
+    /// The inverse of what prepares the point `index` of `p`, the space cell `cell` and the sum of
+    /// all velocities.
+    fn moment(&mut self, index: usize, cell: usize) {
+        let (space, velocities) = self.axes.split_at(self.axes.len() / 2);
+        let space: Vec<Qubit> = space.iter().rev().flatten().copied().collect();
+        let c = &mut self.circuit;
+        for (q, _) in equals(&self.warped, index).chain(equals(&space, cell)).filter(|bit| bit.1) {
+            c.push(Gate::X(q));
+        }
+        c.gates.extend(velocities.iter().flatten().map(|&q| Gate::H(q)));
+    }
+
+    /// Amplitude estimation: `2^m − 1` times `Q`, each with two evolutions.
+    fn estimate(&mut self) {
+        let estimate = self.estimate.clone();
+        let forward = self.circuit.gates.clone();
+        let back: Vec<Gate> = forward.iter().rev().map(|gate| gate.inverse()).collect();
+        self.circuit.gates.extend(estimate.iter().map(|&q| Gate::H(q)));
+        for (bit, &control) in estimate.iter().enumerate() {
+            for _ in 0..1 << bit {
+                self.reflect_all(control);
+                self.circuit.gates.extend(&back);
+                self.reflect_all(control);
+                self.circuit.gates.extend(&forward);
+                self.circuit.push(Gate::Z(control));
+            }
+        }
+        self.circuit.inverse_of(|c| c.fourier(&estimate));
+    }
+
+    /// Changes the sign where `control` is 1 and all qubits but those of the estimate are 0.
+    fn reflect_all(&mut self, control: Qubit) {
+        let mut zeros = self.circuit.qubits_of(Role::System);
+        zeros.extend(self.circuit.qubits_of(Role::Block));
+        zeros.extend(self.outside);
+        let others = self.estimate.iter().copied().filter(|&q| q != control);
+        let borrowed: Vec<Qubit> = self.circuit.clean_scratch().into_iter().chain(others).collect();
+        let c = &mut self.circuit;
+        let target = zeros[0];
+        c.flip(&zeros);
+        c.push(Gate::H(target));
+        let controls = [&zeros[1..], &[control]].concat();
+        c.flip_where_all(&controls, target, &borrowed);
+        c.push(Gate::H(target));
+        c.flip(&zeros);
+    }
+}
