@@ -9,7 +9,7 @@ use crate::command::loading::load;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
-use crate::study::advise::{Wanted, advise};
+use crate::study::advise::{Request, advise};
 use crate::study::text::seconds_text;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -137,7 +137,7 @@ fn with_accuracy(
     };
     refuse_what_is_chosen(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
-    let advised = advise(world, &case, Wanted { accuracy, budget })?;
+    let advised = advise(world, &case, Request { accuracy, budget })?;
     let Some(entry) = advised.best_of(case.method) else {
         let why = advised.why_nothing(case.method);
         return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));

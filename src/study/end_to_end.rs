@@ -38,7 +38,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::order::{Order, Range};
-use crate::study::grids::{Grids, on_grid, shape_text};
+use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, on_grid, shape_text};
 use crate::study::trial::{final_fields_only, trial};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -51,8 +51,6 @@ use std::time::Instant;
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
 /// Orders of the schemes of degree 0; an order above is not counted on.
 const ORDERS: Range = Range { least: 0.5, most: 2.0 };
-/// Grids with more cells of space are not looked at.
-const MOST_SPACE_CELLS: f64 = (1u64 << 22) as f64;
 /// Traces of a quadrature or of Monte Carlo at most.
 const MOST_TRACES: usize = 1 << 24;
 /// Toffoli gates a second, by which times are estimated: an assumption.
@@ -366,10 +364,10 @@ struct Task<'a> {
 fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
     let shape = Grids::new(scheme).scaled(&scheme.space.elements(), factor);
     let cells: f64 = shape[..scheme.space.dimension()].iter().map(|&n| n as f64).product();
-    if cells > MOST_SPACE_CELLS {
+    if cells > MOST_PLANNED_SPACE_CELLS {
         return Err(Error::Input(format!(
             "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
-             (order {order:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
+             (order {order:.2}); up to {MOST_PLANNED_SPACE_CELLS:.1e} are looked at",
             scheme.name
         )));
     }
