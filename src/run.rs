@@ -4,7 +4,7 @@
 //! start → reduce → prepare → plan → exact → open files → solve → compare → expand → write
 //! ```
 //!
-//! [`run()`] does all of them; [`solve`] does so in memory and without console output, and gives a
+//! [`run()`] does all of them. [`solve`] works in memory, without console output, and returns a
 //! [`Solution`].
 //!
 //! Uses: results, quantum, solve, and every room below.
@@ -27,7 +27,7 @@ pub mod planning;
 mod positive;
 mod readout;
 mod summarise;
-mod unseen;
+mod unresolved;
 pub mod warnings;
 
 use crate::base::error::Result;
@@ -166,8 +166,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let at_start = at_start(&mut prepared);
     let initial = at_start.as_ref().map(|found| found.totals);
     summary.mass_initial = initial.map(|totals| totals.mass);
-    let foreseen = output.map(|_| ledger::foreseen(&world.group(), &shown.case));
-    let mut ledger = foreseen.transpose()?.unwrap_or_default();
+    let ledger = output.map(|_| ledger::before_run(&world.group(), &shown.case));
+    let mut ledger = ledger.transpose()?.unwrap_or_default();
     let entered = ledger::entered(&prepared);
     log.watch.lap("observables");
     let files = output.map(|output| (output.directory, checkpointing.as_mut()));
@@ -209,8 +209,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     })
 }
 
-/// The system of the reduced `case` with its modes planned, and the lock of the directory that the
-/// results go to; `shown` is the case as its results are shown. Collective.
+/// The system of the reduced `case` with its modes planned, and the lock of the result directory;
+/// `shown` is the case on the grid of its results. Collective.
 fn planned(
     world: &World,
     case: &Case,
@@ -253,8 +253,8 @@ fn solve_fields(
     Ok(solution)
 }
 
-/// What `summary` says of the error of the fields: the estimate, and what `solver.verify` measures.
-/// Collective.
+/// Puts the error of the fields into `summary`: the estimate, and the measurement by
+/// `solver.verify`. Collective.
 fn compare_fields(
     prepared: &mut Prepared,
     solution: &SolvedFields,
@@ -266,7 +266,7 @@ fn compare_fields(
         log.warn_later(warning);
     }
     if prepared.case.verify {
-        compare::verify(prepared, solution, log.speaks, summary);
+        compare::verify(prepared, solution, log.prints, summary);
         log.watch.lap("verify");
     }
     summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
@@ -309,8 +309,8 @@ fn prepare(
     Ok(prepared)
 }
 
-/// `prepared` with its modes: how far the norm will fall, the modes that takes, and whether there
-/// is room for them. Collective.
+/// `prepared` with its modes planned, for the ratio of norms that the probe measures; refused if the
+/// disk has no room for the warped field. Collective.
 fn plan_modes(
     world: &World,
     mut prepared: Prepared,
@@ -324,7 +324,7 @@ fn plan_modes(
         prepared = prepared.plan_modes(world, resources, ratio)?;
         let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
         if let (Some(points), Some(output)) = (points, output) {
-            let room = match log.speaks {
+            let room = match log.prints {
                 true => warped::enough_room(output.directory, &prepared.case, points),
                 false => Ok(()),
             };
@@ -351,7 +351,7 @@ impl Solution {
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
-        // Pictures of an older result are none of the next one.
+        // Pictures of an older result do not belong to this one.
         all.on_first_rank(|| finished::remove_older(directory, case))?;
         let steps = result_file::write(
             &all,
@@ -385,7 +385,7 @@ impl Solution {
         summary.files = file_checksums::of_files(&all, directory, &results::file_names(case))?;
         summary.finish(&all, &log.watch);
         all.on_first_rank(|| summary.write(directory))?;
-        if let Some(checkpointing) = self.checkpointing.filter(|_| log.speaks) {
+        if let Some(checkpointing) = self.checkpointing.filter(|_| log.prints) {
             checkpointing.remove(&log);
         }
         Ok(summary)

@@ -1,4 +1,4 @@
-//! What the operating system says about caches and disks; signals, and the end of the process.
+//! The operating system: caches, disks, signals, limits, and the end of the process.
 
 use std::ffi::{CStr, CString};
 use std::os::fd::AsRawFd;
@@ -80,7 +80,7 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
     }
 }
 
-/// Gives back what [`reserve`] took beyond the file's size.
+/// Releases the space that [`reserve`] took beyond the file's size.
 ///
 /// # Errors
 /// What the system says.
@@ -97,7 +97,7 @@ pub fn ignore_file_size_signal() {
     }
 }
 
-/// What SIGUSR1 raises, from the first call on, instead of ending the process.
+/// The flag that SIGUSR1 raises, from the first call on, instead of ending the process.
 pub fn stop_flag() -> Arc<AtomicBool> {
     static FLAG: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
         let flag = Arc::new(AtomicBool::new(false));
@@ -109,14 +109,14 @@ pub fn stop_flag() -> Arc<AtomicBool> {
 }
 
 /// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
-/// the process at once. A signal that is ignored stays so. `says` is written to standard error as
+/// the process at once. A signal that is ignored stays so. `message` is written to standard error as
 /// soon as the first one comes.
-pub fn stop_when_terminated(says: &'static str) {
+pub fn stop_when_terminated(message: &'static str) {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             if !is_ignored(signal) {
-                stop_on(signal, says);
+                stop_on(signal, message);
             }
         }
     });
@@ -138,7 +138,7 @@ fn is_ignored(signal: i32) -> bool {
     }
 }
 
-fn stop_on(signal: i32, says: &'static str) {
+fn stop_on(signal: i32, message: &'static str) {
     /// Milliseconds, and one, from `start` to the first signal; 0 before.
     static FIRST: AtomicU64 = AtomicU64::new(0);
     let (flag, start) = (stop_flag(), Instant::now());
@@ -149,7 +149,7 @@ fn stop_on(signal: i32, says: &'static str) {
             Ok(_) if NO_CHECKPOINT.load(Ordering::Relaxed) => {}
             // SAFETY: a plain call, which signals may interrupt.
             Ok(_) => unsafe {
-                libc::write(libc::STDERR_FILENO, says.as_ptr().cast(), says.len());
+                libc::write(libc::STDERR_FILENO, message.as_ptr().cast(), message.len());
             },
             Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);

@@ -5,8 +5,8 @@ use crate::problem::potential::nodal_values;
 use crate::results::dataset::Early;
 use crate::solve::prepared::Prepared;
 
-/// What is known at the start, with the fields only where they are to be written: the system's are
-/// dropped. None where the run starts from modes. Collective.
+/// Moments and totals of the initial data; also the fields, if they are to be written. The system
+/// drops its initial fields. None if the run starts from modes. Collective.
 pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
     if prepared.case.start.is_some() {
         return None;

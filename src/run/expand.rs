@@ -32,7 +32,7 @@ pub struct Expanded {
     pub exact_seconds: f64,
 }
 
-/// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`.
+/// `solution` on the user's grid `shown`; its ranges, totals and errors go into `summary`.
 /// Collective.
 ///
 /// # Errors

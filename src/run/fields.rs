@@ -7,7 +7,7 @@ use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
-use crate::run::files::{Files, SolvedFields, Unread};
+use crate::run::files::{EarlyStates, Files, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
@@ -36,7 +36,7 @@ pub(crate) fn solve(
 
 /// Moments and fields at the output times, from what was recovered there: `[field][time]`.
 /// Collective.
-fn history(prepared: &Prepared, mut recovered: Unread) -> Vec<Early> {
+fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<Early> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     let potential = nodal_values(case, &prepared.place.share);
