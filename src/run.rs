@@ -45,7 +45,7 @@ use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::file_checksums;
 use crate::results::finished;
 use crate::results::provenance::provenance;
-use crate::results::shown::Shown;
+use crate::results::result_grid::ResultGrid;
 use crate::results::summary::{self, Missed, Summary};
 use crate::results::{grids, result_file, warped, xdmf};
 use crate::run::at_start::at_start;
@@ -151,10 +151,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let mut log = RunLog::new(world, output.is_some());
     let mut summary = Summary::default();
     let case = reduced(&world.group(), case)?;
-    let shown = Shown::new(&case);
-    let (lock, mut prepared) = planned(world, &case, &shown.case, output, &mut log)?;
-    let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
-    let exact_run = exact_run(&prepared.communicator.world, &shown.case, &place)?;
+    let result_grid = ResultGrid::new(&case);
+    let (lock, mut prepared) = planned(world, &case, &result_grid.case, output, &mut log)?;
+    let place = result_grid.place(&prepared.place, &prepared.plan, &prepared.communicator);
+    let exact_run = exact_run(&prepared.communicator.world, &result_grid.case, &place)?;
     if exact_run.exact.is_some() {
         log.watch.lap("exact");
     }
@@ -166,7 +166,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let at_start = at_start(&mut prepared);
     let initial = at_start.as_ref().map(|found| found.totals);
     summary.mass_initial = initial.map(|totals| totals.mass);
-    let ledger = output.map(|_| ledger::before_run(&world.group(), &shown.case));
+    let ledger = output.map(|_| ledger::before_run(&world.group(), &result_grid.case));
     let mut ledger = ledger.transpose()?.unwrap_or_default();
     let entered = ledger::entered(&prepared);
     log.watch.lap("observables");
@@ -176,10 +176,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     compare_fields(&mut prepared, &solution, &mut summary, &mut log)?;
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
-    let results = expand::expand(&prepared, solution, &shown, &exact_run, &mut summary)?;
+    let results = expand::expand(&prepared, solution, &result_grid, &exact_run, &mut summary)?;
     summary.exact_density_warning().into_iter().for_each(|warning| log.warn_later(warning));
     let ExactRun { exact, moments: exact_moments, .. } = exact_run;
-    let volumes = CellVolumes::new(&shown.case.space, &place.share);
+    let volumes = CellVolumes::new(&result_grid.case.space, &place.share);
     let mass = |moments: &Moments| volumes.integral(&prepared.communicator.world, &moments.density);
     summary.mass_exact = exact_moments.last().map(mass);
     ledger.close(initial, results.totals, entered);
@@ -187,15 +187,15 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     summary.ledger = Some(ledger);
     log.watch.part("exact", results.exact_seconds);
     log.watch.lap("observables");
-    if shown.case.readout.is_some() {
+    if result_grid.case.readout.is_some() {
         summary.readout =
-            Some(readout::readout(&prepared, &shown.case, &results.fields[0], &summary));
+            Some(readout::readout(&prepared, &result_grid.case, &results.fields[0], &summary));
         log.watch.lap("readout");
     }
     summary.fill(&prepared, &log);
     summary.judge(&prepared.case, estimated);
     Ok(Solution {
-        case: shown.case,
+        case: result_grid.case,
         summary,
         plan: prepared.plan,
         share: place.share,
@@ -210,11 +210,11 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
 }
 
 /// The system of the reduced `case` with its modes planned, and the lock of the result directory;
-/// `shown` is the case on the grid of its results. Collective.
+/// `result_grid` is the case on the grid of its results. Collective.
 fn planned(
     world: &World,
     case: &Case,
-    shown: &Case,
+    result_grid: &Case,
     output: Option<Output<'_>>,
     log: &mut RunLog,
 ) -> Result<(Option<DirectoryLock>, Prepared)> {
@@ -225,7 +225,7 @@ fn planned(
     refuse_hopeless(case, &resources)?;
     let bounds = Bounds::new(case)?;
     let plan = Plan::provisional(case, &bounds, &resources)?;
-    let lock = output.map(|output| lock(world, output.directory, shown, log));
+    let lock = output.map(|output| lock(world, output.directory, result_grid, log));
     let lock = lock.transpose()?.flatten();
     let prepared = prepare(world, case, &bounds, plan, log)?;
     Ok((lock, plan_modes(world, prepared, &resources, output, log)?))

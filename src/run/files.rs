@@ -1,6 +1,6 @@
 //! The files that a run writes while it solves, and the fields that it solves for.
 
-use crate::results::dataset::Early;
+use crate::results::dataset::EarlyResult;
 use crate::run::checkpointing::Checkpointing;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub(crate) struct Files<'a> {
 }
 
 /// The fields that either method solves for, on this rank's share. The `History` of the output times
-/// before the end is [`EarlyStates`] at first, then a list of [`Early`].
+/// before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
 pub(crate) struct Solved<History> {
     /// Every field at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
@@ -44,4 +44,4 @@ pub(crate) struct Solved<History> {
 pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
 
 /// The fields that were solved for, with moments and fields at the output times before the end.
-pub(crate) type SolvedFields = Solved<Vec<Early>>;
+pub(crate) type SolvedFields = Solved<Vec<EarlyResult>>;

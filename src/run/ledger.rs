@@ -19,7 +19,7 @@ use crate::problem::case::{Case, Data};
 use crate::problem::exact::Tracer;
 use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
-use crate::results::ledger::{End, Energy, Jump, Ledger, Region};
+use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{AxisEnd, Drawer, Particle, SampleBox, Sequence, Source, resampled};
 use crate::run::ledger::flight::{Flight, NUMBERS, Tally, end_index};
 use crate::solve::prepared::Prepared;
@@ -85,10 +85,10 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
 }
 
 /// The widths of the regions that lie between others.
-fn regions(case: &Case) -> Vec<Region> {
+fn regions(case: &Case) -> Vec<NarrowRegion> {
     let names = axis_names(case.space.dimension());
     let widths = region_widths(case).into_iter();
-    let region = |width: RegionWidth| Region {
+    let region = |width: RegionWidth| NarrowRegion {
         potential: width.region,
         axis: names[width.axis].to_owned(),
         cells: width.elements,
@@ -98,7 +98,7 @@ fn regions(case: &Case) -> Vec<Region> {
 }
 
 /// The jumps along each axis.
-fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
+fn jumps(case: &Case, potential: &Potential) -> Vec<AxisJumps> {
     let n = case.space.dimension();
     let names = axis_names(n);
     let along = |a: usize| {
@@ -106,7 +106,7 @@ fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
         let v = &case.space.v[a];
         let fastest = v.lower.abs().max(v.upper.abs());
         let largest = sizes().fold(0.0, f64::max);
-        (largest > 0.0).then(|| Jump {
+        (largest > 0.0).then(|| AxisJumps {
             axis: names[a].to_owned(),
             least: sizes().fold(f64::INFINITY, f64::min),
             largest,
@@ -228,7 +228,7 @@ fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
     for end in open_ends(case) {
         let at = end_index(end);
-        ledger.ends.push(End {
+        ledger.ends.push(BoxEnd {
             axis: names[end.axis].to_owned(),
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
             outflow: sources.sum(|tally| tally.outflow[at]),

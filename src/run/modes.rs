@@ -13,10 +13,10 @@ use crate::propagate::evolution::{Evolution, Initial};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::propagator;
 use crate::propagate::time_dependent_inflow::Schedule;
-use crate::results::dataset::About;
+use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{Domain, Given, Read};
+use crate::results::warped::given::{Domain, ReadField, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
 use crate::run::files::{EarlyStates, Files, Solved, WarpedOutput};
@@ -235,7 +235,7 @@ impl ModeRun<'_> {
         }
         let started = Instant::now();
         let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
-        let about = About {
+        let about = FileAttributes {
             case,
             plan,
             time: times.get(time).map_or(case.end, |t| t.time),
@@ -357,7 +357,7 @@ fn refuse_uneven(
 /// Reads the modes that the run starts from. Collective.
 ///
 /// # Errors
-/// As [`Given::read`] and [`refuse_uneven`]; [`Error::Magnitude`] for values whose squares overflow or
+/// As [`WarpedFile::read`] and [`refuse_uneven`]; [`Error::Magnitude`] for values whose squares overflow or
 /// vanish.
 fn read_start(
     start: &WarpedStart,
@@ -368,13 +368,13 @@ fn read_start(
     kept: &mut KeptModes,
 ) -> Result<StartModes> {
     let warp = plan.warp.as_ref().expect("a plan by modes");
-    let given = Given {
+    let given = WarpedFile {
         path: start.path.clone(),
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
     let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
-    let Read { checksum, largest: peak, unevenness } =
+    let ReadField { checksum, largest: peak, unevenness } =
         given.read(spread, &warp.series, kept, domain)?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {

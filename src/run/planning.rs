@@ -10,7 +10,7 @@ use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
 use crate::results::table_file::with_tables;
-use crate::results::warped::given::Given;
+use crate::results::warped::given::WarpedFile;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
@@ -125,7 +125,7 @@ impl RunPlans {
 /// field, the values of a table. Collective.
 ///
 /// # Errors
-/// As [`Given::new`], [`origin`] and [`with_tables`].
+/// As [`WarpedFile::new`], [`origin`] and [`with_tables`].
 pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let case = with_tables(world, case)?;
     if let Some(start) = &case.start_field {
@@ -136,7 +136,7 @@ pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let Some(start) = &case.start else {
         return Ok(case);
     };
-    let given = Given::new(world, &start.path, &case, &start.place)?;
+    let given = WarpedFile::new(world, &start.path, &case, &start.place)?;
     let mut case = case.into_owned();
     (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
     Ok(Cow::Owned(case))
