@@ -29,6 +29,5 @@ pub mod knobs;
 pub mod ranks;
 pub mod stability;
 pub mod sweep;
-pub mod text;
 pub mod treatment;
 pub mod trial;

@@ -3,6 +3,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
+use crate::base::text::seconds_text;
 use crate::base::text::{bytes_text, rounded};
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
@@ -18,7 +19,6 @@ use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
 use crate::study::grids::refined;
-use crate::study::text::seconds_text;
 use serde::Serialize;
 use std::time::Instant;
 

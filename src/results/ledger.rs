@@ -8,7 +8,7 @@ use crate::base::text::{counted, percent, rounded, short};
 use serde::{Deserialize, Serialize};
 
 /// Part of the mass, or of the mean energy, from which there is a warning.
-pub const NOTICEABLE: f64 = 0.01;
+const NOTICEABLE: f64 = 0.01;
 /// Part of the mass from which there is a warning that it vanished or entered unexplained; smaller
 /// parts are due to the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.05;

@@ -50,7 +50,7 @@ impl ErrorNorms {
     }
 
     /// The same of the L2 norms.
-    pub fn relative_l2(&self) -> Option<f64> {
+    fn relative_l2(&self) -> Option<f64> {
         Some(self.l2 / self.exact_l2).filter(|e| e.is_finite())
     }
 }

@@ -64,7 +64,7 @@ impl<'a> FieldNorms<'a> {
     }
 
     /// Relative l2 distance of `other` to the field.
-    pub fn distance_of(&self, other: &[f64]) -> f64 {
+    fn distance_of(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(self.f)).sqrt()
     }
 

@@ -268,26 +268,42 @@ impl<'a> Study<'a> {
             };
             found.push((scheme, tried));
         }
-        // If no scheme that modes can run reaches the accuracy, the shares that others left over go
-        // to these schemes one by one, until one reaches it: fewest expected unknowns first.
+        self.spend_rest_on_modes(&mut found)?;
+        self.reached_grids(found)
+    }
+
+    /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over to
+    /// these schemes one by one, fewest expected unknowns first, until one reaches it. Collective.
+    fn spend_rest_on_modes(&mut self, found: &mut [(Scheme, SearchResult)]) -> Result<()> {
         let by_modes = |scheme: &Scheme| scheme.limiter == Limiter::None;
-        if found.iter().all(|(scheme, tried)| !by_modes(scheme) || self.misses_accuracy(tried)) {
-            found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
-            for (scheme, tried) in &mut found {
-                let more = match tried {
-                    SearchResult::Failed(_) => continue,
-                    _ if !by_modes(scheme) => continue,
-                    _ => self.search_grid(*scheme, FOR_GRIDS)?,
-                };
-                // A failed second search does not replace the result of the first.
-                if matches!(more, SearchResult::Found(_)) {
-                    *tried = more;
-                }
-                if !self.misses_accuracy(tried) {
-                    break;
-                }
+        if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
+            return Ok(());
+        }
+        found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
+        for (scheme, tried) in found {
+            if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
+                continue;
+            }
+            // A failed second search does not replace the result of the first.
+            let more = self.search_grid(*scheme, FOR_GRIDS)?;
+            if matches!(more, SearchResult::Found(_)) {
+                *tried = more;
+            }
+            if !self.misses_accuracy(tried) {
+                break;
             }
         }
+        Ok(())
+    }
+
+    /// The grids of `found`; schemes without one are left out, with the reason.
+    ///
+    /// # Errors
+    /// The last error, if there is no grid at all.
+    fn reached_grids(
+        &mut self,
+        found: Vec<(Scheme, SearchResult)>,
+    ) -> Result<Vec<(Scheme, ReachedGrid)>> {
         let (mut grids, mut failure) = (Vec::new(), None);
         for (scheme, tried) in found {
             let name = self.name(Method::Classical, scheme);
@@ -691,21 +707,7 @@ impl<'a> Study<'a> {
             refused.then(seconds(a).total_cmp(&seconds(b)))
         });
         if entries.iter().all(|e| e.refused.is_some()) {
-            // One reason is enough: that of the set-up of fewest cells.
-            let misses_accuracy =
-                |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
-            let verdict = match entries.iter().any(misses_accuracy) {
-                true => "is not settled within this budget",
-                false => "is out of reach",
-            };
-            let nearest = (entries.iter()).min_by(|a, b| a.cells.total_cmp(&b.cells));
-            let reason = nearest.map_or(String::new(), |e| {
-                format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
-            });
-            return Err(Error::Input(format!(
-                "{}: --accuracy {:e} of the density {verdict}. With the fewest cells, {}",
-                case.name, request.accuracy, reason
-            )));
+            return Err(out_of_reach(case, request.accuracy, &entries));
         }
         let [best, best_classical] =
             best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
@@ -722,6 +724,24 @@ impl<'a> Study<'a> {
             warnings,
         })
     }
+}
+
+/// The error of an accuracy that none of `entries` reaches: with one reason, that of the set-up of
+/// fewest cells.
+fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
+    let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
+    let verdict = match entries.iter().any(one_grid) {
+        true => "is not settled within this budget",
+        false => "is out of reach",
+    };
+    let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
+    let reason = fewest.map_or(String::new(), |e| {
+        format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
+    });
+    Error::Input(format!(
+        "{}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}",
+        case.name
+    ))
 }
 
 /// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than

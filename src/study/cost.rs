@@ -76,7 +76,7 @@ impl WorkKind {
 }
 
 /// Work of a classical run of `case`, whose matrix has these `bounds`.
-pub fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
+fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
     let steps: usize = classical_steps(case, bounds).iter().sum();
     let stages = case.integrator.stages();
     (WorkKind::of(case).weight * stages * steps * case.fields.len()) as f64

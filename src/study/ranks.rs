@@ -7,12 +7,12 @@
 //! a block; what all ranks share by their number; the rest stays.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::time_text;
 use crate::base::text::{bytes_text, counted, shortened};
 use crate::plan::Plan;
 use crate::plan::advice::Node;
 use crate::problem::case::Case;
 use crate::study::calibrate::Calibration;
-use crate::study::text::time_text;
 use serde::Serialize;
 use std::fmt;
 

@@ -167,7 +167,7 @@ fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
 }
 
 /// `10⁻³`; `1` and `10` as they are.
-pub fn power_of_ten(exponent: i32) -> String {
+fn power_of_ten(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     match exponent {
         0 => "1".to_owned(),

@@ -27,7 +27,7 @@ impl<'a> ExactValues<'a> {
     ///
     /// # Errors
     /// Where `V` is not finite.
-    pub fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
+    fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
         Ok(match exact {
             Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
             Exact::Formula(formula) => Self::Given(formula),

@@ -28,7 +28,7 @@ pub struct Tally {
 }
 
 /// Ends of the `2n` axes at most.
-pub const ENDS: usize = 4 * MAX_DIMENSION;
+const ENDS: usize = 4 * MAX_DIMENSION;
 /// Numbers of a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
 

@@ -1,5 +1,6 @@
 //! Advice as text.
 
+use crate::base::text::seconds_text;
 use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, counted, quoted};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::grid_search::Evidence;
@@ -7,7 +8,6 @@ use crate::study::advise::order::Order;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
 use crate::study::advise::trials::cells;
 use crate::study::grids::shape_text;
-use crate::study::text::seconds_text;
 use std::fmt;
 
 /// Largest number of unknowns of a grid whose shape is printed.

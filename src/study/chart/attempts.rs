@@ -4,6 +4,7 @@
 //! out costs two short messages; once the budget is used up, no messages are exchanged.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::time_text;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
@@ -18,7 +19,6 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::cost::{CostModel, Seconds};
 use crate::study::knobs::row_choices;
-use crate::study::text::time_text;
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 

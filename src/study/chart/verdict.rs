@@ -1,10 +1,10 @@
 //! Which method to take at which accuracy, in sentences that follow from the trials.
 
+use crate::base::text::time_text;
 use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence};
 use crate::problem::case::Method;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::result::Chart;
-use crate::study::text::time_text;
 
 /// Accuracies that are asked for, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];

@@ -40,7 +40,7 @@ const NORM: &str = "norm";
 /// Steps after which a step that can exceed the maximum has done so.
 const FEW: usize = 8;
 /// Growth in [`STEPS`] steps from which values are said to explode.
-pub const EXPLODED: f64 = 1e6;
+const EXPLODED: f64 = 1e6;
 /// Steps between exchanges of the largest value over ranks.
 const BETWEEN: usize = 8;
 /// Growth at which a trial is stopped.
@@ -144,22 +144,27 @@ fn largest_rate(found: &Prepared) -> f64 {
     found.communicator.world.max(mine)
 }
 
+/// `|R(z)|`: the growth a step of an eigenvector whose eigenvalue times the step is `z`.
+fn amplification(integrator: Integrator, z: Complex64) -> f64 {
+    match integrator {
+        Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
+        _ => (1.0 + z).norm(),
+    }
+}
+
 /// Largest growth of a wave a step: `max_θ |R(c (e^{−iθ} − 1))|`.
-pub fn von_neumann(integrator: Integrator, c: f64) -> f64 {
+fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     const ANGLES: u32 = 720;
     let growth = |k: u32| {
         let theta = PI * f64::from(k) / f64::from(ANGLES);
         let z = c * (Complex64::cis(-theta) - 1.0);
-        match integrator {
-            Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
-            _ => (1.0 + z).norm(),
-        }
+        amplification(integrator, z)
     };
     (0..=ANGLES).map(growth).fold(0.0, f64::max)
 }
 
 /// Largest growth a step over the half disc `|z| ≤ c`, `Re z ≤ 0`: it is on the boundary.
-pub fn half_disc(integrator: Integrator, c: f64) -> f64 {
+fn half_disc(integrator: Integrator, c: f64) -> f64 {
     const POINTS: u32 = 720;
     match integrator {
         Integrator::SspRk3 if c <= 1.0 => 1.0,
@@ -169,7 +174,7 @@ pub fn half_disc(integrator: Integrator, c: f64) -> f64 {
                 let arc = c * Complex64::cis(0.5 * PI * (1.0 + part));
                 [arc, Complex64::new(0.0, c * part)]
             })
-            .map(|z| (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm())
+            .map(|z| amplification(integrator, z))
             .fold(0.0, f64::max),
         _ => c.hypot(1.0),
     }
