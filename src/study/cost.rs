@@ -182,14 +182,14 @@ impl CostModel {
     /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured, or with the growth measured on
     /// the grid nearest to it, which goes with the cells of an axis.
     fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
-        let key = MatrixKey::of(case);
-        if let Some(known) = self.measured.get(&key) {
+        let own = MatrixKey::of(case);
+        if let Some(known) = self.measured.get(&own) {
             return Ok(known.clone());
         }
         let found = self.unmeasured(case)?;
-        let cells = key.cells();
+        let cells = own.cells();
         let nearest = (self.measured.iter())
-            .filter(|(key, _)| key.rows == key.rows)
+            .filter(|(key, _)| key.rows == own.rows)
             .min_by_key(|(key, _)| key.cells().abs_diff(cells));
         let Some((key, (known, ratio))) = nearest else {
             return Ok((found.expected(), ASSUMED_RATIO));
