@@ -88,7 +88,7 @@ mod tests {
         "#;
         let read = |set: &[String]| Case::parse("case.toml", text, set);
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
-        let base = base(&case).unwrap();
+        let base = base_case(&case).unwrap();
         for interface in Interface::ALL {
             let scheme = Scheme { interface, limiter: Limiter::None, degree: 0, flux: None };
             let mut target = scheme.schrodingerized(&base, &[40, 36]);
