@@ -1,4 +1,4 @@
-//! What a run leaves behind: `result.h5`, written by all ranks, `summary.json`, and views of the
+//! The results of a run: `result.h5`, written by all ranks, `summary.json`, and views of the
 //! grids for other programs (`fields.xdmf`, a file for each grid).
 
 pub mod averages;
@@ -17,8 +17,7 @@ pub mod provenance;
 pub mod readback;
 pub mod report;
 pub mod result_file;
-pub mod room;
-pub mod shown;
+pub mod result_grid;
 pub mod start_field;
 pub mod summary;
 pub mod table_file;
@@ -35,6 +34,9 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use std::path::Path;
 use std::time::{Duration, Instant};
+
+/// The contents of a file, or why it cannot be used, in words.
+pub type FileResult<T> = std::result::Result<T, String>;
 
 /// How long a rank waits to see a file that another one made: network file systems are late.
 const LATE: Duration = Duration::from_secs(10);

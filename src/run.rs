@@ -4,7 +4,7 @@
 //! start → reduce → prepare → plan → exact → open files → solve → compare → expand → write
 //! ```
 //!
-//! [`run()`] does all of them; [`solve`] does so in memory and without console output, and gives a
+//! [`run()`] does all of them. [`solve`] works in memory, without console output, and returns a
 //! [`Solution`].
 //!
 //! Uses: results, quantum, solve, and every room below.
@@ -27,7 +27,7 @@ pub mod planning;
 mod positive;
 mod readout;
 mod summarise;
-mod unseen;
+mod unresolved;
 pub mod warnings;
 
 use crate::base::error::Result;
@@ -45,7 +45,7 @@ use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::file_checksums;
 use crate::results::finished;
 use crate::results::provenance::provenance;
-use crate::results::shown::Shown;
+use crate::results::result_grid::ResultGrid;
 use crate::results::summary::{self, Missed, Summary};
 use crate::results::{grids, result_file, warped, xdmf};
 use crate::run::at_start::at_start;
@@ -151,10 +151,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let mut log = RunLog::new(world, output.is_some());
     let mut summary = Summary::default();
     let case = reduced(&world.group(), case)?;
-    let shown = Shown::new(&case);
-    let (lock, mut prepared) = planned(world, &case, &shown.case, output, &mut log)?;
-    let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
-    let exact_run = exact_run(&prepared.communicator.world, &shown.case, &place)?;
+    let result_grid = ResultGrid::new(&case);
+    let (lock, mut prepared) = planned(world, &case, &result_grid.case, output, &mut log)?;
+    let place = result_grid.place(&prepared.place, &prepared.plan, &prepared.communicator);
+    let exact_run = exact_run(&prepared.communicator.world, &result_grid.case, &place)?;
     if exact_run.exact.is_some() {
         log.watch.lap("exact");
     }
@@ -166,8 +166,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let at_start = at_start(&mut prepared);
     let initial = at_start.as_ref().map(|found| found.totals);
     summary.mass_initial = initial.map(|totals| totals.mass);
-    let foreseen = output.map(|_| ledger::foreseen(&world.group(), &shown.case));
-    let mut ledger = foreseen.transpose()?.unwrap_or_default();
+    let ledger = output.map(|_| ledger::before_run(&world.group(), &result_grid.case));
+    let mut ledger = ledger.transpose()?.unwrap_or_default();
     let entered = ledger::entered(&prepared);
     log.watch.lap("observables");
     let files = output.map(|output| (output.directory, checkpointing.as_mut()));
@@ -176,10 +176,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     compare_fields(&mut prepared, &solution, &mut summary, &mut log)?;
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
-    let results = expand::expand(&prepared, solution, &shown, &exact_run, &mut summary)?;
+    let results = expand::expand(&prepared, solution, &result_grid, &exact_run, &mut summary)?;
     summary.exact_density_warning().into_iter().for_each(|warning| log.warn_later(warning));
     let ExactRun { exact, moments: exact_moments, .. } = exact_run;
-    let volumes = CellVolumes::new(&shown.case.space, &place.share);
+    let volumes = CellVolumes::new(&result_grid.case.space, &place.share);
     let mass = |moments: &Moments| volumes.integral(&prepared.communicator.world, &moments.density);
     summary.mass_exact = exact_moments.last().map(mass);
     ledger.close(initial, results.totals, entered);
@@ -187,15 +187,15 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     summary.ledger = Some(ledger);
     log.watch.part("exact", results.exact_seconds);
     log.watch.lap("observables");
-    if shown.case.readout.is_some() {
+    if result_grid.case.readout.is_some() {
         summary.readout =
-            Some(readout::readout(&prepared, &shown.case, &results.fields[0], &summary));
+            Some(readout::readout(&prepared, &result_grid.case, &results.fields[0], &summary));
         log.watch.lap("readout");
     }
     summary.fill(&prepared, &log);
     summary.judge(&prepared.case, estimated);
     Ok(Solution {
-        case: shown.case,
+        case: result_grid.case,
         summary,
         plan: prepared.plan,
         share: place.share,
@@ -209,12 +209,12 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     })
 }
 
-/// The system of the reduced `case` with its modes planned, and the lock of the directory that the
-/// results go to; `shown` is the case as its results are shown. Collective.
+/// The system of the reduced `case` with its modes planned, and the lock of the result directory;
+/// `result_grid` is the case on the grid of its results. Collective.
 fn planned(
     world: &World,
     case: &Case,
-    shown: &Case,
+    result_grid: &Case,
     output: Option<Output<'_>>,
     log: &mut RunLog,
 ) -> Result<(Option<DirectoryLock>, Prepared)> {
@@ -225,7 +225,7 @@ fn planned(
     refuse_hopeless(case, &resources)?;
     let bounds = Bounds::new(case)?;
     let plan = Plan::provisional(case, &bounds, &resources)?;
-    let lock = output.map(|output| lock(world, output.directory, shown, log));
+    let lock = output.map(|output| lock(world, output.directory, result_grid, log));
     let lock = lock.transpose()?.flatten();
     let prepared = prepare(world, case, &bounds, plan, log)?;
     Ok((lock, plan_modes(world, prepared, &resources, output, log)?))
@@ -253,8 +253,8 @@ fn solve_fields(
     Ok(solution)
 }
 
-/// What `summary` says of the error of the fields: the estimate, and what `solver.verify` measures.
-/// Collective.
+/// Puts the error of the fields into `summary`: the estimate, and the measurement by
+/// `solver.verify`. Collective.
 fn compare_fields(
     prepared: &mut Prepared,
     solution: &SolvedFields,
@@ -266,7 +266,7 @@ fn compare_fields(
         log.warn_later(warning);
     }
     if prepared.case.verify {
-        compare::verify(prepared, solution, log.speaks, summary);
+        compare::verify(prepared, solution, log.prints, summary);
         log.watch.lap("verify");
     }
     summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
@@ -309,8 +309,8 @@ fn prepare(
     Ok(prepared)
 }
 
-/// `prepared` with its modes: how far the norm will fall, the modes that takes, and whether there
-/// is room for them. Collective.
+/// `prepared` with its modes planned, for the ratio of norms that the probe measures; refused if the
+/// disk has no room for the warped field. Collective.
 fn plan_modes(
     world: &World,
     mut prepared: Prepared,
@@ -324,7 +324,7 @@ fn plan_modes(
         prepared = prepared.plan_modes(world, resources, ratio)?;
         let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
         if let (Some(points), Some(output)) = (points, output) {
-            let room = match log.speaks {
+            let room = match log.prints {
                 true => warped::enough_room(output.directory, &prepared.case, points),
                 false => Ok(()),
             };
@@ -351,7 +351,7 @@ impl Solution {
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
-        // Pictures of an older result are none of the next one.
+        // Pictures of an older result do not belong to this one.
         all.on_first_rank(|| finished::remove_older(directory, case))?;
         let steps = result_file::write(
             &all,
@@ -385,7 +385,7 @@ impl Solution {
         summary.files = file_checksums::of_files(&all, directory, &results::file_names(case))?;
         summary.finish(&all, &log.watch);
         all.on_first_rank(|| summary.write(directory))?;
-        if let Some(checkpointing) = self.checkpointing.filter(|_| log.speaks) {
+        if let Some(checkpointing) = self.checkpointing.filter(|_| log.prints) {
             checkpointing.remove(&log);
         }
         Ok(summary)

@@ -2,7 +2,7 @@
 //!
 //! | study | answers | main type |
 //! |---|---|---|
-//! | [`advise`] | which grid and set-up reach an accuracy | [`advise::entry::Advised`] |
+//! | [`advise`] | which grid and set-up reach an accuracy | [`advise::setups::AdviceReport`] |
 //! | [`chart`] | what accuracy each method buys at which cost | `Chart` |
 //! | [`stability`] | where each method begins to fail | `Stability` |
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
@@ -29,6 +29,5 @@ pub mod knobs;
 pub mod ranks;
 pub mod stability;
 pub mod sweep;
-pub mod text;
 pub mod treatment;
 pub mod trial;

@@ -1,7 +1,7 @@
 //! Bisection.
 
-/// The ends of `[low, high]` after `halvings` halvings; `below` says whether a point is below the
-/// one that is searched for.
+/// The ends of `[low, high]` after `halvings` halvings. `below` says whether a point lies below the
+/// one that is sought.
 pub fn bisect(
     mut low: f64,
     mut high: f64,

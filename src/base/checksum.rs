@@ -47,10 +47,11 @@ pub struct FileChecksum {
 /// Sizes and checksums of files, by name.
 pub type FileChecksums = BTreeMap<String, FileChecksum>;
 
-/// Size and checksum of a file, of the checksum the part of every `of`-th piece from `first` on.
+/// Size of a file, and the part of its checksum that every `of`-th piece from piece `first` on
+/// contributes.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the system.
 pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChecksum> {
     const PIECE: usize = 4 << 20;
     let file = File::open(path)?;

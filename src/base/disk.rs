@@ -1,7 +1,8 @@
 //! Output directories, files that are written whole or not at all, and errors about both.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::visible;
+use crate::base::machine;
+use crate::base::text::{bytes_text, visible};
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
@@ -82,6 +83,27 @@ pub fn read_text(path: &Path) -> Result<String> {
         Ok(_) => std::fs::read_to_string(path).map_err(|e| failure(path, &e)),
         Err(e) => Err(failure(path, &e)),
     }
+}
+
+/// Refuses files of `needed` bytes that the disk of `directory` cannot hold. `what` makes the first
+/// words of the message of their size as text.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn require_room(
+    directory: &Path,
+    needed: u64,
+    what: impl FnOnce(&str) -> String,
+) -> Result<()> {
+    let room = machine::room_for_file(directory);
+    if needed <= room {
+        return Ok(());
+    }
+    let (what, room) = (what(&bytes_text(needed)), bytes_text(room));
+    Err(Error::Directory {
+        path: directory.to_owned(),
+        reason: format!("{what}, there is room for {room}"),
+    })
 }
 
 pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {

@@ -3,7 +3,7 @@
 use crate::base::refusal::Refusal;
 use std::path::PathBuf;
 
-/// What takes less memory, whatever the run.
+/// Remedies that lower the memory of any run, as text.
 pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more \
                                nodes, or a larger solver.tolerance";
 
@@ -41,7 +41,7 @@ pub enum Error {
         available: String,
         /// The largest array.
         detail: String,
-        /// What takes less.
+        /// What would need less memory.
         remedies: String,
     },
     /// No profile reaches the tolerance in double precision.
@@ -346,12 +346,12 @@ impl Error {
         }
     }
 
-    /// Whether it is no error, but a batch that was left as the run is to stop.
+    /// Whether this is not an error, but a batch of modes that was left because the run is to stop.
     pub fn is_left(&self) -> bool {
         matches!(self, Error::Left)
     }
 
-    /// Whether it is no error, but a run that was asked to stop.
+    /// Whether this is not an error, but a run that was asked to stop.
     pub fn is_stop(&self) -> bool {
         matches!(self, Error::Stopped { .. } | Error::SweepStopped { .. })
     }
@@ -392,7 +392,7 @@ impl Error {
 }
 
 impl From<&Error> for Refusal {
-    /// What an error says of a case; its text where it knows no key.
+    /// The refusal of a case for this error; only its text if the error has no key.
     fn from(error: &Error) -> Self {
         let text = error.to_string();
         match error {
@@ -409,8 +409,8 @@ impl From<&Error> for Refusal {
     }
 }
 
-/// Exit code of what was stopped, and goes on with the same command and `--resume`: sendmail's code
-/// of a temporary failure.
+/// Exit code of a command that was stopped and can be resumed by `--resume`: sendmail's code of a
+/// temporary failure.
 pub const CAN_GO_ON: i32 = 75;
 
 /// `Result` with this crate's [`Error`].

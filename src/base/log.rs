@@ -12,8 +12,8 @@ pub fn say(text: &str) {
     say_unwrapped(&wrapped(&visible(text)));
 }
 
-/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; what
-/// else keeps them from being written is kept for [`unwritten`].
+/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; any other
+/// reason why they are not written is kept for [`unwritten`].
 pub(crate) fn say_unwrapped(text: &str) {
     let mut output = std::io::stdout().lock();
     let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());
@@ -23,7 +23,7 @@ pub(crate) fn say_unwrapped(text: &str) {
     }
 }
 
-/// Why something that was to be printed was not written, if so: a full disk.
+/// Why output was not written, if it was not: for example a full disk.
 pub fn unwritten() -> Option<&'static str> {
     UNWRITTEN.get().map(String::as_str)
 }

@@ -1,4 +1,4 @@
-//! What the operating system says about caches and disks; signals, and the end of the process.
+//! The operating system: caches, disks, signals, limits, and the end of the process.
 
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
@@ -68,7 +68,7 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
     }
 }
 
-/// Gives back what [`reserve`] took beyond the file's size.
+/// Releases the space that [`reserve`] took beyond the file's size.
 ///
 /// # Errors
 /// What the system says.
@@ -83,7 +83,7 @@ pub fn catch_file_size_signal() {
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
-/// What SIGUSR1 raises, from the first call on, instead of ending the process.
+/// The flag that SIGUSR1 raises, from the first call on, instead of ending the process.
 pub fn stop_flag() -> Arc<AtomicBool> {
     static FLAG: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
         let flag = Arc::new(AtomicBool::new(false));
@@ -95,14 +95,14 @@ pub fn stop_flag() -> Arc<AtomicBool> {
 }
 
 /// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
-/// the process at once. A signal that is ignored stays so. `says` is written to standard error as
+/// the process at once. A signal that is ignored stays so. `message` is written to standard error as
 /// soon as the first one comes.
-pub fn stop_when_terminated(says: &'static str) {
+pub fn stop_when_terminated(message: &'static str) {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
             if !is_ignored(signal) {
-                stop_on(signal, says);
+                stop_on(signal, message);
             }
         }
     });
@@ -123,7 +123,7 @@ fn is_ignored(signal: i32) -> bool {
     ignored >> (signal - 1) & 1 == 1
 }
 
-fn stop_on(signal: i32, says: &'static str) {
+fn stop_on(signal: i32, message: &'static str) {
     /// Milliseconds, and one, from `start` to the first signal; 0 before.
     static FIRST: AtomicU64 = AtomicU64::new(0);
     let (flag, start) = (stop_flag(), Instant::now());
@@ -133,7 +133,7 @@ fn stop_on(signal: i32, says: &'static str) {
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
             Ok(_) if NO_CHECKPOINT.load(Ordering::Relaxed) => {}
             Ok(_) => {
-                let _ = rustix::io::write(rustix::stdio::stderr(), says.as_bytes());
+                let _ = rustix::io::write(rustix::stdio::stderr(), message.as_bytes());
             }
             Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);

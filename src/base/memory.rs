@@ -12,8 +12,8 @@ pub struct Available {
     pub alone: u64,
 }
 
-/// What is free on this machine, within the limits of the control groups that this process is in,
-/// and within those of the process itself.
+/// The free memory of this machine, within the limits of this process's control groups and of the
+/// process itself.
 pub fn available() -> Available {
     let root = Path::new("/");
     Available {

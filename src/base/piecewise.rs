@@ -27,7 +27,7 @@ const RESOLVED: [f64; 3] = [4e-15, 1e-13, 2e-12];
 const CLOSE: f64 = 25.0;
 /// Least width of a piece, relative to the larger of 1 and its distance from 0.
 const LEAST_WIDTH: f64 = 1e-12;
-/// Pieces narrower than this beside wider ones tell of a jump.
+/// Width below which a piece beside wider ones shows a jump.
 const NARROW: f64 = 1e-3;
 /// Most pieces.
 const MOST_PIECES: usize = 1000;
@@ -263,11 +263,11 @@ fn narrowest(pieces: &[Piece]) -> Option<f64> {
     (2.0 * found.half() < NARROW).then(|| found.middle())
 }
 
-/// What pieces are made from.
+/// The function that is fitted, and the rule by which its pieces are made.
 struct Fit<'f> {
     function: &'f dyn Fn(f64) -> f64,
     largest: f64,
-    /// What counts as round-off.
+    /// Relative size of coefficients that count as round-off.
     resolved: f64,
     rule: Vec<QuadraturePoint>,
     /// `P_n` at the nodes.

@@ -10,7 +10,7 @@ const SECONDS_BETWEEN_LINES: f64 = 5.0;
 /// Progress of a rank's work, in units of its modelled cost.
 pub struct Progress {
     bar: Option<ProgressBar>,
-    speaks: bool,
+    prints: bool,
     name: &'static str,
     done: usize,
     total: usize,
@@ -19,28 +19,28 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress in `name`, of which `total` are to come; silent except on the rank that `speaks`.
-    pub fn new(speaks: bool, name: &'static str, total: usize) -> Self {
-        let bar = (speaks && std::io::stderr().is_terminal()).then(|| {
+    /// Progress of `total` units of work, called `name`; only the rank that `prints` shows it.
+    pub fn new(prints: bool, name: &'static str, total: usize) -> Self {
+        let bar = (prints && std::io::stderr().is_terminal()).then(|| {
             let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% ETA {eta}");
             ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr())
                 .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
                 .with_message(name)
         });
-        Self { bar, speaks, name, done: 0, total, started: Instant::now(), last: Instant::now() }
+        Self { bar, prints, name, done: 0, total, started: Instant::now(), last: Instant::now() }
     }
 
-    /// Says nothing.
+    /// Progress that is not shown.
     pub fn silent() -> Self {
         Self::new(false, "", 0)
     }
 
-    /// `work` more is done.
+    /// Counts `work` more units as done.
     pub fn advance(&mut self, work: usize) {
         self.done += work;
         if let Some(bar) = &self.bar {
             bar.set_position(self.done as u64);
-        } else if self.speaks
+        } else if self.prints
             && self.last.elapsed() > Duration::from_secs_f64(SECONDS_BETWEEN_LINES)
         {
             self.last = Instant::now();

@@ -1,4 +1,4 @@
-//! What of a case is refused, and where it stands: for people, and in parts for programs.
+//! A mistake in a case and its place: as text for people, and in parts for programs.
 
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
@@ -20,9 +20,9 @@ pub struct Refusal {
     pub column: Option<usize>,
     /// The `--set` that it stands in.
     pub set: Option<String>,
-    /// What is said behind the place, if that is more than the message: key and value before it.
+    /// The text after the place, if it is more than the message: with key and value before it.
     #[serde(skip)]
-    pub said: Option<String>,
+    pub text: Option<String>,
     /// The line of the file, with a mark below the column.
     #[serde(skip)]
     pub excerpt: Option<String>,
@@ -36,7 +36,7 @@ impl Refusal {
             key: Some(key.to_owned()),
             value: Some(value.to_owned()),
             message: message.to_owned(),
-            said: Some(format!("{key} = {value}: {message}")),
+            text: Some(format!("{key} = {value}: {message}")),
             ..Self::default()
         };
         let with_line = before.rsplit_once(':').map(|(file, line)| (file, line.parse().ok()));
@@ -64,7 +64,7 @@ impl Display for Refusal {
             }
             (None, None) => {}
         }
-        f.write_str(self.said.as_ref().unwrap_or(&self.message))?;
+        f.write_str(self.text.as_ref().unwrap_or(&self.message))?;
         match &self.excerpt {
             Some(excerpt) => write!(f, "\n{excerpt}"),
             None => Ok(()),

@@ -73,7 +73,7 @@ pub struct Values {
     pub labels: Vec<Label>,
 }
 
-/// What is said of a value.
+/// A label of a value.
 #[derive(Clone, Copy, Debug)]
 pub struct Label {
     /// The word for it.

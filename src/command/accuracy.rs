@@ -4,27 +4,27 @@ use crate::base::checksum;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
+use crate::base::text::seconds_text;
 use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
 use crate::command::loading::load;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
-use crate::study::advise::{Wanted, advise};
-use crate::study::text::seconds_text;
+use crate::study::advise::{Request, advise};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
 
-/// A run that takes so many times the budget is warned of.
-const DEAR: f64 = 10.0;
+/// Ratio of the seconds of a run to the budget from which there is a warning.
+const LONG_RUN: f64 = 10.0;
 /// Time for the trials of an accuracy, where none is given.
 const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
 /// The file of a run's directory that says what was chosen for its accuracy.
 const CHOICE: &str = "accuracy.json";
 
-/// What was chosen for an accuracy.
+/// The `--set` options that were chosen for an accuracy, as they are kept in the directory.
 #[derive(Debug, Serialize, Deserialize)]
-struct Choice {
+struct ChosenSetup {
     /// The accuracy.
     accuracy: f64,
     /// Checksum of the case for which it was chosen: its text and its `--set` options.
@@ -33,7 +33,7 @@ struct Choice {
     settings: Vec<String>,
 }
 
-impl Choice {
+impl ChosenSetup {
     /// What was chosen for `given`, by what its case `found` has besides.
     fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
         let settings = found.overrides[given.overrides.len()..].to_vec();
@@ -41,7 +41,7 @@ impl Choice {
     }
 }
 
-/// Checksum of what a case was read of, tables in files included.
+/// Checksum of the text and options that a case was read from, tables in files included.
 fn checksum_of(case: &Case) -> String {
     let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
     let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
@@ -68,7 +68,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
 }
 
 /// What a run wrote into the file `path`, if it is such a file.
-fn read_choice(path: &Path) -> Option<Choice> {
+fn read_choice(path: &Path) -> Option<ChosenSetup> {
     serde_json::from_str(&disk::read_text(path).ok()?).ok()
 }
 
@@ -98,7 +98,7 @@ pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Re
         world.group().on_first_rank(|| {
             disk::make(directory)?;
             let path = directory.join(CHOICE);
-            let text = serde_json::to_string_pretty(&Choice::new(&case, &found, accuracy));
+            let text = serde_json::to_string_pretty(&ChosenSetup::new(&case, &found, accuracy));
             disk::write_text(&path, &(text.map_err(|e| disk::failure(&path, &e))? + "\n"))
         })?;
     }
@@ -137,14 +137,14 @@ fn with_accuracy(
     };
     refuse_what_is_chosen(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
-    let advised = advise(world, &case, Wanted { accuracy, budget })?;
+    let advised = advise(world, &case, Request { accuracy, budget })?;
     let Some(entry) = advised.best_of(case.method) else {
         let why = advised.why_nothing(case.method);
         return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     };
     if world.group().rank() == 0 {
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
-        let dear = entry.seconds.filter(|seconds| *seconds > DEAR * budget).map(|seconds| {
+        let dear = entry.seconds.filter(|seconds| *seconds > LONG_RUN * budget).map(|seconds| {
             format!(
                 "a run of it is expected to take {}; with a longer --budget more is tried, which \
                  may find a cheaper one",

@@ -14,12 +14,12 @@ use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::grid::axis_names;
 use crate::results::ledger::Ledger;
-use crate::results::shown::Shown;
+use crate::results::result_grid::ResultGrid;
 use crate::results::untrusted;
 use crate::run::{ledger, planning, warnings};
 use serde::Serialize;
 
-/// What `check --json` prints.
+/// The JSON of `check`.
 #[derive(Serialize)]
 struct Checked<'a> {
     /// True.
@@ -32,15 +32,15 @@ struct Checked<'a> {
     /// Unknowns: cells, of elements nodes.
     cells: usize,
     bounds: &'a Bounds,
-    /// What is left out of the computation, as nothing depends on it.
+    /// Parts of the grid that are not computed, as the solution does not depend on them.
     dropped: &'a [String],
-    /// What could not be left out, and why.
+    /// Parts of the grid that could not be left out, and why.
     kept: &'a [String],
     ledger: &'a Ledger,
     warnings: &'a [String],
 }
 
-/// What `check --json` prints of a case that is refused.
+/// The JSON of `check` for a case that is refused.
 #[derive(Serialize)]
 struct Refused {
     /// False.
@@ -48,7 +48,7 @@ struct Refused {
     error: RefusedBy,
 }
 
-/// Why.
+/// The reason of a refusal.
 #[derive(Serialize)]
 struct RefusedBy {
     #[serde(flatten)]
@@ -94,7 +94,7 @@ fn check(world: &World, args: &CheckArgs) -> Result<()> {
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances
     // that cannot be met.
     let preview = planning::preview(world, &case, &resources)?;
-    let mut ledger = ledger::foreseen(&world.group(), &Shown::new(&case).case)?;
+    let mut ledger = ledger::before_run(&world.group(), &ResultGrid::new(&case).case)?;
     ledger.mass.initial = preview.at_start.map(|totals| totals.mass);
     let planned = preview.plan.warp.map_or(Vec::new(), |w| w.warnings);
     let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();

@@ -7,7 +7,7 @@ use crate::command::values::{
 };
 use crate::quantum::circuit::scene::MOST_BIN_BITS;
 use crate::quantum::circuit::transport::{Levels, ModeWeights};
-use crate::study::stability::panel::Name;
+use crate::study::stability::panel::PanelName;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -494,7 +494,7 @@ pub struct StabilityArgs {
     pub output: Option<PathBuf>,
     /// Only these panels
     #[arg(long, value_name = "PANEL[,PANEL...]", value_enum, value_delimiter = ',')]
-    pub only: Vec<Name>,
+    pub only: Vec<PanelName>,
     /// About how long it may take: 60s, 5m
     #[arg(long, value_name = "TIME", value_parser = parse_duration, default_value = "60s")]
     pub budget: Duration,

@@ -168,8 +168,8 @@ fn method(case: &Case, bounds: &Bounds) -> String {
     common + &settings
 }
 
-/// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization, each with
-/// the most that it adds to the norm of `S`.
+/// The parts of the case that make `S` nonzero, so that `A` is not skew and needs Schrödingerization,
+/// each with a bound on its part of the norm of `S`.
 fn schrodingerized(bounds: &Bounds) -> String {
     let most = format!("norm of S at most {}", short(bounds.dissipation));
     if bounds.lines.is_empty() {
@@ -195,7 +195,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
     }
 }
 
-/// What is known before a run of the two errors that it ends with.
+/// The two errors of a run, as far as they are known before it.
 pub(crate) fn errors(case: &Case) -> String {
     let of_algorithm = match case.method {
         Method::Schrodingerized => format!("at most {:e} (solver.tolerance)", case.tolerance),
@@ -209,7 +209,7 @@ pub(crate) fn errors(case: &Case) -> String {
     format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))
 }
 
-/// What is measured.
+/// The measurements of `[readout]`.
 fn readout_line(readout: &case::Readout) -> String {
     let effort = match readout.effort {
         case::Effort::Given { shots, evaluations } => {

@@ -28,7 +28,7 @@ pub fn load_text(world: &World, path: &Path) -> Result<String> {
     Ok(world.group().broadcast_text(&text))
 }
 
-/// The `--set` options that changes amount to.
+/// The `--set` options that make these changes.
 fn overrides(changes: &Changes) -> Vec<String> {
     let mode = (changes.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
     changes.set.iter().cloned().chain(mode).collect()
@@ -43,7 +43,7 @@ struct Continuation {
     text: String,
     /// The `--set` options.
     overrides: Vec<String>,
-    /// What of them is left out.
+    /// The options of the first part that are left out.
     left_out: Vec<String>,
     /// Checksums of the tables of the first part, by their keys, where the second has them too.
     tables: BTreeMap<String, String>,

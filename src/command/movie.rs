@@ -4,7 +4,7 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::command::cli::MovieArgs;
-use crate::command::plot::{Place, Written, open};
+use crate::command::plot::{PictureDirectory, WrittenFiles, open};
 use crate::parallel::communicator::World;
 use crate::results::movie::{self, MOST_FRAMES};
 use crate::results::pictures;
@@ -24,7 +24,7 @@ pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
 }
 
 /// A movie through each cut.
-fn movies(args: &MovieArgs) -> Result<Written> {
+fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     let run = open(&args.directory)?;
     let times = times(args, &run)?;
     let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
@@ -33,13 +33,13 @@ fn movies(args: &MovieArgs) -> Result<Written> {
         cuts.push(Cut::usual(&run, &times));
     }
     let names: Vec<String> = (1..=cuts.len()).map(name).collect();
-    let place = Place::new(&run, args.output.as_deref());
+    let place = PictureDirectory::new(&run, args.output.as_deref());
     if !args.force {
         let files =
             names.iter().flat_map(|name| ["gif", "webm"].map(|end| format!("{name}.{end}")));
         place.refuse_to_replace(&files.collect::<Vec<_>>())?;
     }
-    let mut written = Written::default();
+    let mut written = WrittenFiles::default();
     for (name, cut) in names.iter().zip(&cuts) {
         let film = Film::new(&run, cut, times.clone());
         let film = film.map_err(|why| failure(&args.directory, &why))?;

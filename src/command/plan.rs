@@ -16,14 +16,14 @@ use crate::plan::here::{announce_look, memory_per_rank};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::run::planning;
-use crate::run::planning::Planned;
+use crate::run::planning::RunPlans;
 use crate::study::calibrate::{Calibration, calibrate};
-use crate::study::ranks::{Choice, RankTable, Reference};
+use crate::study::ranks::{CalibratedRun, RankChoice, RankTable};
 use serde::Serialize;
 
 /// What `plan --json` prints of one number of ranks.
 #[derive(Serialize)]
-struct Printed<'a> {
+struct PlanJson<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
     advice: &'a Advice,
@@ -86,7 +86,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
     let advice = Advice::new(case, &plan, &resources, node(args, ranks), here as u64);
     let calibration = calibration.as_ref();
     if args.json {
-        print_json(world, &Printed { plan: &plan, advice: &advice, calibration });
+        print_json(world, &PlanJson { plan: &plan, advice: &advice, calibration });
     } else {
         print(world, &plan.to_string());
         print(world, &errors(case));
@@ -108,7 +108,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
 fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<Needs> {
     let most = numbers.last().copied().unwrap_or(1);
     let measured = planning::MeasuredCase::new(world, case, &resources(args, most))?;
-    let mut known: Option<Planned> = None;
+    let mut known: Option<RunPlans> = None;
     let mut choices = Vec::new();
     for &ranks in numbers {
         let resources = resources(args, ranks);
@@ -117,7 +117,7 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
             Some(known) => known.on(&measured.case, &resources),
         };
         let plan = planned.map(|planned| known.insert(planned).plan.clone());
-        choices.push(Choice { ranks, node: node(args, ranks), plan });
+        choices.push(RankChoice { ranks, node: node(args, ranks), plan });
     }
     let calibrated = match args.calibrate {
         true => {
@@ -125,7 +125,8 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
         }
         false => None,
     };
-    let reference = calibrated.as_ref().map(|(plan, calibration)| Reference { plan, calibration });
+    let reference =
+        calibrated.as_ref().map(|(plan, calibration)| CalibratedRun { plan, calibration });
     let table = RankTable::new(&measured.case, choices, reference.as_ref())?;
     print_as(world, &table, args.json);
     let best = table.recommended();
@@ -139,7 +140,7 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
 
 /// The number of ranks whose seconds are measured: as many as were started, or else the next that
 /// fits.
-fn ranks_of_reference(world: &World, choices: &[Choice]) -> usize {
+fn ranks_of_reference(world: &World, choices: &[RankChoice]) -> usize {
     let started = world.group().size();
     let fitting = || choices.iter().filter(|choice| choice.plan.is_ok()).map(|c| c.ranks);
     fitting().find(|&ranks| ranks >= started).or(fitting().next_back()).unwrap_or(started)

@@ -25,15 +25,15 @@ use std::path::{Path, PathBuf};
 /// Cells of space at most for which a report describes the case: `V` is evaluated on all of them.
 const MOST_POINTS: usize = 10_000_000;
 
-/// What was written.
+/// The files that were written, and the pictures that were left out.
 #[derive(Default)]
-pub(super) struct Written {
+pub(super) struct WrittenFiles {
     pub files: Vec<PathBuf>,
     /// Names of the pictures that were left out, and why.
     pub left_out: Vec<(String, String)>,
 }
 
-impl Written {
+impl WrittenFiles {
     /// Prints the names of the files and what was left out.
     pub fn print(&self, world: &World) {
         for (name, why) in &self.left_out {
@@ -45,8 +45,8 @@ impl Written {
     }
 }
 
-/// Where pictures and movies of a run go.
-pub(super) struct Place {
+/// The directory of the pictures and movies of a run.
+pub(super) struct PictureDirectory {
     pub directory: PathBuf,
     /// The directory of the run.
     of_run: PathBuf,
@@ -54,7 +54,7 @@ pub(super) struct Place {
     owner: Option<Owner>,
 }
 
-impl Place {
+impl PictureDirectory {
     /// Into `output`, by default among the results of the run.
     pub fn new(run: &Stored, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
@@ -128,14 +128,14 @@ fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
 /// ranks.
 pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
-        let Drawn { run, album, .. } = album(args)?;
-        let place = Place::new(&run, args.output.as_deref());
+        let DrawnRun { run, album, .. } = album(args)?;
+        let place = PictureDirectory::new(&run, args.output.as_deref());
         if !args.force {
             place.refuse_to_replace(&album.file_names())?;
         }
         let files = album.write(&place.directory)?;
         place.claim()?;
-        Ok(Written { files, left_out: album.left_out })
+        Ok(WrittenFiles { files, left_out: album.left_out })
     })?;
     written.print(world);
     Ok(())
@@ -152,7 +152,7 @@ pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
     let description = description(world, opened.as_ref().map(|drawn| &drawn.run));
     let written = group.on_first_rank(|| match opened {
         Some(drawn) => write_report(args, drawn, description),
-        None => Ok(Written::default()),
+        None => Ok(WrittenFiles::default()),
     })?;
     written.print(world);
     Ok(())
@@ -161,10 +161,10 @@ pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
 /// Writes the page. On the first rank.
 fn write_report(
     args: &PlotArgs,
-    drawn: Drawn,
+    drawn: DrawnRun,
     description: std::result::Result<String, String>,
-) -> Result<Written> {
-    let Drawn { run, mut album, cut } = drawn;
+) -> Result<WrittenFiles> {
+    let DrawnRun { run, mut album, cut } = drawn;
     let summary = run.summary.as_ref().map_err(|why| {
         let what = "a directory that `phasewarp run` wrote is expected";
         Error::Input(format!("{why}; {what}"))
@@ -195,7 +195,7 @@ fn write_report(
     if let Err(why) = description {
         left_out.push(("the case as it was read".to_owned(), why));
     }
-    Ok(Written { files: vec![path], left_out })
+    Ok(WrittenFiles { files: vec![path], left_out })
 }
 
 /// What `phasewarp check` prints of the case of a run, which the first rank has; or why it cannot
@@ -224,7 +224,7 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
 }
 
 /// A run and its pictures.
-struct Drawn {
+struct DrawnRun {
     run: Stored,
     album: Album,
     /// Where the first of them cut it, if that was asked for.
@@ -242,11 +242,11 @@ pub(super) fn open(directory: &Path) -> Result<Stored> {
 }
 
 /// The run and its pictures.
-fn album(args: &PlotArgs) -> Result<Drawn> {
+fn album(args: &PlotArgs) -> Result<DrawnRun> {
     let run = open(&args.directory)?;
     let beside = (args.beside.as_deref()).map(open).transpose()?;
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
-    Ok(Drawn { run, album, cut: cuts.into_iter().next() })
+    Ok(DrawnRun { run, album, cut: cuts.into_iter().next() })
 }

@@ -1,4 +1,4 @@
-//! What a command prints, on the first rank.
+//! Output of a command, by the first rank.
 
 use crate::base::log::{say, say_unwrapped};
 use crate::parallel::communicator::World;

@@ -1,4 +1,4 @@
-//! `phasewarp resources`: what the case takes on a quantum computer.
+//! `phasewarp resources`: the cost of the case on a quantum computer.
 
 use crate::base::error::{Error, Result};
 use crate::base::table::{Values, csv, tabular};
@@ -166,7 +166,7 @@ fn with_delta(case: &Case, delta: Delta) -> Case {
     case
 }
 
-/// Refuses what the paper's counts are not for.
+/// Refuses cases to which the paper's counts do not apply.
 pub(super) fn has_counts(case: &Case) -> Result<()> {
     if case.method == Method::Classical {
         let what = "solver.method = \"classical\" has no quantum side; \"schrodingerized\" has";

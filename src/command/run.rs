@@ -16,7 +16,7 @@ use crate::run::options::Options;
 use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal comes that asks for a checkpoint.
-const TOLD_TO_STOP: &str =
+const STOP_MESSAGE: &str =
     "told to stop: a checkpoint of the finished modes follows; a second signal ends at once\n";
 
 /// Solves the case, unless it is to be resumed and is finished. Collective.
@@ -24,7 +24,7 @@ const TOLD_TO_STOP: &str =
 /// # Errors
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let Asked { case: given, directory } = asked(world, args)?;
+    let RunRequest { case: given, directory } = run_request(world, args)?;
     let case = match args.continued {
         // Its grid is known.
         Some(_) => given,
@@ -44,7 +44,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     };
     if case.method == Method::Schrodingerized {
         let speaks = world.group().rank() == 0;
-        machine::stop_when_terminated(if speaks { TOLD_TO_STOP } else { "" });
+        machine::stop_when_terminated(if speaks { STOP_MESSAGE } else { "" });
     }
     let solved = run::run(world, &case, &directory, &options);
     machine::no_more_checkpoints();
@@ -67,19 +67,19 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     Ok(())
 }
 
-/// What a run is to solve, and where its results go.
-struct Asked {
+/// The case to run, and the directory of its results.
+struct RunRequest {
     case: Case,
     directory: PathBuf,
 }
 
-/// What `args` ask for. Collective.
-fn asked(world: &World, args: &RunArgs) -> Result<Asked> {
+/// The run that `args` ask for. Collective.
+fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
     let given = args.output.clone();
     if let (Some(from), Some(until)) = (&args.continued, args.until) {
         let case = load_continued(world, from, until, &args.changes)?;
         let directory = given.unwrap_or_else(|| default_directory_until(from, until));
-        return Ok(Asked { case, directory });
+        return Ok(RunRequest { case, directory });
     }
     if let Some(until) = args.until {
         let what = "is the end of --continue DIR; of a case file it is --set time.end";
@@ -90,7 +90,7 @@ fn asked(world: &World, args: &RunArgs) -> Result<Asked> {
         CaseArgs { case: args.case.clone().unwrap_or_default(), changes: args.changes.clone() };
     let case = load(world, &case)?;
     let directory = given.unwrap_or_else(|| default_directory(&case.name));
-    Ok(Asked { case, directory })
+    Ok(RunRequest { case, directory })
 }
 
 /// `case`, where an accuracy is asked for on the grid that is chosen for it; a run that is resumed

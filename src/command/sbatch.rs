@@ -29,7 +29,7 @@ const USUAL_SITE: &str = include_str!("../../jobscripts/env.sh");
 /// The functions of job scripts.
 const STEPS: &str = include_str!("../../jobscripts/steps.sh");
 
-/// What a script says of itself.
+/// The comment at the head of a script.
 const HEAD: &str = "\
 # Submit it from any directory; logs go there. A job that stops with a checkpoint submits it again,
 # until the run is finished. `plan --sbatch` replaces it with --force.";
@@ -38,7 +38,7 @@ const NO_TIME: &str = "\
 # Fill in the time, and take one # away; plan --calibrate predicts it.
 ##SBATCH --time=01:00:00";
 
-/// What a job needs.
+/// The resources of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct Needs {
     /// Number of ranks.

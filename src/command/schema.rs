@@ -9,7 +9,7 @@ use crate::problem::case::{Kind, keys};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// The tables of keys in this document are what the schema says of them.
+/// The document whose tables of keys give the descriptions of the schema.
 const DOCUMENT: &str = include_str!("../../docs/usage.md");
 
 /// Prints the schema, or the page. Collective.
@@ -47,7 +47,7 @@ fn page() -> String {
     text
 }
 
-/// What a key takes, in words.
+/// The values that a key takes, in words.
 fn words_of(kind: &Kind) -> String {
     let quoted = |words: &[&str]| {
         words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
@@ -153,7 +153,8 @@ fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Valu
 /// Stands for `|` in a cell of a table.
 const BAR: &str = "\u{1}";
 
-/// What the tables of the document say, by key; `N` stands for the number of a table in a list.
+/// The descriptions in the tables of the document, by key; `N` stands for the number of a table in a
+/// list.
 fn descriptions() -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let section = DOCUMENT.split("\n## ").find(|part| part.starts_with("The case file"));

@@ -3,6 +3,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
+use crate::base::text::seconds_text;
 use crate::base::text::{bytes_text, rounded};
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
@@ -18,14 +19,13 @@ use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
 use crate::study::grids::refined;
-use crate::study::text::seconds_text;
 use serde::Serialize;
 use std::time::Instant;
 
 /// The system whose `S` is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum System {
+pub enum MeasuredSystem {
     /// `f' = A f`: nothing enters.
     Closed,
     /// `A` alone of a case in which something enters.
@@ -34,7 +34,7 @@ pub enum System {
     Enlarged,
 }
 
-/// What is known of the spectrum of `S` on one grid.
+/// The spectrum of `S` on one grid: extreme eigenvalues and bounds.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridSpectrum {
     /// The case's cells were multiplied by this on every axis.
@@ -48,7 +48,7 @@ pub struct GridSpectrum {
     /// Whether the unknowns are scaled by dissipative weights.
     weighted: bool,
     /// The system that `S` belongs to, where something enters.
-    system: System,
+    system: MeasuredSystem,
     /// Extreme eigenvalues.
     lanczos: Extremes,
     /// Lower and upper bound by row sums of `|S|`.
@@ -98,11 +98,14 @@ fn measure(
     for ((case, (bounds, plan)), &refinement) in grids.iter().zip(&plans).zip(refine) {
         let grows = law_of(case.interface).may_grow();
         let systems = match (case.enters(), case.varies()) {
-            (false, _) => vec![(System::Closed, case.clone())],
+            (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
             // Couplings that change with time have no one spectrum.
-            (true, true) => vec![(System::Alone, case.without_inflow())],
+            (true, true) => vec![(MeasuredSystem::Alone, case.without_inflow())],
             (true, false) => {
-                vec![(System::Alone, case.without_inflow()), (System::Enlarged, case.clone())]
+                vec![
+                    (MeasuredSystem::Alone, case.without_inflow()),
+                    (MeasuredSystem::Enlarged, case.clone()),
+                ]
             }
         };
         for weighted in [false, true] {
@@ -167,7 +170,7 @@ fn on_grid(
     space.max_into(&mut sqrt_pi);
     Ok(GridSpectrum {
         refinement: 1,
-        system: System::Closed,
+        system: MeasuredSystem::Closed,
         shape: case.space.shape(),
         unknowns: case.space.cells() + system.terms - case.space.space_cells(),
         interface: case.interface,
@@ -241,9 +244,9 @@ impl GridSpectrum {
         let mut label =
             if self.weighted { "dissipative weights".to_owned() } else { "no weights".to_owned() };
         label += match self.system {
-            System::Closed => "",
-            System::Alone => ", A alone",
-            System::Enlarged => ", with inflow",
+            MeasuredSystem::Closed => "",
+            MeasuredSystem::Alone => ", A alone",
+            MeasuredSystem::Enlarged => ", with inflow",
         };
         format!(
             "{label} ({} unknowns, {steps} Lanczos steps)\n  \

@@ -11,11 +11,11 @@ use crate::parallel::communicator::World;
 use crate::run::options::Options;
 use crate::study::sweep::table::{Table, refuse_to_replace};
 use crate::study::sweep::vary::Vary;
-use crate::study::sweep::{Asked, Outcome, Sweep};
+use crate::study::sweep::{Sweep, SweepRequest, SweepResult};
 use std::path::Path;
 
 /// Written as soon as a signal comes that asks for the end.
-const TOLD_TO_STOP: &str = "told to stop: a checkpoint of this run follows, or its end where it \
+const STOP_MESSAGE: &str = "told to stop: a checkpoint of this run follows, or its end where it \
                             makes none; a second signal ends at once\n";
 
 /// Solves the cases that are not finished, writes and prints the table. Collective.
@@ -29,7 +29,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     let directory =
         directory.unwrap_or_else(|| default_directory_of(&path.display().to_string(), "sweep"));
     let vary: Result<Vec<Vary>> = args.vary.iter().map(|text| Vary::parse(text)).collect();
-    let sweep = Sweep::new(Asked {
+    let sweep = Sweep::new(SweepRequest {
         path: path.clone(),
         text: load_text(world, path)?,
         set: args.case.changes.set.clone(),
@@ -60,7 +60,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
-    machine::stop_when_terminated(if world.group().rank() == 0 { TOLD_TO_STOP } else { "" });
+    machine::stop_when_terminated(if world.group().rank() == 0 { STOP_MESSAGE } else { "" });
     if let Some(number) = args.index {
         let solved = sweep.solve_one(world, number, &options);
         machine::no_more_checkpoints();
@@ -68,7 +68,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     }
     let solved = sweep.solve(world, &options);
     machine::no_more_checkpoints();
-    let Outcome { table, stopped } = solved?;
+    let SweepResult { table, stopped } = solved?;
     match stopped {
         None => conclude(world, &directory, &table),
         Some(stopped) => {

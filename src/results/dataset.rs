@@ -1,4 +1,4 @@
-//! What a result holds, as data: fields, moments, early times, the exact solution, the plateau.
+//! The data of a result: fields, moments, early times, the exact solution, the plateau.
 
 use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
@@ -19,7 +19,7 @@ pub enum ExactSolution {
     Moments(ExactMoments),
 }
 
-/// What goes into the file.
+/// The contents of `result.h5`.
 pub struct Results<'a> {
     /// The case.
     pub case: &'a Case,
@@ -39,11 +39,11 @@ pub struct Results<'a> {
     pub potential: &'a [f64],
     /// Mass and energies in all of space.
     pub totals: Totals,
-    /// What was found at earlier times, ascending.
-    pub early: &'a [Early],
+    /// Results at the output times before the end, ascending.
+    pub early: &'a [EarlyResult],
     /// The plateau; the same on all ranks.
     pub plateau: &'a [PlateauPoint],
-    /// What a quantum computer would tell; the same on all ranks.
+    /// Estimates by a quantum computer; the same on all ranks.
     pub readout: Option<&'a Readout>,
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
@@ -52,7 +52,7 @@ pub struct Results<'a> {
 }
 
 /// Attributes of a file as a whole.
-pub struct About<'a> {
+pub struct FileAttributes<'a> {
     /// The case.
     pub case: &'a Case,
     /// The plan it ran with.
@@ -66,8 +66,8 @@ pub struct About<'a> {
 }
 
 impl<'a> Results<'a> {
-    pub(crate) fn about(&self) -> About<'a> {
-        About {
+    pub(crate) fn about(&self) -> FileAttributes<'a> {
+        FileAttributes {
             case: self.case,
             plan: self.plan,
             time: self.case.end,
@@ -101,9 +101,9 @@ pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }
 
-/// What was found at a time before the end, on a rank's share.
+/// Results at an output time before the end, on a rank's share.
 #[derive(Clone, Debug)]
-pub struct Early {
+pub struct EarlyResult {
     /// The time.
     pub time: f64,
     /// The moments.

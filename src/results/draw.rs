@@ -21,7 +21,7 @@ pub mod ticks;
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::results::draw::panel::{ABOVE, BELOW, BOLD, Frame};
+use crate::results::draw::panel::{ABOVE, BELOW, BOLD, PanelFrame};
 use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, pixels};
 use crate::results::figure::Figure;
 use crate::results::figure::palette::{INK, PAPER};
@@ -82,7 +82,7 @@ fn png(figure: &Figure, path: &Path) -> Drawn {
 /// Where everything of a figure stands, in points.
 pub(crate) struct Sheet<'a> {
     figure: &'a Figure,
-    frames: Vec<Frame<'a>>,
+    frames: Vec<PanelFrame<'a>>,
     title: Vec<String>,
     caption: Vec<String>,
     /// Width of each column.
@@ -95,11 +95,11 @@ pub(crate) struct Sheet<'a> {
 
 impl<'a> Sheet<'a> {
     fn new(figure: &'a Figure) -> Self {
-        let frames: Vec<Frame> =
-            (figure.panels.iter()).map(|panel| Frame::new(panel, figure.frame)).collect();
+        let frames: Vec<PanelFrame> =
+            (figure.panels.iter()).map(|panel| PanelFrame::new(panel, figure.frame)).collect();
         let count = figure.columns.max(1).min(frames.len().max(1));
         let rows = frames.len().div_ceil(count).max(1);
-        let widest = |of: fn(&Frame<'_>) -> f64| -> Vec<f64> {
+        let widest = |of: fn(&PanelFrame<'_>) -> f64| -> Vec<f64> {
             let column = |c| frames.iter().skip(c).step_by(count);
             (0..count).map(|c| column(c).map(of).fold(0.0, f64::max)).collect()
         };

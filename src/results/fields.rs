@@ -1,5 +1,5 @@
-//! The datasets over space and phase space, as a table: name, what it is, axes. They stand in
-//! `result.h5` and, a time first, in its `/history`.
+//! The datasets over space and phase space, as a table: name, description, axes. They stand in
+//! `result.h5` and, with the time as first index, in its `/history`.
 
 use crate::base::checksum::Slab;
 use crate::matrix::observables::Moments;
@@ -15,7 +15,7 @@ pub const DIRECTION: &str = "direction";
 /// Name of the axis of the points of a curve.
 pub const POINT: &str = "point";
 
-/// What a dataset runs over, after its components.
+/// The cells over which a dataset has values, after its components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Over {
     /// Cells of space.
@@ -26,44 +26,46 @@ pub enum Over {
 
 /// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
-pub struct Kind {
+pub struct DatasetKind {
     /// Name of the dataset.
     pub name: &'static str,
-    /// What it runs over.
+    /// The cells that it has values for.
     pub over: Over,
     /// Whether it has components, one a space axis, as its first index.
     pub vector: bool,
-    /// What it is.
+    /// Its description, an attribute of the dataset.
     pub what: &'static str,
 }
 
-const fn scalar(name: &'static str, over: Over, what: &'static str) -> Kind {
-    Kind { name, over, vector: false, what }
+const fn scalar(name: &'static str, over: Over, what: &'static str) -> DatasetKind {
+    DatasetKind { name, over, vector: false, what }
 }
 
-const fn vector(name: &'static str, over: Over, what: &'static str) -> Kind {
-    Kind { name, over, vector: true, what }
+const fn vector(name: &'static str, over: Over, what: &'static str) -> DatasetKind {
+    DatasetKind { name, over, vector: true, what }
 }
 
-const F: Kind = scalar("f", Over::PhaseSpace, "cell average of the phase-space density");
-const PHI: Kind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
-const PSI: Kind =
+const F: DatasetKind = scalar("f", Over::PhaseSpace, "cell average of the phase-space density");
+const PHI: DatasetKind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
+const PSI: DatasetKind =
     vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one a velocity axis");
-const EXACT: Kind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
-const DENSITY_EXACT: Kind = scalar("density_exact", Over::Space, "density of the exact solution");
-const MOMENTUM_EXACT: Kind =
+const EXACT: DatasetKind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
+const DENSITY_EXACT: DatasetKind =
+    scalar("density_exact", Over::Space, "density of the exact solution");
+const MOMENTUM_EXACT: DatasetKind =
     vector("momentum_exact", Over::Space, "momentum of the exact solution");
-const VELOCITY_EXACT: Kind =
+const VELOCITY_EXACT: DatasetKind =
     vector("velocity_exact", Over::Space, "mean velocity of the exact solution");
-const DENSITY: Kind = scalar("density", Over::Space, "integral of f over v");
-const POTENTIAL: Kind = scalar("potential", Over::Space, "V at the cell's centre, or at the node");
-const MOMENTUM: Kind = vector("momentum", Over::Space, "integral of v f over v");
-const VELOCITY: Kind = vector("velocity", Over::Space, "momentum / density");
+const DENSITY: DatasetKind = scalar("density", Over::Space, "integral of f over v");
+const POTENTIAL: DatasetKind =
+    scalar("potential", Over::Space, "V at the cell's centre, or at the node");
+const MOMENTUM: DatasetKind = vector("momentum", Over::Space, "integral of v f over v");
+const VELOCITY: DatasetKind = vector("velocity", Over::Space, "momentum / density");
 
 /// A dataset's values on a rank's share: one list, or one a component.
 pub struct Field<'a> {
-    /// What they are.
-    pub kind: Kind,
+    /// Name, axes and description.
+    pub kind: DatasetKind,
     /// The values, row-major.
     pub components: Vec<&'a [f64]>,
 }
@@ -92,7 +94,7 @@ pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
 }
 
-fn of_kinds([density, momentum, velocity]: [Kind; 3], moments: &Moments) -> [Field<'_>; 3] {
+fn of_kinds([density, momentum, velocity]: [DatasetKind; 3], moments: &Moments) -> [Field<'_>; 3] {
     [
         (density, vec![&moments.density[..]]),
         (momentum, slices(&moments.momentum)),
@@ -127,7 +129,7 @@ pub fn potential(values: &[f64]) -> Field<'_> {
     Field { kind: POTENTIAL, components: vec![values] }
 }
 
-/// All that a result holds over space and phase space at the final time.
+/// All datasets over space and phase space at the final time.
 pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
     let mut all = fields(&results.case.data, results.fields.iter().copied());
     all.extend(exact(results.exact));
@@ -164,14 +166,14 @@ impl Layout {
     }
 
     /// Names of the axes of a dataset.
-    pub fn axes(&self, kind: Kind) -> Vec<&'static str> {
+    pub fn axes(&self, kind: DatasetKind) -> Vec<&'static str> {
         let component = kind.vector.then_some(COMPONENT);
         let others = self.names[..self.axes_over(kind.over)].iter().copied();
         component.into_iter().chain(others).collect()
     }
 
     /// The rank's part of a dataset: these components, where it has any, on its share.
-    pub fn ranges(&self, kind: Kind, components: Range<usize>) -> Vec<Range<usize>> {
+    pub fn ranges(&self, kind: DatasetKind, components: Range<usize>) -> Vec<Range<usize>> {
         let components = kind.vector.then_some(components);
         let others = self.cells[..self.axes_over(kind.over)].iter().cloned();
         components.into_iter().chain(others).collect()

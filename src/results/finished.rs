@@ -1,5 +1,5 @@
-//! What is in a directory before a run writes there: its own results, finished and as they were
-//! written; or others, which it does not replace unasked.
+//! The contents of a directory before a run writes there: its own results, finished and undamaged,
+//! or others, which it replaces only on demand.
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
@@ -20,7 +20,7 @@ use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The files of text of a run, but for those of its grids.
+/// The text files of a run, without those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
 
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
@@ -85,7 +85,7 @@ fn modified(path: &Path) -> Option<SystemTime> {
     found.and_then(|found| found.modified().ok())
 }
 
-/// How what `result.h5` is the result of differs from `case` and this program, if it does.
+/// How the case and the program of `result.h5` differ from `case` and this program, if they do.
 fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
@@ -118,7 +118,7 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
     })
 }
 
-/// What a run of `case` would replace, and what to do.
+/// Why a run of `case` may not write into `directory`, and what to do; none if it may.
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";

@@ -14,7 +14,7 @@ use crate::base::checksum::Slab;
 use crate::base::error::Result;
 use crate::matrix::observables::Totals;
 use crate::problem::case::Case;
-use crate::results::dataset::{Early, Results};
+use crate::results::dataset::{EarlyResult, Results};
 use crate::results::fields::{self, Field, Layout};
 use crate::results::writer::{Outcome, Writer};
 use std::ops::Range;
@@ -24,8 +24,8 @@ pub const TIME: &str = "time";
 /// Name of the axis of those at which fields are written.
 pub const FIELD_TIME: &str = "field_time";
 
-/// The results whose fields are written.
-pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Early> + Clone {
+/// The early results whose fields are written.
+pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a EarlyResult> + Clone {
     results.early.iter().filter(|e| !e.fields.is_empty())
 }
 

@@ -1,23 +1,23 @@
 //! The ledger of a run: where its mass and its energy went, and whether its potential matters.
 //!
-//! Masses are of the problem's own units. What is called an estimate follows particles of the exact
-//! flow; all else is measured on the grid, or is an integral of the case's formulas. What is not
-//! known is `null` in `summary.json`.
+//! Masses are in the problem's own units. Numbers called estimates follow particles of the exact
+//! flow; all others are measured on the grid, or are integrals of the case's formulas. Unknown
+//! numbers are `null` in `summary.json`.
 
 use crate::base::text::{counted, percent, rounded, short};
 use serde::{Deserialize, Serialize};
 
-/// Parts above this are worth a warning.
-pub const NOTICEABLE: f64 = 0.01;
-/// Parts of the mass above this that are gone without leaving, or that enter otherwise than they
-/// should, are worth a warning; below it is the dissipation of a coarse grid near an end.
+/// Part of the mass, or of the mean energy, from which there is a warning.
+const NOTICEABLE: f64 = 0.01;
+/// Part of the mass from which there is a warning that it vanished or entered unexplained; smaller
+/// parts are due to the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.02;
 /// Regions of `V` of so many cells or more are resolved; an element of degree 1 or more resolves
 /// what is as wide as itself.
 const CELLS_OF_REGION: usize = 4;
 /// Jumps of `V` larger than this many times the largest `v²/2` are a wall, or a slip of units.
 const WALL: f64 = 100.0;
-/// Differences within so many standard errors are not seen.
+/// Differences below so many standard errors do not count.
 const STANDARD_ERRORS: f64 = 4.0;
 
 /// `ledger` of `summary.json`.
@@ -26,13 +26,13 @@ pub struct Ledger {
     /// Where mass was, came from and went.
     pub mass: Mass,
     /// The open ends of the phase-space box.
-    pub ends: Vec<End>,
+    pub ends: Vec<BoxEnd>,
     /// The energies.
     pub energy: Energy,
     /// The axes along which `V` jumps.
-    pub jumps: Vec<Jump>,
+    pub jumps: Vec<AxisJumps>,
     /// The regions of `V` that lie between others.
-    pub regions: Vec<Region>,
+    pub regions: Vec<NarrowRegion>,
     /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
 }
@@ -52,9 +52,9 @@ pub struct Mass {
     pub outside: Option<f64>,
     /// On the grid, at time zero.
     pub initial: Option<f64>,
-    /// What entered the grid by the rows of the scheme; not known of measure-valued data.
+    /// Mass that entered the grid by the rows of the scheme; unknown for measure-valued data.
     pub entered: Option<f64>,
-    /// What enters, estimated; nothing of what enters at jumps of `V`.
+    /// Mass that enters, estimated; without mass that enters at jumps of `V`.
     pub entered_estimate: Option<f64>,
     /// Standard error of that.
     #[serde(default)]
@@ -63,11 +63,11 @@ pub struct Mass {
     pub end: Option<f64>,
     /// `initial + entered − end`.
     pub lost: Option<f64>,
-    /// What leaves the box, estimated.
+    /// Mass that leaves the box, estimated.
     pub left_estimate: Option<f64>,
     /// Standard error of that.
     pub left_error: Option<f64>,
-    /// What the `hat` interface adds, estimated; 0 of laws that conserve mass.
+    /// Mass that the `hat` interface adds, estimated; 0 for laws that conserve mass.
     pub interface_estimate: Option<f64>,
     /// Particles that were followed for the estimates.
     pub particles: usize,
@@ -75,16 +75,16 @@ pub struct Mass {
 
 /// An open end of the phase-space box, with estimates of the mass that passes it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct End {
+pub struct BoxEnd {
     /// The axis: `x`, …, `vz`.
     pub axis: String,
     /// `lower` or `upper`.
     pub end: String,
-    /// What leaves here by its motion or, along a velocity axis, pushed by slopes of `V`.
+    /// Mass that leaves here by its motion or, along a velocity axis, pushed by slopes of `V`.
     pub outflow: f64,
-    /// What leaves as a jump of `V` gives it a velocity beyond this end; 0 along space axes.
+    /// Mass that leaves because a jump of `V` gives it a velocity beyond this end; 0 along space axes.
     pub outflow_at_jumps: f64,
-    /// What enters.
+    /// Mass that enters.
     pub inflow: f64,
 }
 
@@ -103,7 +103,7 @@ pub struct Energy {
 
 /// The jumps of `V` along an axis, beside the energies of the motion along it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Jump {
+pub struct AxisJumps {
     /// The space axis.
     pub axis: String,
     /// Least `|V⁺ − V⁻|`.
@@ -118,7 +118,7 @@ pub struct Jump {
 
 /// A region of `V` between others.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Region {
+pub struct NarrowRegion {
     /// Index of the region in `[[potential]]`.
     pub potential: usize,
     /// The axis along which it is narrowest.
@@ -146,8 +146,8 @@ impl Ledger {
         }
     }
 
-    /// How far the grid's mass at time zero is from the formula's, as a part of all, where that is
-    /// more than the formula's integral is uncertain by.
+    /// The difference of the grid's mass at time zero to the formula's, as a part of the mass; none
+    /// if the formula's integral is not known that well.
     fn missed_by_grid(&self) -> Option<f64> {
         let (initial, formula) = (self.mass.initial?, self.mass.formula?);
         let uncertain = STANDARD_ERRORS * self.mass.formula_error?;
@@ -155,14 +155,14 @@ impl Ledger {
         self.share(missed).filter(|share| missed.abs() > uncertain && *share != 0.0)
     }
 
-    /// What the user should know, each with what to do.
+    /// Warnings to the user, each with a remedy.
     pub fn warnings(&self) -> Vec<String> {
         let found = self.doubts().into_iter();
         found.chain(self.wall_warnings()).chain(self.narrow_warnings()).collect()
     }
 
-    /// Those of the warnings that put mass and energy in doubt. The others tell of potentials that
-    /// may be meant.
+    /// The warnings that put mass and energy in doubt. The others are about potentials that may be
+    /// intended.
     pub fn doubts(&self) -> Vec<String> {
         let found = [
             self.grid_warning(),
@@ -189,7 +189,7 @@ impl Ledger {
         ))
     }
 
-    /// Data that do not end where the velocity box does.
+    /// Warning of initial data beyond the velocity box.
     fn start_warning(&self) -> Option<String> {
         let cut = |mass: Option<f64>| {
             let share = self.share(mass?)?;
@@ -221,7 +221,7 @@ impl Ledger {
         })
     }
 
-    /// Nothing at all.
+    /// Warning of a solution that is zero.
     fn nothing_warning(&self) -> Option<String> {
         let none = |mass: Option<f64>| mass.is_none_or(|mass| mass == 0.0);
         let mass = &self.mass;
@@ -233,7 +233,7 @@ impl Ledger {
         })
     }
 
-    /// What enters the grid beside what should.
+    /// Warning of an inflow on the grid that is not that of its formula.
     fn inflow_warning(&self) -> Option<String> {
         let (entered, expected) = (self.mass.entered?, self.mass.entered_estimate?);
         self.unbalanced(entered - expected, self.mass.entered_error)?;
@@ -245,7 +245,7 @@ impl Ledger {
         ))
     }
 
-    /// Mass that is gone, and that no particle carries out of the box, or the other way round.
+    /// Warning of mass that is lost or gained, and that no particle carries over an end of the box.
     fn unexplained_warning(&self) -> Option<String> {
         let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
         let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
@@ -270,13 +270,14 @@ impl Ledger {
         ))
     }
 
-    /// A difference that is known to `error` as a part of all mass, where that is worth a warning.
+    /// A difference with the standard error `error`, as a part of the mass, if there is to be a
+    /// warning.
     fn unbalanced(&self, difference: f64, error: Option<f64>) -> Option<f64> {
         let uncertain = STANDARD_ERRORS * self.share(error.unwrap_or(0.0))?;
         self.share(difference).filter(|share| share.abs() > UNBALANCED + uncertain)
     }
 
-    /// Mass that is gone, where nothing tells through which end.
+    /// Warning of lost mass, if the outflow through the ends is unknown.
     fn balance_warning(&self) -> Option<String> {
         let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
         let share = self.share(lost).filter(|share| share.abs() > NOTICEABLE)?;
@@ -287,13 +288,13 @@ impl Ledger {
         ))
     }
 
-    /// What leaves through the ends of the velocity box.
+    /// Warnings of outflow through the ends of the velocity box.
     fn velocity_warnings(&self) -> Vec<String> {
-        let lost = |end: &&End| {
+        let lost = |end: &&BoxEnd| {
             let share = self.share((end.outflow + end.outflow_at_jumps).abs());
             end.axis.starts_with('v') && share.is_some_and(|share| share > NOTICEABLE)
         };
-        let warning = |end: &End| {
+        let warning = |end: &BoxEnd| {
             let [all, jumps] = [end.outflow + end.outflow_at_jumps, end.outflow_at_jumps]
                 .map(|mass| self.share(mass).unwrap_or(0.0));
             let by_jumps = match jumps {
@@ -346,13 +347,13 @@ impl Ledger {
 
     /// Warnings of regions that are too narrow for the grid, where particles may enter them.
     fn narrow_warnings(&self) -> impl Iterator<Item = String> + '_ {
-        let entered = |region: &&Region| {
+        let entered = |region: &&NarrowRegion| {
             let jump = self.jumps.iter().find(|jump| jump.axis == region.axis);
             jump.is_some_and(|jump| jump.least <= jump.largest_energy)
         };
-        let narrow = |region: &&Region| region.degree == 0 && region.cells < CELLS_OF_REGION;
+        let narrow = |region: &&NarrowRegion| region.degree == 0 && region.cells < CELLS_OF_REGION;
         self.regions.iter().filter(narrow).filter(entered).map(|region| {
-            let Region { potential, axis, cells, .. } = region;
+            let NarrowRegion { potential, axis, cells, .. } = region;
             format!(
                 "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
                  where slow particles may be several times as many as they should be; more cells \
@@ -362,7 +363,7 @@ impl Ledger {
         })
     }
 
-    /// The ledger for people: [`lines`](Self::lines) under a heading.
+    /// The ledger as text: [`lines`](Self::lines) under a heading.
     pub fn text(&self) -> String {
         let lines = self.lines().into_iter().map(|line| format!("  {line}\n"));
         format!("ledger\n{}", lines.collect::<String>())
@@ -400,14 +401,14 @@ impl Ledger {
         Some(end + &parts.collect::<String>())
     }
 
-    /// What leaves in all, and by end, some a line.
+    /// The outflow in all, then by end, some ends a line.
     fn ends_lines(&self) -> Vec<String> {
         const ENDS_A_LINE: usize = 4;
         let Some(left) = self.mass.left_estimate else {
             return Vec::new();
         };
-        let passes = |end: &&End| end.outflow + end.outflow_at_jumps != 0.0;
-        let part = |end: &End| {
+        let passes = |end: &&BoxEnd| end.outflow + end.outflow_at_jumps != 0.0;
+        let part = |end: &BoxEnd| {
             let share = self.share(end.outflow + end.outflow_at_jumps).unwrap_or(0.0);
             format!("{} {} {}", end.axis, end.end, percent(share))
         };
@@ -436,7 +437,7 @@ impl Ledger {
 
     fn regions_line(&self) -> Option<String> {
         let narrowest = self.regions.iter().min_by_key(|region| region.cells)?;
-        let Region { potential, axis, cells, degree } = narrowest;
+        let NarrowRegion { potential, axis, cells, degree } = narrowest;
         let [one, many] = if *degree == 0 { ["cell", "cells"] } else { ["element", "elements"] };
         let cells = counted(*cells, one, many);
         Some(format!("narrowest region of V: potential.{potential}, {cells} along {axis}"))
@@ -444,7 +445,7 @@ impl Ledger {
 }
 
 /// The jumps along an axis, beside energies.
-fn jump_line(jump: &Jump) -> String {
+fn jump_line(jump: &AxisJumps) -> String {
     let [least, largest] = [jump.least, jump.largest].map(short);
     let range = if least == largest { largest } else { format!("{least} to {largest}") };
     let mean = jump.mean_energy.map(|mean| format!("mean {}, ", short(mean)));
@@ -460,8 +461,8 @@ fn jump_line(jump: &Jump) -> String {
 mod tests {
     use super::*;
 
-    fn end(axis: &str, outflow: f64, outflow_at_jumps: f64) -> End {
-        End { axis: axis.into(), end: "upper".into(), outflow, outflow_at_jumps, inflow: 0.0 }
+    fn end(axis: &str, outflow: f64, outflow_at_jumps: f64) -> BoxEnd {
+        BoxEnd { axis: axis.into(), end: "upper".into(), outflow, outflow_at_jumps, inflow: 0.0 }
     }
 
     /// A ledger with nothing to warn of.
@@ -480,7 +481,7 @@ mod tests {
                 ..Mass::default()
             },
             ends: vec![end("x", 1.5, 0.0), end("v", 0.001, 0.01)],
-            jumps: vec![Jump {
+            jumps: vec![AxisJumps {
                 axis: "x".into(),
                 least: 0.1,
                 largest: 0.2,
@@ -536,7 +537,7 @@ mod tests {
             let mut ledger = sound();
             ledger.jumps[0].least = least;
             let axis = "x".to_owned();
-            ledger.regions = vec![Region { potential: 2, axis, cells, degree }];
+            ledger.regions = vec![NarrowRegion { potential: 2, axis, cells, degree }];
             ledger
         };
         let wall = |largest| {

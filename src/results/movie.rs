@@ -19,8 +19,8 @@ pub const MOST_FRAMES: usize = 500;
 const HUNDREDTHS: u16 = 100;
 /// The number of no colour: a pixel stays as it was.
 const SAME: u8 = 255;
-/// Characters that are kept of what `ffmpeg` says.
-const MOST_SAID: u64 = 400;
+/// Most bytes of the messages of `ffmpeg` that are kept.
+const MOST_ERROR_TEXT: u64 = 400;
 
 /// The files of a movie.
 #[derive(Default)]
@@ -52,9 +52,9 @@ pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<
         for k in 0..film.count() {
             if k > 0 {
                 frame = figure(k).and_then(|figure| figure.raster()).map_err(|error| {
-                    let said = io::Error::other(error.to_string());
+                    let errors_of_ffmpeg = io::Error::other(error.to_string());
                     wrong = Some(error);
-                    said
+                    errors_of_ffmpeg
                 })?;
             }
             movie.add(palette.numbers(&frame), k + 1 == film.count())?;
@@ -125,18 +125,18 @@ impl<'a> Gif<'a> {
 /// A WebM that `ffmpeg` writes from the pixels it is given.
 struct Video {
     child: Child,
-    /// What it says.
-    said: JoinHandle<String>,
+    /// Its messages.
+    errors_of_ffmpeg: JoinHandle<String>,
     path: PathBuf,
     /// Whether it still takes frames.
-    takes: bool,
+    accepts_frames: bool,
 }
 
 impl Video {
-    /// Starts it.
+    /// Starts `ffmpeg`.
     ///
     /// # Errors
-    /// Why it cannot be.
+    /// Why it cannot be started.
     fn start(path: &Path, size: [usize; 2], fps: u16) -> std::result::Result<Self, String> {
         let partial = disk::partial(path);
         disk::clear(&partial).map_err(|e| e.to_string())?;
@@ -158,35 +158,37 @@ impl Video {
         })?;
         let errors = child.stderr.take();
         // Read beside the writing, so that neither waits for the other.
-        let said = std::thread::spawn(move || {
-            let mut said = Vec::new();
+        let errors_of_ffmpeg = std::thread::spawn(move || {
+            let mut errors_of_ffmpeg = Vec::new();
             if let Some(errors) = errors {
-                let _ = errors.take(MOST_SAID).read_to_end(&mut said);
+                let _ = errors.take(MOST_ERROR_TEXT).read_to_end(&mut errors_of_ffmpeg);
             }
-            String::from_utf8_lossy(&said).trim().to_owned()
+            String::from_utf8_lossy(&errors_of_ffmpeg).trim().to_owned()
         });
-        Ok(Self { child, said, path: path.to_owned(), takes: true })
+        Ok(Self { child, errors_of_ffmpeg, path: path.to_owned(), accepts_frames: true })
     }
 
     /// A frame; nothing where it has ended.
     fn add(&mut self, raster: &Raster) {
-        if let Some(pixels) = self.child.stdin.as_mut().filter(|_| self.takes) {
-            self.takes = pixels.write_all(&raster.pixels.concat()).is_ok();
+        if let Some(pixels) = self.child.stdin.as_mut().filter(|_| self.accepts_frames) {
+            self.accepts_frames = pixels.write_all(&raster.pixels.concat()).is_ok();
         }
     }
 
     /// Waits for its end.
     ///
     /// # Errors
-    /// What it says.
+    /// Its messages.
     fn finish(mut self) -> std::result::Result<(), String> {
         drop(self.child.stdin.take());
         let ended = self.child.wait().map_err(|e| format!("ffmpeg: {e}"))?;
-        let said = self.said.join().unwrap_or_default();
+        let errors_of_ffmpeg = self.errors_of_ffmpeg.join().unwrap_or_default();
         let partial = disk::partial(&self.path);
-        let renamed = match ended.success() && self.takes {
+        let renamed = match ended.success() && self.accepts_frames {
             true => std::fs::rename(&partial, &self.path).map_err(|e| e.to_string()),
-            false => Err(if said.is_empty() { ended.to_string() } else { said }),
+            false => {
+                Err(if errors_of_ffmpeg.is_empty() { ended.to_string() } else { errors_of_ffmpeg })
+            }
         };
         renamed.map_err(|why| {
             let _ = disk::clear(&partial);

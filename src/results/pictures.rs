@@ -11,8 +11,8 @@
 //! | `plateau`, `readout` | readings at other `p`; quantum measurements | `profile`, `readout` |
 //! | `time` | seconds by step | `history` |
 //!
-//! What a run has none of (a classical one of profiles) has no picture. What its files lack is left
-//! out, and said. A second run on the same grid can be drawn beside the first.
+//! A picture that does not apply to a run is not drawn, such as the profile of a classical run. A
+//! picture whose data the files lack is left out with a message. A second run on the same grid can be drawn beside the first.
 
 pub mod cut;
 pub mod film;
@@ -28,10 +28,11 @@ pub mod runs;
 pub mod stored;
 
 use crate::base::error::{Error, Result};
+use crate::results::FileResult;
 use crate::results::figure::Figure;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Read, Stored};
+use crate::results::pictures::stored::Stored;
 use std::path::{Path, PathBuf};
 
 /// The folder of pictures in the directory of a run.
@@ -118,7 +119,7 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
 }
 
 impl Album {
-    fn add(&mut self, name: &str, drawn: Read<Option<Figure>>) {
+    fn add(&mut self, name: &str, drawn: FileResult<Option<Figure>>) {
         debug_assert!(NAMES.iter().any(|known| name.starts_with(known)), "{name}");
         match drawn {
             Ok(Some(figure)) => self.pictures.push(Picture { name: name.to_owned(), figure }),

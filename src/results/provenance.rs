@@ -1,4 +1,4 @@
-//! What produced a result: program, commit, compiler, libraries, command, time.
+//! The origin of a result: program, commit, compiler, libraries, command, time.
 
 use crate::base::version::GIT;
 use crate::parallel::communicator::World;

@@ -20,11 +20,11 @@ use std::mem::ManuallyDrop;
 use std::path::Path;
 
 /// Numbers read at a time: 4 MiB.
-const PIECE: usize = 1 << 19;
+pub(crate) const PIECE: usize = 1 << 19;
 /// Objects in a file, and groups in each other, at most: several times what a run writes.
 const MOST_OBJECTS: usize = 1000;
 const DEEPEST: usize = 6;
-/// Times by which deflate makes a dataset smaller, at most.
+/// Largest factor by which deflate makes a dataset smaller.
 const MOST_DEFLATED: u64 = 1040;
 
 /// By name, a part of the checksum of each dataset, and the checksum that it carries.
@@ -67,7 +67,7 @@ pub(crate) fn compare(world: &Group, path: &Path, sums: &Sums) -> Result<usize> 
     Ok(sums.len())
 }
 
-/// What is said of a dataset whose checksum differs.
+/// The message about a dataset whose checksum differs.
 pub(crate) fn differs(name: &str) -> String {
     format!("dataset {name} is not as it was written (its checksum differs)")
 }

@@ -1,5 +1,5 @@
-//! A finished run as one HTML page that stands on its own: no script, nothing from elsewhere,
-//! readable by who did not run it.
+//! A finished run as one self-contained HTML page, without scripts and external files, for readers
+//! who did not run it.
 //!
 //! Everything that comes from a file is escaped. The pictures are those of
 //! [`crate::results::pictures`], inside of the page as SVG. Tables are rows of a label and a value;
@@ -14,13 +14,13 @@ pub mod trust;
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, percent, short};
-use crate::results::ledger::{End, Ledger};
+use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
 use crate::results::report::times::Times;
-use crate::results::report::trust::{said, trust};
+use crate::results::report::trust::{main_warning, trust};
 use crate::results::summary::{Accuracy, Continued};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
@@ -62,7 +62,7 @@ const TO_EXACT: [(&str, &str, &str); 4] = [
     ("error_velocity_l1", "", "distance to the exact mean velocity, L1"),
 ];
 
-/// What is conserved.
+/// Conserved quantities and their labels.
 const CONSERVED: [(&str, &str); 6] = [
     ("mass", "mass at the end"),
     ("mass_initial", "mass at the start"),
@@ -81,7 +81,7 @@ const OF_A_FIELD: [(&str, &str); 5] = [
     ("error_semidiscrete", "measured"),
 ];
 
-/// What the run took.
+/// Costs of the run and their labels.
 const COST: [(&str, &str); 13] = [
     ("wall_seconds", "seconds in all"),
     ("solve_seconds", "seconds of propagation and recovery"),
@@ -115,7 +115,7 @@ const PROBABILITIES: [(&str, &str); 7] = [
     ("amplified_evolutions", "evolutions in those rounds"),
 ];
 
-/// What a report is made of.
+/// The contents of a report.
 pub struct Report<'a> {
     /// The run.
     pub run: &'a Stored,
@@ -333,8 +333,8 @@ impl Report<'_> {
     fn warnings(&self) -> Markup {
         let list = self.summary["warnings"].as_array();
         let mut all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
-        let said = said(self.summary);
-        all.retain(|warning| Some(*warning) != said.as_deref());
+        let main_warning = main_warning(self.summary);
+        all.retain(|warning| Some(*warning) != main_warning.as_deref());
         // What is wrong with the result before what was made of the case.
         all.sort_by_key(|warning| !warning.starts_with("mass:"));
         let (first, others) = all.split_at(all.len().min(WARNINGS_SHOWN));
@@ -404,7 +404,7 @@ impl Report<'_> {
         let ends = ledger.ends.iter().filter(|end| {
             [end.outflow, end.outflow_at_jumps, end.inflow].iter().any(|mass| *mass != 0.0)
         });
-        let ends: Vec<&End> = ends.collect();
+        let ends: Vec<&BoxEnd> = ends.collect();
         html! {
             @let lines = ledger.lines();
             @if !lines.is_empty() { ul { @for line in lines { li { (Text(&line)) } } } }

@@ -23,6 +23,7 @@
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
 //! gets its name.
 
+use crate::base::disk::require_room;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
@@ -33,9 +34,8 @@ use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
 use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::numbers as readout_numbers;
-use crate::results::dataset::{About, PlateauPoint, RESULT, Results};
+use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
-use crate::results::room::require_room;
 use crate::results::views::Step;
 use crate::results::writer::{Outcome, Writer, attribute, text};
 use crate::results::{averages, grids, history, readback, views};
@@ -179,7 +179,7 @@ pub fn most_bytes(case: &Case) -> u64 {
 pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
-    about: &About<'_>,
+    about: &FileAttributes<'_>,
     plan: &str,
 ) -> Outcome<()> {
     let (file, case) = (writer.file(), about.case);

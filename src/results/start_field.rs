@@ -1,10 +1,11 @@
-//! The result from which a run goes on (`initial.field`), looked at before anything is computed.
+//! The result that a run continues (`initial.field`), checked before anything is computed.
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
 use crate::problem::case::{Case, Origin, StartField};
 use crate::problem::grid::{Axis, axis_names};
+use crate::results::FileResult;
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::untrusted::{self, Inspection};
 use hdf5::types::TypeDescriptor;
@@ -12,11 +13,8 @@ use hdf5::{Dataset, File};
 use serde_json::Value;
 use std::path::Path;
 
-/// By how much numbers of a file may differ from those of the case, relative to the largest.
+/// Largest difference of a number of the file to that of the case, relative to the largest number.
 const SAME: f64 = 1e-12;
-
-/// What a file holds, or what is wrong with it.
-type Found<T> = std::result::Result<T, String>;
 
 /// The origin that the file `start` names, where it holds `f` on the grid of `case` at its
 /// `time.start`. Collective over `world`.
@@ -36,7 +34,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> 
     serde_json::from_str(&text).map_err(|e| Error::Input(format!("{}: {e}", start.place)))
 }
 
-fn look(path: &Path, case: &Case) -> Found<Origin> {
+fn look(path: &Path, case: &Case) -> FileResult<Origin> {
     let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
     if !found.is_file() {
         return Err("is no file".to_owned());
@@ -99,7 +97,7 @@ fn is_same(a: f64, b: f64, size: f64) -> bool {
 }
 
 /// Refuses another grid than that of `case`; an axis that was merged stands for all of its cells.
-fn same_grid(file: &File, f: &Dataset, case: &Case) -> Found<()> {
+fn same_grid(file: &File, f: &Dataset, case: &Case) -> FileResult<()> {
     let whole = case.space.whole();
     let names = axis_names(whole.dimension());
     let shape = f.shape();
@@ -115,7 +113,7 @@ fn same_grid(file: &File, f: &Dataset, case: &Case) -> Found<()> {
     Ok(())
 }
 
-fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> Found<()> {
+fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileResult<()> {
     let number = |key: &str| dataset.attr(key).and_then(|a| a.read_scalar::<f64>());
     let degree = dataset.attr("degree").and_then(|a| a.read_scalar::<u64>()).unwrap_or(0);
     let size = axis.lower.abs().max(axis.upper.abs());

@@ -50,7 +50,7 @@ impl ErrorNorms {
     }
 
     /// The same of the L2 norms.
-    pub fn relative_l2(&self) -> Option<f64> {
+    fn relative_l2(&self) -> Option<f64> {
         Some(self.l2 / self.exact_l2).filter(|e| e.is_finite())
     }
 }
@@ -66,8 +66,8 @@ pub struct GridErrors {
     pub momentum: Option<ErrorNorms>,
 }
 
-/// How far a run may be trusted: what the algorithm adds to the semi-discrete solution, and how far
-/// that is from the exact one.
+/// The errors of a run: of the algorithm, to the semi-discrete solution, and of the grid, from there
+/// to the exact solution.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     /// `solver.tolerance`; none of the classical method.
@@ -99,12 +99,12 @@ pub struct Accuracy {
     pub advice: Option<String>,
 }
 
-/// A grid's error above this is large by itself.
-const MUCH: f64 = 0.1;
-/// An exact density is to be known to this part of the run's error.
-const KNOWN: f64 = 0.25;
-/// A grid's error above this many times the algorithm's is what limits a run.
-const MANY_TIMES: f64 = 10.0;
+/// Relative error of the grid from which it is large by itself.
+const LARGE_GRID_ERROR: f64 = 0.1;
+/// Largest error of the exact density, relative to the run's error, without a warning.
+const LARGEST_EXACT_ERROR: f64 = 0.25;
+/// Ratio of the grid's error to the algorithm's from which the grid limits a run.
+const DOMINANT: f64 = 10.0;
 
 impl Accuracy {
     /// The same with the relative errors of the grid, of `f` and of the density, as they were
@@ -122,7 +122,7 @@ impl Accuracy {
             ..self
         };
         let of_algorithm = self.algorithm.into_iter().chain(self.asked).fold(0.0, f64::max);
-        let dominates = of_algorithm > 0.0 && found.worst() > MANY_TIMES * of_algorithm;
+        let dominates = of_algorithm > 0.0 && found.worst() > DOMINANT * of_algorithm;
         let under_resolved = found.is_coarse() || dominates;
         Self { under_resolved, ..found }
     }
@@ -134,10 +134,10 @@ impl Accuracy {
 
     /// Whether the grid's error is large by itself: above a tenth.
     pub fn is_coarse(&self) -> bool {
-        self.worst() > MUCH
+        self.worst() > LARGE_GRID_ERROR
     }
 
-    /// What limits the run, with both numbers; nothing where the grid's error is not known.
+    /// A sentence on which of the two errors limits the run; none if the grid's error is unknown.
     pub fn line(&self) -> Option<String> {
         let errors = self.errors_of_grid()?;
         let head = if self.under_resolved { "UNDER-RESOLVED" } else { "accuracy" };
@@ -153,7 +153,7 @@ impl Accuracy {
         Some(format!("{head}: {OF_GRID} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
     }
 
-    /// The grid's errors, with no more digits than they are good for; none where none is known.
+    /// The grid's errors as text, in significant digits; none if none is known.
     pub fn errors_of_grid(&self) -> Option<String> {
         let digits = |error: f64| match self.grid_measured {
             true => percent(error),
@@ -166,19 +166,21 @@ impl Accuracy {
         (!errors.is_empty()).then(|| errors.join(", "))
     }
 
-    /// `; ` and what would help; nothing where nothing has to.
+    /// `; ` and a remedy, if one is needed; otherwise empty.
     pub fn advice_after(&self) -> String {
         self.advice.as_ref().map_or(String::new(), |advice| format!("; {advice}"))
     }
 
-    /// What would help a run of `case` whose grid's error is too large.
+    /// The remedy for a run of `case` whose grid's error is too large.
     fn advice(&self, case: &Case) -> String {
         let degree = lowest_degree(case);
         let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
         let is_large = missed.is_some() || self.is_coarse();
         let (ratio, wanted) = match missed {
             Some((error, goal)) => (error / goal, format!("{goal:e}")),
-            None => (self.worst() / MUCH, format!("{} %", short(100.0 * MUCH))),
+            None => {
+                (self.worst() / LARGE_GRID_ERROR, format!("{} %", short(100.0 * LARGE_GRID_ERROR)))
+            }
         };
         let cells = match largest_order(case, degree).filter(|_| is_large) {
             Some(order) => {
@@ -200,7 +202,7 @@ impl Accuracy {
         };
         let is_start = case.start.is_none() && case.start_field.is_none();
         let then = if !is_large {
-            let enough = rounded_down(self.worst() / MANY_TIMES);
+            let enough = rounded_down(self.worst() / DOMINANT);
             format!("; with this grid solver.tolerance = {enough:e} would do")
         } else if is_start {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
@@ -226,7 +228,7 @@ fn lowest_degree(case: &Case) -> usize {
     axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
 }
 
-/// What a run misses of what it was asked for: a sentence each, none where it is met or not known.
+/// The goals that a run misses: a sentence each, none for a goal that is met or unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Missed {
     /// `solver.tolerance`, by the run's own error: as measured, else as estimated, where that is
@@ -237,7 +239,7 @@ pub struct Missed {
 }
 
 impl Missed {
-    /// What the run of `case` misses, with the errors of its summary.
+    /// The goals that the run of `case` misses, by the errors of its summary.
     pub fn new(case: &Case, summary: &Summary) -> Self {
         let estimate = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
         let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
@@ -269,7 +271,7 @@ impl Missed {
     }
 }
 
-/// What a run that went on from a result (`initial.field`) has of that, and its error with it.
+/// The result that a run continued (`initial.field`), and the error with its part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Continued {
     /// The file.
@@ -288,7 +290,7 @@ pub struct Continued {
 }
 
 impl Continued {
-    /// What there is of errors before the start, for the closing line.
+    /// The errors of the earlier parts as text, for the closing line.
     pub fn line(&self) -> String {
         match (self.error_inherited, self.error_total) {
             (Some(inherited), Some(total)) => format!(
@@ -497,8 +499,8 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Says how far the result may be trusted and what it misses, once all other numbers are there;
-    /// `estimated` are the errors of the grid, of `f` and of the density.
+    /// Fills in accuracy and missed goals, once all other numbers are there. `estimated` are the
+    /// estimated errors of the grid, of `f` and of the density.
     pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
         let measured = [self.error_l2_relative, self.error_density_l2_relative];
         let asked = (case.method == Method::Schrodingerized).then_some(case.tolerance);
@@ -517,7 +519,9 @@ impl Summary {
         let accuracy = &mut self.accuracy;
         if accuracy.under_resolved {
             accuracy.advice = Some(accuracy.advice(case));
-        } else if goal_error.is_some() && accuracy.grid.is_some_and(|error| error > MUCH) {
+        } else if goal_error.is_some()
+            && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
+        {
             let what = "the accuracy that was asked for is that of the density, and f needs more";
             accuracy.advice = Some(what.to_owned());
         }
@@ -546,7 +550,7 @@ impl Summary {
     /// Warns of an exact density that is not known well enough to tell the run's error.
     pub fn exact_density_warning(&self) -> Option<String> {
         let (own, error) = (self.exact_density_error?, self.error_density_l1_relative?);
-        (own > KNOWN * error).then(|| {
+        (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
                  density's error of {error:.1e} is measured against it: what passed jumps of V \

@@ -6,6 +6,7 @@ use crate::base::refusal::Refusal;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, TIME, TableFile, TableOf};
 use crate::problem::table::{Table, TableAxis, check_size};
+use crate::results::FileResult;
 use crate::results::readback::numbers;
 use crate::results::untrusted::{self, Inspection};
 use hdf5::File;
@@ -15,9 +16,6 @@ use std::collections::BTreeMap;
 
 /// Most bytes of a CSV file.
 const MOST_TEXT: u64 = 256 << 20;
-
-/// What a file holds, or what is wrong with it.
-type Found<T> = std::result::Result<T, String>;
 
 /// `case` with the tables that it names, as far as they are not read yet. Collective over `world`.
 ///
@@ -94,7 +92,7 @@ struct Head {
 }
 
 /// The table of the first rank, on all. Collective over `world`.
-fn shared(world: &Group, found: Option<Table>) -> Found<Table> {
+fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let axes = found.as_ref().map_or(&[][..], Table::axes);
     let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
     let text = serde_json::to_string(&Head { axes: axes.collect() }).unwrap_or_default();
@@ -117,7 +115,7 @@ fn shared(world: &Group, found: Option<Table>) -> Found<Table> {
 }
 
 /// The table of a file. By one rank.
-fn read(file: &TableFile) -> Found<Table> {
+fn read(file: &TableFile) -> FileResult<Table> {
     let found = std::fs::metadata(&file.path).map_err(|e| e.to_string())?;
     if !found.is_file() {
         return Err("is no file".to_owned());
@@ -136,7 +134,7 @@ fn read(file: &TableFile) -> Found<Table> {
 }
 
 /// The table of an HDF5 file: a dataset, and its points in `/axis/NAME` or `/NAME`.
-fn of_hdf5(file: &TableFile) -> Found<Table> {
+fn of_hdf5(file: &TableFile) -> FileResult<Table> {
     let axes = file.axes();
     let places = |name: &str| [format!("axis/{name}"), name.to_owned()];
     let names = axes.iter().flat_map(|(_, names)| names.iter().flat_map(|name| places(name)));
@@ -163,7 +161,7 @@ fn of_hdf5(file: &TableFile) -> Found<Table> {
         let points = numbers(&place, &dataset)?;
         Ok(TableAxis { name: names[0].to_owned(), position: *position, points })
     };
-    let axes = axes.iter().map(axis).collect::<Found<Vec<TableAxis>>>()?;
+    let axes = axes.iter().map(axis).collect::<FileResult<Vec<TableAxis>>>()?;
     for (axis, count) in axes.iter().zip(&shape) {
         if axis.points.len() != *count {
             let (name, points) = (&axis.name, axis.points.len());
@@ -177,7 +175,7 @@ fn of_hdf5(file: &TableFile) -> Found<Table> {
 }
 
 /// The table of a CSV file: a line of names, then one a value, in any order.
-fn of_text(file: &TableFile, text: &str) -> Found<Table> {
+fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
     let text = text.trim_start_matches('\u{feff}');
     let is_data = |(_, line): &(usize, &str)| !line.is_empty() && !line.starts_with('#');
     let mut lines = (1..).zip(text.lines().map(str::trim)).filter(is_data);
@@ -247,7 +245,7 @@ fn hint_on_column(file: &TableFile, name: &str) -> String {
 
 /// The table whose `values` stand at `places`, a list of coordinates an axis: every point of the
 /// tensor grid once.
-fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> Found<Table> {
+fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> FileResult<Table> {
     let sorted = |places: &Vec<f64>| {
         // 0 and −0 are one point.
         let mut points: Vec<f64> = places.iter().map(|p| p + 0.0).collect();

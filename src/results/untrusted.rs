@@ -13,6 +13,7 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
+use crate::results::FileResult;
 use crate::results::dataset::RESULT;
 use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
@@ -42,7 +43,7 @@ const MEMORY: u64 = 2 << 30;
 /// Largest number in fields, moments and axes: its square can be computed.
 const LARGEST: f64 = 1e150;
 
-/// What this process does with files that are not trusted.
+/// The role of this process in the inspection of files.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
     /// The process that reads files, after a subprocess has inspected them.
@@ -53,7 +54,7 @@ enum Role {
 
 static ROLE: OnceLock<Role> = OnceLock::new();
 
-/// What is read of a file.
+/// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
     /// The names and shapes of the datasets.
@@ -68,8 +69,8 @@ pub(crate) enum Inspection {
     Table(Vec<String>),
 }
 
-/// What an inspection gives: sums of datasets; or what is wrong with the file.
-type Found = std::result::Result<Sums, String>;
+/// The sums of the datasets of a file, or what is wrong with it.
+type InspectionResult = FileResult<Sums>;
 
 /// To be called by the program before anything else, and before MPI starts: where this process is
 /// the subprocess, does its work and gives its exit code. Otherwise it will have subprocesses.
@@ -102,7 +103,7 @@ pub fn serve() -> Option<i32> {
 ///
 /// # Errors
 /// What is wrong with it.
-pub(crate) fn inspect(path: &Path, inspection: Inspection) -> Found {
+pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
     if ROLE.get() != Some(&Role::Parent) {
         return inspect_here(path, inspection);
     }
@@ -131,7 +132,7 @@ pub(crate) fn inspect(path: &Path, inspection: Inspection) -> Found {
 }
 
 /// The answer of a subprocess, if it gives one. Empty lines report progress.
-fn answer(child: &mut Child) -> Option<Found> {
+fn answer(child: &mut Child) -> Option<InspectionResult> {
     let lines = BufReader::new(child.stdout.take()?).lines();
     let (sender, receiver) = channel();
     // Ends with the child.
@@ -164,7 +165,7 @@ fn progress(bytes: u64) {
     }
 }
 
-fn inspect_here(path: &Path, inspection: Inspection) -> Found {
+fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
     let said = |e: hdf5::Error| e.to_string();
     let file = match inspection {
         Inspection::Directory => path.join(RESULT),

@@ -1,6 +1,6 @@
-//! What `fields.xdmf` and the file of each grid show: moments over space, and fields on the planes
-//! (x_a, v_a) through the middle of the other axes; at the output times too, planes where fields
-//! are written.
+//! The data shown by `fields.xdmf` and by the file of each grid: moments over space, and fields on
+//! the planes (x_a, v_a) through the middle of the other axes; moments at all output times, planes
+//! at those at which fields are written.
 //!
 //! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
 //! dataset over (x, y) is shown with y across. So what is shown is stored once more with its axes
@@ -33,11 +33,11 @@ pub struct Grid {
     /// Faces of the cells of all axes, where a degree above 0 makes them unequal: a cell is as wide
     /// as the quadrature weight of its node.
     pub faces: Option<[Vec<f64>; 3]>,
-    /// What is shown there.
+    /// The datasets that are shown on it.
     pub fields: Vec<View>,
 }
 
-/// What is shown at a time.
+/// The grids that are shown at a time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// The time.

@@ -15,13 +15,13 @@ pub mod given;
 pub mod spread;
 
 use crate::base::disk::failure;
+use crate::base::disk::require_room;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Storage};
 use crate::problem::grid::axis_names;
-use crate::results::dataset::About;
+use crate::results::dataset::FileAttributes;
 use crate::results::readback;
 use crate::results::result_file::{attributes, phase_axes, plan_text, put_in_place};
-use crate::results::room::require_room;
 use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::results::writer::Writer;
 use crate::schrodingerization::profile::series::Series;
@@ -116,7 +116,7 @@ pub fn all_bytes(case: &Case, points: usize) -> u64 {
 /// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(
     path: &Path,
-    about: &About<'_>,
+    about: &FileAttributes<'_>,
     spread: &Spread<'_>,
     series: &Series,
     lower: f64,
@@ -133,7 +133,7 @@ pub fn write(
 
 fn write_all(
     path: &Path,
-    about: &About<'_>,
+    about: &FileAttributes<'_>,
     spread: &Spread<'_>,
     mut transform: Transform,
     kept: &KeptModes,

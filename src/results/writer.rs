@@ -23,11 +23,11 @@ use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
 
-/// What HDF5 says.
+/// A value, or the error of HDF5.
 pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
 
 /// A dimension scale.
-struct Scale {
+struct DimensionScale {
     /// Length of the scale.
     length: usize,
     /// Cells of a chunk along it, where the user says.
@@ -44,7 +44,7 @@ pub struct Writer<'a> {
     /// The first failure of a write of rank 0 alone, while the others go on to the next collective
     /// step.
     trouble: RefCell<Option<hdf5::Error>>,
-    scales: BTreeMap<&'static str, Scale>,
+    scales: BTreeMap<&'static str, DimensionScale>,
 }
 
 /// A text as an attribute stores it.
@@ -56,7 +56,7 @@ pub fn text(s: &str) -> VarLenUnicode {
 /// A new attribute.
 ///
 /// # Errors
-/// What HDF5 says.
+/// The error of HDF5.
 pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }
@@ -167,12 +167,12 @@ impl<'a> Writer<'a> {
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
         self.file.link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
         let length = values.len();
-        self.scales.insert(name, Scale { length, chunk });
+        self.scales.insert(name, DimensionScale { length, chunk });
         Ok(dataset)
     }
 
     fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {
-        let scales: Vec<&Scale> = axes.iter().map(|a| &self.scales[a]).collect();
+        let scales: Vec<&DimensionScale> = axes.iter().map(|a| &self.scales[a]).collect();
         let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
         let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
         if let Some(chunk) = chunks(&scales, self.storage) {
@@ -287,7 +287,7 @@ impl Slabs<'_> {
 /// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says;
 /// where that is nothing, whole axes from the last on, as many as make up [`CHUNK`], or more where
 /// that were too many chunks.
-fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
+fn chunks(scales: &[&DimensionScale], storage: &Storage) -> Option<Vec<usize>> {
     if storage.compression == 0 && storage.chunks.is_none() {
         return None;
     }
@@ -434,8 +434,8 @@ mod tests {
     #[test]
     fn planned_chunks() {
         let of = |lengths: &[(usize, Option<usize>)], compression| {
-            let scales: Vec<Scale> =
-                (lengths.iter()).map(|&(length, chunk)| Scale { length, chunk }).collect();
+            let scales: Vec<DimensionScale> =
+                (lengths.iter()).map(|&(length, chunk)| DimensionScale { length, chunk }).collect();
             let storage =
                 Storage { compression, chunks: lengths[0].1.map(|_| Vec::new()), xdmf: false };
             chunks(&scales.iter().collect::<Vec<_>>(), &storage)

@@ -2,12 +2,12 @@
 
 use crate::matrix::observables::{CellVolumes, moments};
 use crate::problem::potential::nodal_values;
-use crate::results::dataset::Early;
+use crate::results::dataset::EarlyResult;
 use crate::solve::prepared::Prepared;
 
-/// What is known at the start, with the fields only where they are to be written: the system's are
-/// dropped. None where the run starts from modes. Collective.
-pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
+/// Moments and totals of the initial data; also the fields, if they are to be written. The system
+/// drops its initial fields. None if the run starts from modes. Collective.
+pub fn at_start(prepared: &mut Prepared) -> Option<EarlyResult> {
     if prepared.case.start.is_some() {
         return None;
     }
@@ -23,5 +23,5 @@ pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
         true => mine.iter().map(|field| field.to_vec()).collect(),
         false => Vec::new(),
     };
-    Some(Early { time: case.begin, moments, totals, fields })
+    Some(EarlyResult { time: case.begin, moments, totals, fields })
 }

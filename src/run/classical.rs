@@ -11,7 +11,7 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::{Found, Unread};
+use crate::run::files::{EarlyStates, Solved};
 use crate::solve::prepared::Prepared;
 
 /// How a state is integrated over a leg.
@@ -49,9 +49,9 @@ pub(crate) fn integrate(
 /// Every field over all legs. Collective.
 pub(crate) fn classically(
     prepared: &mut Prepared,
-    speaks: bool,
+    prints: bool,
     summary: &mut Summary,
-) -> Result<Found<Unread>> {
+) -> Result<Solved<EarlyStates>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
@@ -59,7 +59,7 @@ pub(crate) fn classically(
     let (mut fields, mut early) = (Vec::new(), Vec::new());
     for (k, start) in system.states.iter().enumerate() {
         let slopes = world.agree(Reconstruction::new(case, &system.matrix, k))?;
-        let progress = Progress::new(speaks && world.rank() == 0, "steps", plan.classical_steps);
+        let progress = Progress::new(prints && world.rank() == 0, "steps", plan.classical_steps);
         let mut classical = Classical::of(case, &system.matrix, &system.weights.pi)
             .with_progress(progress)
             .with_slopes(slopes);
@@ -87,5 +87,5 @@ pub(crate) fn classically(
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(Found { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
+    Ok(Solved { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
 }

@@ -1,5 +1,5 @@
-//! How far a result is from what it is compared with: from its second reading, from the exact
-//! semi-discrete solution.
+//! Distances of a result to its second reading and to the exact semi-discrete solution, and the
+//! error estimate that follows.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -21,10 +21,10 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 
-/// A result whose norm fell this much further than planned may miss its tolerance.
+/// Largest factor by which the norm may fall further than planned without a warning.
 const RATIO_MARGIN: f64 = 1.2;
 
-/// The estimate can tell where it is this many times what round-off adds to the two fields.
+/// Least ratio of a reliable estimate to the round-off in the two fields.
 const ROUND_OFF_MARGIN: f64 = 4.0;
 
 /// Norms of the result over all ranks.
@@ -64,7 +64,7 @@ impl<'a> FieldNorms<'a> {
     }
 
     /// Relative l2 distance of `other` to the field.
-    pub fn distance_of(&self, other: &[f64]) -> f64 {
+    fn distance_of(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(self.f)).sqrt()
     }
 
@@ -169,7 +169,7 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
 pub(crate) fn verify(
     prepared: &mut Prepared,
     solution: &SolvedFields,
-    speaks: bool,
+    prints: bool,
     summary: &mut Summary,
 ) {
     let reference = Case { integrator: Integrator::Exponential, ..prepared.case.clone() };
@@ -178,7 +178,7 @@ pub(crate) fn verify(
         let early = solution.early.iter().map(|early| early.fields.get(k));
         let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
         let mut worst: Option<f64> = None;
-        let exact = exact_semidiscrete(prepared, k, &terms, speaks);
+        let exact = exact_semidiscrete(prepared, k, &terms, prints);
         for (field, exact) in ends.into_iter().zip(exact) {
             let Some(field) = field else { continue };
             let error = FieldNorms::new(prepared, field).distance(&exact);
@@ -197,11 +197,11 @@ fn exact_semidiscrete(
     prepared: &mut Prepared,
     k: usize,
     terms: &[usize],
-    speaks: bool,
+    prints: bool,
 ) -> Vec<Vec<f64>> {
     let Prepared { case, bounds, place, system, .. } = prepared;
     let mut state = system.states[k].clone();
-    let progress = Progress::new(speaks, "verify", terms.iter().sum());
+    let progress = Progress::new(prints, "verify", terms.iter().sum());
     let mut classical =
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
@@ -214,7 +214,7 @@ fn exact_semidiscrete(
     ends
 }
 
-/// What a run that went on from a file inherits of its error. The difference `e` of two solutions
+/// The error that a run inherits from the result that it continues. The difference `e` of two solutions
 /// with the same inflow obeys `e' = A e`: in the weighted norm it grows by `e^{growth t}` at most,
 /// and the weights differ by their spread at most. Collective.
 pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
@@ -229,8 +229,8 @@ pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Op
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
     let inherited = origin.error.map(|error| error * ratio * spread * growth);
     let error_inherited = inherited.filter(|error| error.is_finite());
-    let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
-    let own = summary.error_semidiscrete.or(told);
+    let reliable = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+    let own = summary.error_semidiscrete.or(reliable);
     Some(Continued {
         file: start.path.display().to_string(),
         checksum: format!("{:016x}", origin.checksum),
@@ -279,7 +279,7 @@ fn estimate(
         }
         largest_ratio = largest_ratio.max(ratio);
         if let Some(second) = readings.get(1) {
-            // The part of the error that the second reading shares is not seen in the distance.
+            // The distance does not contain the part of the error that both readings share.
             let estimate = norms.distance(second) / warp.estimator_efficiency;
             let amplification: f64 =
                 (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
@@ -301,7 +301,7 @@ fn estimate(
         ));
     }
     if let Some((estimate, round_off)) = found {
-        // Both readings share what the steps of time leave.
+        // Both readings share the error of the time steps.
         let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.hidden_by_round_off = estimate <= round_off;
@@ -315,9 +315,9 @@ fn estimate(
     warnings
 }
 
-/// A step whose leading error is larger than this is too long for that term to be the error.
+/// Largest leading error of a step that is taken for its error.
 const LARGEST_STEP_ERROR: f64 = 0.1;
-/// So is one that leaves less than this of a mode's norm.
+/// Least part of a mode's norm that a step must keep for the same.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
 /// Adds the error of the time step, which both readings share, to the error estimate.
@@ -333,11 +333,10 @@ fn include_step_error(summary: &mut Summary) {
     summary.error_estimate_reliable &= summary.step_told;
 }
 
-/// A doubtful estimate is worth a warning where it is this many times the tolerance.
+/// Ratio to the tolerance from which a doubtful estimate leads to a warning.
 const DOUBTFUL_MARGIN: f64 = 1.5;
 
-/// What the user should know where the whole of the error estimate, as the summary has it, is above
-/// the tolerance.
+/// The warning that the error estimate of `summary` is above the tolerance, if it is.
 fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     let tolerance = plan.tolerance;
     let (Some(found), Some(step)) = (summary.step_error, plan.propagation.step) else {

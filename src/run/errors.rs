@@ -13,7 +13,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::results::summary::{ErrorNorms, GridErrors};
-use crate::run::exact::solution::Exactly;
+use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use std::ops::Range;
 
@@ -66,8 +66,8 @@ pub fn by_elements(
     share: &[Range<usize>],
     f: &[f64],
 ) -> Result<GridErrors> {
-    let exactly = Exactly::new(world, case, exact)?;
-    let mut sums = ElementSums::new(world, case, &exactly);
+    let values_of = ExactValues::new(world, case, exact)?;
+    let mut sums = ElementSums::new(world, case, &values_of);
     for_each_element(&case.space, share, |element| {
         let mut nodal = vec![0.0; element.shape().iter().product()];
         element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
@@ -79,7 +79,7 @@ pub fn by_elements(
 /// Rules of an element, and sums over elements.
 struct ElementSums<'a> {
     case: &'a Case,
-    exactly: &'a Exactly<'a>,
+    values_of: &'a ExactValues<'a>,
     /// Density and momentum of the exact solution.
     integrals: VelocityIntegrals<'a>,
     /// Points of each axis.
@@ -107,7 +107,7 @@ fn norm_terms(a: f64, b: f64) -> [f64; 4] {
 
 impl<'a> ElementSums<'a> {
     /// Collective (the largest exact density).
-    fn new(world: &Group, case: &'a Case, exactly: &'a Exactly<'a>) -> Self {
+    fn new(world: &Group, case: &'a Case, values_of: &'a ExactValues<'a>) -> Self {
         let space = &case.space;
         let total = |more: usize| -> f64 {
             space.axes().map(|a| (a.elements() * (a.nodes.count() + more)) as f64).product()
@@ -133,8 +133,8 @@ impl<'a> ElementSums<'a> {
         let places = elements * counts[0];
         Self {
             case,
-            exactly,
-            integrals: VelocityIntegrals::new(world, exactly, case, case.end, places),
+            values_of,
+            integrals: VelocityIntegrals::new(world, values_of, case, case.end, places),
             points,
             weights,
             matrices,
@@ -155,7 +155,7 @@ impl<'a> ElementSums<'a> {
             self.place = Some(place);
         }
         let found = apply_along_all(nodal, &self.matrices);
-        let exact = self.exactly.values_at(&element.points(&self.points), self.case.end);
+        let exact = self.values_of.values_at(&element.points(&self.points), self.case.end);
         let space_weights = products(&self.weights[..n]);
         let velocity_weights = products(&self.weights[n..]);
         let velocities = self.velocities(element);

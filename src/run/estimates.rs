@@ -2,8 +2,8 @@
 //!
 //! **Axes of degree 0**: the leading error is what the scheme adds to transport,
 //! `‖e‖ ≈ T ‖D f(T)‖` (its modified equation). `D` is the difference to the flux of third order: of
-//! the upwind scheme mostly its dissipation, of slopes what the limiter leaves. Where other axes
-//! have a higher degree, errors are integrals, and what `f` varies over a cell is an error too.
+//! the upwind scheme mostly its dissipation, of slopes the part that the limiter cuts off. If other
+//! axes have a higher degree, errors are integrals, and the variation of `f` over a cell counts, too.
 //!
 //! **Axes of a higher degree**: the error is of the size of the Legendre coefficients beyond the
 //! highest one of each element. At fronts that is the highest one itself; where coefficients fall
@@ -26,15 +26,15 @@ use crate::propagate::limiter::half_difference;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 
-/// Error beside `T ‖D f(T)‖`.
+/// Factor on `T ‖D f(T)‖` in the estimate.
 const OF_TRANSPORT: f64 = 2.0;
-/// There is no estimate where less than this part of the square of `f` lies where `D f` is known.
+/// Least part of `‖f‖²` on the cells where `D f` is known, for there to be an estimate.
 const LEAST_KNOWN: f64 = 0.1;
-/// Error of elements beside what is estimated of the coefficients beyond the highest.
+/// Factor on the estimated coefficients beyond the highest one, in the estimate of elements.
 const OF_COEFFICIENTS: f64 = 3.0;
-/// Coefficients at a front fall to no less than this part from one to the next.
+/// Least ratio of a coefficient to the one before it, at a front.
 const OF_FRONTS: f64 = 0.5;
-/// Of degree 1 nothing is known of how fast coefficients fall: the part of the highest one.
+/// The ratio that is assumed for degree 1, whose coefficients do not show one.
 const OF_DEGREE_1: f64 = 0.5;
 /// Error of a density of elements beside the square of that of `f`.
 const OF_SQUARE: f64 = 1.0 / 3.0;
@@ -59,7 +59,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
         let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
         found = [field, f64::hypot(density, OF_SQUARE * field * field)];
     }
-    // Where nothing is left of the field there is no relative error.
+    // A field that is zero has no relative error.
     Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
 }
 
@@ -88,7 +88,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let (mut added, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
     let of_cells = space.axes().enumerate().filter(|(_, axis)| axis.nodes.degree == 0);
     for (axis, _) in of_cells {
-        let line = Line { case, scheme: &scheme, block, rows, axis };
+        let line = AxisLines { case, scheme: &scheme, block, rows, axis };
         let mut corrections = vec![0.0; matrix.length()];
         line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
         fill_ghosts(exchange, &mut corrections, rows);
@@ -129,7 +129,7 @@ fn fill_ghosts(exchange: &mut GhostExchange, vector: &mut [f64], rows: usize) {
 }
 
 /// Lines along an axis of degree 0, through a rank's block.
-struct Line<'a> {
+struct AxisLines<'a> {
     case: &'a Case,
     scheme: &'a Scheme<'a>,
     block: &'a Block,
@@ -137,7 +137,7 @@ struct Line<'a> {
     axis: usize,
 }
 
-impl Line<'_> {
+impl AxisLines<'_> {
     /// Calls `visit(local number, cell)` for each cell of the block.
     fn each(&self, mut visit: impl FnMut(usize, &Cell)) {
         self.block.for_each_own(|global, local| {

@@ -13,7 +13,7 @@ use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::exact_moments;
 use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
 use crate::results::dataset::ExactSolution;
-use crate::run::exact::solution::Exactly;
+use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::place::Place;
 
@@ -46,17 +46,17 @@ pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> 
     // Of a start from modes the data at the start are not known.
     let at_start = case.at_start.iter().filter(|_| case.start.is_none());
     let times = at_start.chain(&case.times).map(|time| time.time);
-    let mut exactly = None;
+    let mut values_of = None;
     // One field at a time.
     for time in times.chain([case.end]) {
         let found = match moments_of_sheet(world, case, place, time)? {
             Some(found) => found,
             None => {
-                let exactly = match &exactly {
-                    Some(exactly) => exactly,
-                    None => exactly.insert(Exactly::new(world, case, exact)?),
+                let values_of = match &values_of {
+                    Some(values_of) => values_of,
+                    None => values_of.insert(ExactValues::new(world, case, exact)?),
                 };
-                at_time(world, case, place, time, exactly)?
+                at_time(world, case, place, time, values_of)?
             }
         };
         run.moments.push(found.moments);
@@ -99,13 +99,13 @@ fn at_time(
     case: &Case,
     place: &Place,
     time: f64,
-    exactly: &Exactly<'_>,
+    values_of: &ExactValues<'_>,
 ) -> Result<AtTime> {
     let space = &case.space;
-    let values = match exactly {
-        Exactly::Given(f) => sample(world, space, &place.part(), f, time),
-        Exactly::Traced(_) => {
-            let at_points = |points: &[[f64; 6]]| exactly.values_at(points, time);
+    let values = match values_of {
+        ExactValues::Given(f) => sample(world, space, &place.part(), f, time),
+        ExactValues::Traced(_) => {
+            let at_points = |points: &[[f64; 6]]| values_of.values_at(points, time);
             let values = sample_with(space, &place.part(), at_points);
             match values.iter().all(|f| f.is_finite()) {
                 true => Ok(values),
@@ -118,7 +118,7 @@ fn at_time(
     };
     let values = world.agree(values)?;
     let n = space.dimension();
-    let integrals = VelocityIntegrals::on_grid(world, exactly, case, time);
+    let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
     let (moments, density_errors) = match integrals.grid_error() {
         Some(error) => {
             let factors = VelocityFactors::new(space);
@@ -147,14 +147,14 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     if let Some(moments) = group.agree(exact_moments(case))? {
         return Ok(moments.density);
     }
-    let exactly = Exactly::new(group, case, exact)?;
+    let values_of = ExactValues::new(group, case, exact)?;
     let equal = |axis: &Axis| match axis.nodes.degree {
         0 => axis.clone(),
         _ => Axis::new(axis.lower, axis.upper, axis.cells),
     };
     let x = case.space.x.iter().map(equal).collect();
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
-    let integrals = VelocityIntegrals::on_grid(group, &exactly, &case, case.end);
+    let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
     let ranges: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
     let mut cells = Vec::new();
     for_each_cell(&ranges, |cell| cells.push(*cell));

@@ -5,8 +5,8 @@ use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
 use crate::problem::exact::sheet::ExactMoments;
 use crate::problem::potential::nodal_values;
-use crate::results::dataset::{Early, ExactSolution, slices};
-use crate::results::shown::Shown;
+use crate::results::dataset::{EarlyResult, ExactSolution, slices};
+use crate::results::result_grid::ResultGrid;
 use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
@@ -27,12 +27,12 @@ pub struct Expanded {
     /// Mass and energies in all of space.
     pub totals: Totals,
     /// The output times before the end.
-    pub early: Vec<Early>,
+    pub early: Vec<EarlyResult>,
     /// Seconds of the distance to the exact solution.
     pub exact_seconds: f64,
 }
 
-/// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`.
+/// `solution` on the user's grid `result_grid`; its ranges, totals and errors go into `summary`.
 /// Collective.
 ///
 /// # Errors
@@ -40,21 +40,21 @@ pub struct Expanded {
 pub(crate) fn expand(
     prepared: &Prepared,
     solution: SolvedFields,
-    shown: &Shown,
+    result_grid: &ResultGrid,
     exact: &ExactRun,
     summary: &mut Summary,
 ) -> Result<Expanded> {
     let share = &prepared.place.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
-        .map(|mut readings| shown.field(share, readings.swap_remove(0)))
+        .map(|mut readings| result_grid.field(share, readings.swap_remove(0)))
         .collect();
-    let early = (solution.early.into_iter()).map(|early| shown.early(share, early)).collect();
-    let (world, case) = (&prepared.communicator.world, &shown.case);
-    let volumes = CellVolumes::new(&case.space, &shown.share(share));
+    let early = (solution.early.into_iter()).map(|early| result_grid.early(share, early)).collect();
+    let (world, case) = (&prepared.communicator.world, &result_grid.case);
+    let volumes = CellVolumes::new(&case.space, &result_grid.share(share));
     if case.positive {
         let norms = FieldNorms { world, volumes: volumes.clone(), f: &fields[0] };
         summary.minimum_before_limiting = Some(-norms.largest(|x| -x));
-        positive::limit(&case.space, &shown.share(share), &mut fields[0]);
+        positive::limit(&case.space, &result_grid.share(share), &mut fields[0]);
     }
     let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
     for (field, summary) in fields.iter().zip(&mut summary.fields) {
@@ -62,8 +62,8 @@ pub(crate) fn expand(
         summary.minimum = -norms.largest(|x| -x);
         summary.maximum = norms.largest(|x| x);
     }
-    let moments = moments(world, case, &shown.share(share), &slices(&fields));
-    let potential = nodal_values(case, &shown.share(share));
+    let moments = moments(world, case, &result_grid.share(share), &slices(&fields));
+    let potential = nodal_values(case, &result_grid.share(share));
     let totals = volumes.totals(world, &moments, &potential);
     (summary.mass, summary.kinetic_energy) = (totals.mass, totals.kinetic);
     summary.potential_energy = Some(totals.potential).filter(|energy| energy.is_finite());
@@ -73,7 +73,7 @@ pub(crate) fn expand(
     match (&exact.exact, exact.moments.last()) {
         (None, _) | (_, None) => {}
         (Some(ExactSolution::Field(values)), Some(exact_moments)) => {
-            let share = &shown.share(share);
+            let share = &result_grid.share(share);
             let errors = match (&case.exact, case.space.degree()) {
                 (Some(kind), 1..) => errors::by_elements(world, case, kind, share, &fields[0])?,
                 _ => {

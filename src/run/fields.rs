@@ -5,9 +5,9 @@ use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
 use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
-use crate::results::dataset::{Early, slices};
+use crate::results::dataset::{EarlyResult, slices};
 use crate::results::summary::Summary;
-use crate::run::files::{Files, SolvedFields, Unread};
+use crate::run::files::{EarlyStates, Files, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
@@ -36,7 +36,7 @@ pub(crate) fn solve(
 
 /// Moments and fields at the output times, from what was recovered there: `[field][time]`.
 /// Collective.
-fn history(prepared: &Prepared, mut recovered: Unread) -> Vec<Early> {
+fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     let potential = nodal_values(case, &prepared.place.share);
@@ -48,7 +48,7 @@ fn history(prepared: &Prepared, mut recovered: Unread) -> Vec<Early> {
             true => (moments_of_sums(prepared, found), Vec::new()),
             false => moments_of_fields(prepared, found, time.fields),
         };
-        Early {
+        EarlyResult {
             time: time.time,
             totals: volumes.totals(&prepared.communicator.world, &moments, &potential),
             moments,

@@ -1,11 +1,11 @@
-//! What a run writes while it solves, and what it finds.
+//! The files that a run writes while it solves, and the fields that it solves for.
 
-use crate::results::dataset::Early;
+use crate::results::dataset::EarlyResult;
 use crate::run::checkpointing::Checkpointing;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Where warped fields are written, and their attributes.
+/// The directory of warped fields, and their attributes.
 #[derive(Clone, Copy)]
 pub(crate) struct WarpedOutput<'a> {
     /// The directory of the results.
@@ -16,7 +16,7 @@ pub(crate) struct WarpedOutput<'a> {
     pub provenance: &'a [(String, String)],
 }
 
-/// What a run writes while it solves.
+/// The files that a run writes while it solves.
 pub(crate) struct Files<'a> {
     /// Warped fields.
     pub warped: WarpedOutput<'a>,
@@ -24,23 +24,24 @@ pub(crate) struct Files<'a> {
     pub checkpointing: Option<&'a mut Checkpointing>,
 }
 
-/// What either method finds, on this rank's share; the `History` of the output times before the end
-/// is [`Unread`] at first, then a list of [`Early`].
-pub(crate) struct Found<History> {
+/// The fields that either method solves for, on this rank's share. The `History` of the output times
+/// before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
+pub(crate) struct Solved<History> {
     /// Every field at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
     pub plateau: Vec<Vec<f64>>,
-    /// What is known at the output times before the end.
+    /// States or results at the output times before the end.
     pub early: History,
-    /// Seconds that went into the files of warped fields.
+    /// Seconds to write the files of warped fields.
     pub warped_seconds: f64,
-    /// What the user should know of the start.
+    /// A warning about the modes that the run started from.
     pub warning: Option<String>,
 }
 
-/// `ũ`, or sums for the moments, at the end of each leg but the last: `[field][leg]`.
-pub(crate) type Unread = Vec<Vec<Vec<f64>>>;
+/// The state `ũ` at the end of each leg but the last, or its sums over velocities where only moments
+/// are asked for: `[field][leg]`.
+pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
 
 /// The fields that were solved for, with moments and fields at the output times before the end.
-pub(crate) type SolvedFields = Found<Vec<Early>>;
+pub(crate) type SolvedFields = Solved<Vec<EarlyResult>>;

@@ -1,6 +1,6 @@
-//! The ledger of a run ([`Ledger`]): what the case alone tells, and what the run adds.
+//! The ledger of a run ([`Ledger`]): the entries that follow from the case, and those of the run.
 //!
-//! What leaves through which end of the box cannot be measured: the modes give `f` at output times
+//! The outflow through each end of the box cannot be measured: the modes give `f` at output times
 //! only, not its time integral at an end. It is estimated by particles of the exact flow
 //! ([`flight`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
 //! is measured.
@@ -19,14 +19,14 @@ use crate::problem::case::{Case, Data};
 use crate::problem::exact::Tracer;
 use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
-use crate::results::ledger::{End, Energy, Jump, Ledger, Region};
+use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{AxisEnd, Drawer, Particle, SampleBox, Sequence, Source, resampled};
 use crate::run::ledger::flight::{Flight, NUMBERS, Tally, end_index};
 use crate::solve::prepared::Prepared;
 
-/// Most space cells of a case whose potential is looked at as a whole.
-const MOST_SPACE_CELLS: usize = 1 << 18;
-/// Most space cells into which elements of a curved potential are cut.
+/// Largest number of space cells of a case whose potential is evaluated on all of space.
+pub(super) const MOST_SPACE_CELLS: usize = 1 << 18;
+/// Largest number of cells into which the elements of a curved potential are cut.
 const MOST_PARTS: usize = 1 << 16;
 /// Independent replicates of each source.
 const REPLICATES: usize = 16;
@@ -36,13 +36,13 @@ const LEAST_POINTS: usize = 1 << 14;
 const MOST_POINTS: usize = 1 << 17;
 /// Particles of a replicate that are followed, of the initial data and of the inflow.
 const FOLLOWED: [usize; 2] = [256, 64];
-/// Most nodes at which the initial data are looked for.
+/// Largest number of nodes at which the initial data are evaluated.
 const MOST_NODES: usize = 1 << 19;
-/// Nodes that are looked at together.
+/// Number of nodes that are evaluated together.
 const NODES_AT_ONCE: usize = 1 << 10;
-/// Data below this part of the largest are not there.
+/// Data below this part of the largest value count as zero.
 const NOTHING: f64 = 1e-9;
-/// How far beyond the velocity box data are looked for, in its widths.
+/// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
 /// Least and most parts of the time over which a varying inflow is integrated, by Gauss's rule of
 /// two points, ...
@@ -50,11 +50,12 @@ const TIME_PARTS: [usize; 2] = [1 << 8, 1 << 14];
 /// ... and about how many values of it are taken in all.
 const MOST_VALUES: usize = 1 << 21;
 
-/// What `case`, on the grid of its results, tells before anything is solved. Collective.
+/// The ledger of `case`, on the grid of its results, before anything is solved: regions, jumps, and
+/// estimates by particles. Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.
-pub fn foreseen(world: &Group, case: &Case) -> Result<Ledger> {
+pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
     let mut ledger = Ledger::default();
     if case.space.space_cells() > MOST_SPACE_CELLS {
         ledger.omitted.push(format!(
@@ -83,11 +84,11 @@ pub fn foreseen(world: &Group, case: &Case) -> Result<Ledger> {
     Ok(ledger)
 }
 
-/// The regions between others.
-fn regions(case: &Case) -> Vec<Region> {
+/// The widths of the regions that lie between others.
+fn regions(case: &Case) -> Vec<NarrowRegion> {
     let names = axis_names(case.space.dimension());
     let widths = region_widths(case).into_iter();
-    let region = |width: RegionWidth| Region {
+    let region = |width: RegionWidth| NarrowRegion {
         potential: width.region,
         axis: names[width.axis].to_owned(),
         cells: width.elements,
@@ -97,7 +98,7 @@ fn regions(case: &Case) -> Vec<Region> {
 }
 
 /// The jumps along each axis.
-fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
+fn jumps(case: &Case, potential: &Potential) -> Vec<AxisJumps> {
     let n = case.space.dimension();
     let names = axis_names(n);
     let along = |a: usize| {
@@ -105,7 +106,7 @@ fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
         let v = &case.space.v[a];
         let fastest = v.lower.abs().max(v.upper.abs());
         let largest = sizes().fold(0.0, f64::max);
-        (largest > 0.0).then(|| Jump {
+        (largest > 0.0).then(|| AxisJumps {
             axis: names[a].to_owned(),
             least: sizes().fold(f64::INFINITY, f64::min),
             largest,
@@ -118,15 +119,15 @@ fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
 
 /// A mean over the replicates of a source, and its standard error.
 #[derive(Clone, Copy)]
-struct Estimates {
+struct TallyEstimate {
     mean: Tally,
     error: Tally,
 }
 
-/// What particles tell of each source.
+/// The estimates of each source of particles.
 struct Sources {
-    initial: Estimates,
-    entering: Vec<(AxisEnd, Estimates)>,
+    initial: TallyEstimate,
+    entering: Vec<(AxisEnd, TallyEstimate)>,
 }
 
 impl Sources {
@@ -145,7 +146,7 @@ impl Sources {
         Self { initial, entering }
     }
 
-    fn all(&self) -> impl Iterator<Item = &Estimates> {
+    fn all(&self) -> impl Iterator<Item = &TallyEstimate> {
         [&self.initial].into_iter().chain(self.entering.iter().map(|(_, found)| found))
     }
 
@@ -154,7 +155,7 @@ impl Sources {
         self.all().map(|found| of(&found.mean)).sum()
     }
 
-    /// What enters through an end.
+    /// Mass that enters through an end.
     fn entered(&self, end: AxisEnd) -> f64 {
         let found = self.entering.iter().find(|(other, _)| *other == end);
         found.map_or(0.0, |(_, found)| found.mean.mass)
@@ -168,7 +169,7 @@ impl Sources {
 
     /// Standard error of all that leaves.
     fn error_of_outflow(&self) -> f64 {
-        let squares = |found: &Estimates| {
+        let squares = |found: &TallyEstimate| {
             let ends = found.error.outflow.iter().chain(&found.error.at_jumps);
             ends.map(|error| error * error).sum::<f64>()
         };
@@ -183,7 +184,7 @@ fn open_ends(case: &Case) -> Vec<AxisEnd> {
     axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
 }
 
-/// Fills in what particles tell. Collective.
+/// Fills in the estimates by particles. Collective.
 fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger) {
     let measure = matches!(case.data, Data::Measure { .. });
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
@@ -222,12 +223,12 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     }
 }
 
-/// Fills in what leaves, and what the interface adds.
+/// Fills in the outflow through each end, and the mass that the interface law adds.
 fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
     for end in open_ends(case) {
         let at = end_index(end);
-        ledger.ends.push(End {
+        ledger.ends.push(BoxEnd {
             axis: names[end.axis].to_owned(),
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
             outflow: sources.sum(|tally| tally.outflow[at]),
@@ -251,7 +252,7 @@ fn replicated(
     flight: &mut Flight<'_>,
     source: Source,
     points: usize,
-) -> Estimates {
+) -> TallyEstimate {
     let mine = (world.rank()..REPLICATES).step_by(world.size());
     let many = points / REPLICATES;
     let tallies: Vec<[f64; NUMBERS]> = mine
@@ -282,10 +283,10 @@ fn replicated(
     };
     let scatter = world.sum_lanes(REPLICATES, tallies.iter().map(squares));
     let error = scatter.map(|sum| (sum / (count * (count - 1.0))).sqrt());
-    Estimates { mean: Tally::from_numbers(&mean), error: Tally::from_numbers(&error) }
+    TallyEstimate { mean: Tally::from_numbers(&mean), error: Tally::from_numbers(&error) }
 }
 
-/// Where the initial data are.
+/// The support of the initial data.
 struct Support {
     /// A box around them.
     within: SampleBox,
@@ -351,8 +352,8 @@ fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
-/// What entered the grid until the end, by the rows of the scheme; none of measure-valued data.
-/// Collective.
+/// Mass that entered the grid until the end, by the rows of the scheme; none for measure-valued
+/// data. Collective.
 pub fn entered(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if !matches!(case.data, Data::Density) {
@@ -394,7 +395,8 @@ fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64
 }
 
 impl Ledger {
-    /// Fills in what the run measured: totals at the start and at the end, and what entered.
+    /// Fills in the measurements of the run: totals at the start and at the end, and the mass that
+    /// entered.
     pub(crate) fn close(&mut self, initial: Option<Totals>, end: Totals, entered: Option<f64>) {
         let mass = &mut self.mass;
         mass.initial = initial.map(|totals| totals.mass);

@@ -1,4 +1,4 @@
-//! What a run reports while it goes: warnings, lines for the user, seconds by step.
+//! The log of a run: warnings, lines for the user, seconds by step.
 
 use crate::base::log::report;
 use crate::base::stopwatch::Stopwatch;
@@ -9,10 +9,10 @@ use crate::run::warnings::opening_line;
 /// Warnings and seconds of a run; lines are printed by rank 0 of runs that write files.
 pub(crate) struct RunLog {
     /// Whether this rank prints.
-    pub speaks: bool,
+    pub prints: bool,
     /// Every warning so far.
     pub warnings: Vec<String>,
-    /// How many of them were printed.
+    /// Number of warnings that were printed.
     pub printed: usize,
     /// Seconds by step.
     pub watch: Stopwatch,
@@ -22,7 +22,7 @@ impl RunLog {
     /// An empty log; nothing is printed unless `writes`.
     pub fn new(world: &World, writes: bool) -> Self {
         Self {
-            speaks: writes && world.group().rank() == 0,
+            prints: writes && world.group().rank() == 0,
             warnings: Vec::new(),
             printed: 0,
             watch: Stopwatch::start(world.start_seconds),
@@ -31,7 +31,7 @@ impl RunLog {
 
     /// Prints `line`.
     pub fn line(&self, line: &str) {
-        if self.speaks {
+        if self.prints {
             report(line);
         }
     }
@@ -52,7 +52,7 @@ impl RunLog {
         self.printed = self.warnings.len();
     }
 
-    /// Records `warning`, which is printed behind the progress of the solve.
+    /// Records `warning`, which is printed after the solve.
     pub fn warn_later(&mut self, warning: String) {
         self.warnings.push(warning);
     }

@@ -1,4 +1,4 @@
-//! The run by modes: what they start from, what is kept and written of them, and what is recovered.
+//! The run by modes: their start, the modes that are kept and written, and the recovered fields.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -13,13 +13,13 @@ use crate::propagate::evolution::{Evolution, Initial};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::propagator;
 use crate::propagate::time_dependent_inflow::Schedule;
-use crate::results::dataset::About;
+use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{Domain, Given, Read};
+use crate::results::warped::given::{Domain, ReadField, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{Files, Found, Unread, WarpedOutput};
+use crate::run::files::{EarlyStates, Files, Solved, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
@@ -46,10 +46,10 @@ pub(crate) fn by_modes(
     prepared: &mut Prepared,
     files: Option<Files<'_>>,
     summary: &mut Summary,
-) -> Result<Found<Unread>> {
+) -> Result<Solved<EarlyStates>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
-    let speaks = communicator.world.rank() == 0 && files.is_some();
+    let prints = communicator.world.rank() == 0 && files.is_some();
     let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, took: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
@@ -58,7 +58,7 @@ pub(crate) fn by_modes(
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
-    let mut progress = Progress::new(speaks, "modes", left * fields / stages);
+    let mut progress = Progress::new(prints, "modes", left * fields / stages);
 
     let modes: Vec<Vec<usize>> = plan.layout.modes();
     let spread = Spread {
@@ -92,15 +92,19 @@ pub(crate) fn by_modes(
         Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
     });
     let schedule = system.schedule.as_ref();
-    let pass = Pass { case, plan, spread: &spread, place, schedule, initial: &initial };
+    let mode_run = ModeRun { case, plan, spread: &spread, place, schedule, initial: &initial };
     let kept = start.kept.as_mut().map(|kept| (kept, warped.as_mut()));
-    let recovered = pass.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
+    let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     count(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.took);
     drop(start.kept);
-    Ok(Found { warped_seconds, warning: start.warning, ..unweighted(prepared, recovered, summary) })
+    Ok(Solved {
+        warped_seconds,
+        warning: start.warning,
+        ..unweighted(prepared, recovered, summary)
+    })
 }
 
 /// Work of this rank's `batches` over all `stages` that is left: of a run that goes on, stages
@@ -112,7 +116,7 @@ fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) ->
     }
 }
 
-/// What the modes start from: the fields at time zero, or the modes of a file.
+/// The start of the modes: from the fields at time zero, or from the modes of a file.
 struct ModeStart {
     /// Norm of the modes of each field, or a bound on it.
     norms: Vec<f64>,
@@ -120,7 +124,7 @@ struct ModeStart {
     kept: Option<KeptModes>,
     /// Checksum of the `/w` of that file.
     checksum: Option<u64>,
-    /// How far `f` may be off, where that is more than the tolerance.
+    /// A warning of the error of `f`, if it may exceed the tolerance.
     warning: Option<String>,
 }
 
@@ -128,14 +132,14 @@ impl ModeStart {
     /// Reads `initial.warped` where the case has it. Collective.
     ///
     /// # Errors
-    /// As [`begin`].
+    /// As [`read_start`].
     fn new(case: &Case, plan: &Plan, spread: &Spread<'_>, system: &DiscreteSystem) -> Result<Self> {
         let warp = plan.warp.as_ref().expect("a plan by modes");
         let communicator = spread.communicator;
         let own = &spread.modes[communicator.modes.rank()];
         let mut kept = (warp.points).map(|_| KeptModes::new(system.matrix.rows(), own.clone()));
         let begun = match (&case.start, &mut kept) {
-            (Some(start), Some(kept)) => Some(begin(start, plan, case, spread, system, kept)?),
+            (Some(start), Some(kept)) => Some(read_start(start, plan, case, spread, system, kept)?),
             _ => None,
         };
         let norm = |state: &Vec<f64>| match &begun {
@@ -157,8 +161,8 @@ impl ModeStart {
     }
 }
 
-/// All modes of a run, from their start to what is recovered of them.
-struct Pass<'a> {
+/// All modes of a run, from their start to the recovered fields.
+struct ModeRun<'a> {
     case: &'a Case,
     plan: &'a Plan,
     spread: &'a Spread<'a>,
@@ -167,7 +171,7 @@ struct Pass<'a> {
     initial: &'a [Initial<'a>],
 }
 
-impl Pass<'_> {
+impl ModeRun<'_> {
     /// Propagates the modes and recovers the fields; of a run that keeps the modes, with them and
     /// their files. Collective.
     ///
@@ -212,7 +216,7 @@ impl Pass<'_> {
         modes::run(&task, evolution, &mut *propagator, progress, hooks)
     }
 
-    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
+    /// Writes the modes of a field at the end of a leg, if the case asks for them. Collective.
     fn write(
         &self,
         files: &mut WarpedFiles<'_>,
@@ -222,7 +226,7 @@ impl Pass<'_> {
     ) -> Result<()> {
         let (case, plan) = (self.case, self.plan);
         let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
-        // Times before the end that are to show the fields are numbered.
+        // The files of times before the end are numbered.
         let times = &case.times;
         let time = Leg::output_times(&legs[..=leg]).count() - 1;
         let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
@@ -231,7 +235,7 @@ impl Pass<'_> {
         }
         let started = Instant::now();
         let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
-        let about = About {
+        let about = FileAttributes {
             case,
             plan,
             time: times.get(time).map_or(case.end, |t| t.time),
@@ -275,7 +279,11 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
 
 /// The fields with their weights undone, and the error of the time step relative to them.
 /// Collective.
-fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found<Unread> {
+fn unweighted(
+    prepared: &Prepared,
+    recovered: Recovered,
+    summary: &mut Summary,
+) -> Solved<EarlyStates> {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
@@ -291,7 +299,7 @@ fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) 
     summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
         .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
         .fold(0.0, f64::max);
-    Found {
+    Solved {
         fields,
         plateau: (recovered.plateau.into_iter()).map(|u| prepared.unweighted(u)).collect(),
         early: recovered.early,
@@ -307,34 +315,39 @@ struct WarpedFiles<'a> {
     took: f64,
 }
 
-/// What was read of a start from a file.
-struct Begun {
+/// The properties of the modes that were read from a file.
+struct StartModes {
     /// Largest norm of a mode.
     largest_norm: f64,
     /// Checksum of the file's `/w`.
     checksum: u64,
-    /// How far `f` may be off, where that is more than the tolerance.
+    /// A warning of the error of `f`, if it may exceed the tolerance.
     warning: Option<String>,
 }
 
-/// Parts of `f` by which it may be off, whatever the tolerance, before it is refused.
+/// Largest relative error of `f` by an uneven start that is accepted, whatever the tolerance.
 const MOST_UNEVEN: f64 = 1e-3;
 
-/// Refuses a start whose `e^p w` is not flat where `f` is read from, and warns of one that is less
-/// flat than `case.tolerance`; only warns where the warped field is what is asked for.
-fn judge(start: &WarpedStart, case: &Case, domain: Domain, uneven: f64) -> Result<Option<String>> {
+/// Refuses a start whose `e^p w` is not flat where `f` is read, and warns of one that is less flat
+/// than `case.tolerance`. If the case asks for the warped field instead, it only warns.
+fn refuse_uneven(
+    start: &WarpedStart,
+    case: &Case,
+    domain: Domain,
+    uneven: f64,
+) -> Result<Option<String>> {
     let [lower, upper] = domain.ends;
-    let said = format!(
+    let finding = format!(
         "e^p w varies by {uneven:.1e} of its largest value where f at p = {:.4} depends on it, \
          from p = {lower:.4} to {upper:.4}: f may be off by that",
         domain.point
     );
     let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
     if uneven <= bound || case.warped_field {
-        return Ok((uneven > case.tolerance).then(|| format!("initial.warped: {said}")));
+        return Ok((uneven > case.tolerance).then(|| format!("initial.warped: {finding}")));
     }
     Err(Error::Input(format!(
-        "{} = \"{}\": {said}, at most {bound:.0e} is accepted; solver.warp.recovery reads f \
+        "{} = \"{}\": {finding}, at most {bound:.0e} is accepted; solver.warp.recovery reads f \
          elsewhere, output.warped_field = true asks for w instead of f",
         start.place,
         start.path.display()
@@ -344,30 +357,30 @@ fn judge(start: &WarpedStart, case: &Case, domain: Domain, uneven: f64) -> Resul
 /// Reads the modes that the run starts from. Collective.
 ///
 /// # Errors
-/// As [`Given::read`] and [`judge`]; [`Error::Magnitude`] for values whose squares overflow or
+/// As [`WarpedFile::read`] and [`refuse_uneven`]; [`Error::Magnitude`] for values whose squares overflow or
 /// vanish.
-fn begin(
+fn read_start(
     start: &WarpedStart,
     plan: &Plan,
     case: &Case,
     spread: &Spread<'_>,
     system: &DiscreteSystem,
     kept: &mut KeptModes,
-) -> Result<Begun> {
+) -> Result<StartModes> {
     let warp = plan.warp.as_ref().expect("a plan by modes");
-    let given = Given {
+    let given = WarpedFile {
         path: start.path.clone(),
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
     let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
-    let Read { checksum, largest: peak, unevenness } =
+    let ReadField { checksum, largest: peak, unevenness } =
         given.read(spread, &warp.series, kept, domain)?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });
     }
-    let warning = judge(start, case, domain, unevenness)?;
+    let warning = refuse_uneven(start, case, domain, unevenness)?;
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {
@@ -382,5 +395,5 @@ fn begin(
         kept.progress_mut()[k] = ModeProgress::start(norm);
         largest = largest.max(norm);
     }
-    Ok(Begun { largest_norm: communicator.world.max(largest), checksum, warning })
+    Ok(StartModes { largest_norm: communicator.world.max(largest), checksum, warning })
 }

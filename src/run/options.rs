@@ -1,4 +1,4 @@
-//! What a run is asked for besides its case.
+//! The options of a run.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub struct Options {
     pub stop: Arc<AtomicBool>,
 }
 
-/// Where a run writes, and its options.
+/// The result directory of a run, and its options.
 #[derive(Clone, Copy)]
 pub struct Output<'a> {
     /// The result directory.

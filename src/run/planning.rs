@@ -1,4 +1,4 @@
-//! The plan that a run would have.
+//! The plan of a run, without running it.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
@@ -10,7 +10,7 @@ use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
 use crate::results::table_file::with_tables;
-use crate::results::warped::given::Given;
+use crate::results::warped::given::WarpedFile;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
@@ -28,7 +28,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     Ok(preview(world, case, resources)?.plan)
 }
 
-/// What is known of a run before it.
+/// A plan, and the totals at the start.
 pub struct Preview {
     /// The plan.
     pub plan: Plan,
@@ -36,7 +36,7 @@ pub struct Preview {
     pub at_start: Option<Totals>,
 }
 
-/// The plan of [`plan`], and what else its preparation tells. Collective.
+/// The plan of [`plan`], with the totals of the initial data. Collective.
 ///
 /// # Errors
 /// As [`plan`].
@@ -45,14 +45,14 @@ pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Prev
     Ok(Preview { plan: measured.plan(resources)?.plan, at_start: measured.at_start })
 }
 
-/// A case as it is solved, with what was measured of it: what plans on any number of ranks are made
-/// of.
+/// A reduced case with its measured growth and norms, from which plans for any number of ranks are
+/// made.
 pub struct MeasuredCase {
     /// The case as it is solved.
     pub case: Case,
-    /// Bounds before the growth is measured: by them a run is assembled.
+    /// Bounds before the growth is measured, by which a run is assembled.
     expected: Bounds,
-    /// Bounds with the growth that was found.
+    /// Bounds with the measured growth.
     bounds: Bounds,
     /// `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
@@ -90,24 +90,24 @@ impl MeasuredCase {
     ///
     /// # Errors
     /// As [`Plan::new`].
-    pub fn plan(&self, resources: &Resources) -> Result<Planned> {
+    pub fn plan(&self, resources: &Resources) -> Result<RunPlans> {
         refuse_hopeless(&self.case, resources)?;
         let provisional = Plan::provisional(&self.case, &self.expected, resources)?;
         let bounds = self.bounds.clone();
         let plan = provisional.measured(&self.case, bounds, resources, self.ratio)?;
-        Ok(Planned { provisional, plan })
+        Ok(RunPlans { provisional, plan })
     }
 }
 
 /// A plan, and the one before anything was measured.
-pub struct Planned {
+pub struct RunPlans {
     /// The plan by which the run is assembled.
     provisional: Plan,
     /// The plan of the run.
     pub plan: Plan,
 }
 
-impl Planned {
+impl RunPlans {
     /// The plan of a run of the same `case` on other `resources`; its modes are not planned again.
     ///
     /// # Errors
@@ -121,11 +121,11 @@ impl Planned {
     }
 }
 
-/// The case with what the files that it starts from say, if it does: the points of a warped field,
-/// the origin of a field, the values of a table. Collective.
+/// The case with the data of the files that it names: the points of a warped field, the origin of a
+/// field, the values of a table. Collective.
 ///
 /// # Errors
-/// As [`Given::new`], [`origin`] and [`with_tables`].
+/// As [`WarpedFile::new`], [`origin`] and [`with_tables`].
 pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let case = with_tables(world, case)?;
     if let Some(start) = &case.start_field {
@@ -136,7 +136,7 @@ pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let Some(start) = &case.start else {
         return Ok(case);
     };
-    let given = Given::new(world, &start.path, &case, &start.place)?;
+    let given = WarpedFile::new(world, &start.path, &case, &start.place)?;
     let mut case = case.into_owned();
     (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
     Ok(Cow::Owned(case))

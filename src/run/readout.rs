@@ -1,4 +1,4 @@
-//! `[readout]`: what a quantum computer would tell of the result.
+//! `[readout]`: the result as a quantum computer would measure it.
 
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;

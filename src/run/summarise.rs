@@ -10,7 +10,7 @@ use crate::run::log::RunLog;
 use crate::solve::prepared::Prepared;
 
 impl Summary {
-    /// What plan, system and log say. Collective.
+    /// Fills in the numbers of plan, system and log. Collective.
     pub(crate) fn fill(&mut self, prepared: &Prepared, log: &RunLog) {
         let Prepared { case, plan, system, communicator, .. } = prepared;
         self.title = case.title.clone();
@@ -44,7 +44,7 @@ impl Summary {
         self.warnings_printed = log.printed;
     }
 
-    /// What is known at the end: seconds, and the memory that was taken. Collective.
+    /// Fills in the numbers of the end: seconds, and peak memory. Collective.
     pub(crate) fn finish(&mut self, world: &Group, watch: &Stopwatch) {
         self.memory_peak_bytes_per_rank = world.max_count(memory::peak() as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);

@@ -1,14 +1,14 @@
-//! What the user should know before a run.
+//! Warnings before a run, and its first line.
 
 use crate::base::text::{counted, place};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, overlooked};
-use crate::run::unseen::unseen;
+use crate::run::unresolved::unresolved_parts;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
-/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, what
-/// the scheme does not see of `V`, keys without effect.
+/// Warnings of a case: edges of `V` that miss faces, regions without a cell, parts of `V` that the
+/// grid does not resolve, keys without effect.
 pub fn warnings(case: &Case) -> Vec<String> {
     let found = overlooked(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
@@ -27,17 +27,17 @@ pub fn warnings(case: &Case) -> Vec<String> {
         .chain(more_stray_edges(found.edges.len()))
         .chain(found.empty.iter().map(empty_region))
         .chain(case.potential.iter().enumerate().filter_map(staircase))
-        .chain(unseen(case))
+        .chain(unresolved_parts(case))
         .chain(idle)
         .chain(unread)
         .chain(limited)
         .collect()
 }
 
-/// Edges that miss faces are shown one by one up to so many.
+/// Largest number of edges that miss faces and are named one by one.
 const MOST_SHOWN: usize = 8;
 
-/// How many edges of all that miss faces are not shown.
+/// The warning of the edges that are not named, of `all` that miss faces.
 fn more_stray_edges(all: usize) -> Option<String> {
     let more = all.checked_sub(MOST_SHOWN).filter(|more| *more > 0)?;
     let at_least = if all >= MOST_STRAY_EDGES { "at least " } else { "" };

@@ -1,26 +1,26 @@
-//! `phasewarp advise`: the coarsest grid and the cheapest set-up whose density is as exact as asked
-//! for.
+//! `phasewarp advise`: the coarsest grids and the cheapest set-ups whose density meets an accuracy.
 //!
 //! The error is `∫|ρ − ρ_exact| dx / ∫|ρ_exact| dx` at the end, `ρ_exact` averaged over the cells.
 //! Schemes are tried on coarse grids without Schrödingerization, each grid twice as fine as the one
 //! before. Without `[exact]` the error is that of Richardson: from the distance `d` to a grid twice
 //! as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
 //! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
-//! or follows from the order; it is tried itself where the budget allows (`reach`).
+//! or follows from the order; it is tried itself where the budget allows ([`grid_search`]).
 //! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
 //! `f` ([`density::spread`]) and is tried on a coarse grid.
 //!
-//! Counted work decides what is tried; rank 0's clock only stops what takes far longer than counted
-//! ([`crate::study::budget`]). Where nothing is found, or only what takes longer than the search
-//! did, more is tried: as much as this machine can in the time that is left.
+//! Counted work decides what is tried, so that the advice does not depend on the machine; rank 0's
+//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). If the
+//! search finds nothing, or only set-ups that take longer than the search itself, it goes on with
+//! as much work as this machine can do in the time that is left.
 
 pub mod density;
-pub mod entry;
+pub mod grid_search;
 pub mod order;
-pub mod reach;
 pub mod report;
 pub mod scheme;
 pub mod settings;
+pub mod setups;
 pub mod trials;
 
 use crate::base::error::{Error, Result};
@@ -34,112 +34,104 @@ use crate::problem::case::{Case, Data, Effort, LARGEST_TOLERANCE, Limiter, Metho
 use crate::problem::potential::overlooked;
 use crate::run::planning;
 use crate::study::advise::density::distance;
-use crate::study::advise::entry::{Advised, Entry, Given, Parts, doubt_the_dearest};
-use crate::study::advise::reach::{
-    DISCRETISATION, Goal, Known, KnownError, Reach, look, near, reach,
+use crate::study::advise::grid_search::{
+    DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, coarsest_grid, error_on, grid_near,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
-use crate::study::advise::settings::{command, plain, settings};
+use crate::study::advise::settings::{base_case, command, settings};
+use crate::study::advise::setups::{
+    AdviceReport, ErrorParts, GivenCase, SetupReport, mark_unsettled_expensive,
+};
 use crate::study::advise::trials::{Trials, cells, mode_updates};
-use crate::study::budget::refuse_long_look;
-use crate::study::grids::shape_text;
-use crate::study::trial::final_fields_only;
+use crate::study::budget::refuse_slow_potential;
+use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, shape_text};
+use crate::study::trial::{final_fields_only, refuse_start_from_file};
 
-/// Most of the accuracy that Schrödingerization may take.
+/// Largest part of the accuracy that the error of Schrödingerization may take.
 const SCHRODINGERIZATION: f64 = 0.1;
-/// Part of the budget for grids.
+/// Part of the budget for the grid searches of all schemes.
 const FOR_GRIDS: f64 = 0.7;
-/// Part of the budget for a first run by modes, on a coarse grid.
+/// Largest part of the budget that a run by modes on the coarse grid of a tolerance trial may take.
 const FOR_MODES: f64 = 0.05;
-/// Part of the budget up to which tolerances are tried there.
+/// Part of the budget up to which tolerances are tried on that grid.
 const FOR_TOLERANCES: f64 = 0.8;
 /// Part of the budget up to which schemes run by modes; the rest is for other fluxes of the best.
 const FOR_SCHEMES: f64 = 0.85;
-/// Part of the budget, at most, for the case as it stands.
+/// Largest part of the budget that a trial of the case on its own grid may take.
 const FOR_CASE: f64 = 0.1;
-/// More trials are made where a run of what is advised counts as more than this part of the budget.
-const DEAR: f64 = 0.25;
-/// What is expected to take more seconds than these, 30 days, is an estimate and no advice.
-const LONGEST: f64 = 30.0 * 86400.0;
+/// If a run of the best set-up takes more than this part of the budget, the search goes on.
+const EXPENSIVE: f64 = 0.25;
+/// Seconds, 30 days: a set-up that is expected to take longer is an estimate, not advice.
+const LONGEST_ADVISED: f64 = 30.0 * 86400.0;
 /// The smallest tolerance that is advised.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
-/// Most tolerances that are tried.
+/// Largest number of tolerances that are tried.
 const MOST_TOLERANCES: usize = 4;
-/// More cells than this in space are not planned for.
-const MOST_SPACE_CELLS: f64 = 4e6;
-/// Grids of more elements of space than this are not searched for regions of `V`.
-const MOST_LOOKED_AT: usize = 1 << 17;
-/// More cells than this are not planned for.
+/// Grids of more elements of space than this are not searched for regions of `V` without a cell.
+const MOST_SEARCHED: usize = 1 << 17;
+/// Largest number of cells of which a plan is made.
 const MOST_CELLS: f64 = 1e11;
-/// Bytes a cell of a run, by modes and classical, where none is planned.
+/// Bytes of memory a cell, of runs by modes and of classical runs, for grids that are not planned.
 const BYTES: [f64; 2] = [340.0, 70.0];
-/// An error may exceed what is wanted by so much round-off.
+/// Relative round-off by which an error may exceed the accuracy.
 const ROUND_OFF: f64 = 1e-9;
 
-/// What is asked for.
+/// What the user asks for.
 #[derive(Clone, Copy, Debug)]
-pub struct Wanted {
+pub struct Request {
     /// Relative L1 error of the density.
     pub accuracy: f64,
     /// Seconds for all trials, about.
     pub budget: f64,
 }
 
-/// Finds the set-ups of `case` that are as exact as `wanted`. Collective; the same on all ranks.
+/// Finds the set-ups of `case` that are as exact as `request`. Collective; the same on all ranks.
 ///
 /// # Errors
 /// [`Error::Input`] where nothing reaches the accuracy, and for a case that starts from a warped
 /// field; the error of a trial where none succeeds.
-pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
-    if let Some(start) = &case.start {
-        let what = "advice takes other grids, and the file holds one; give initial.f";
-        return Err(Error::Input(format!("{}: {what}", start.place)));
-    }
-    if let Some(start) = &case.start_field {
-        let what = "advice takes other grids, and the file holds f on one; leave it out, with \
-                    time.start";
-        return Err(Error::Input(format!("{}: {what}", start.place)));
-    }
-    refuse_long_look(world, case, wanted.budget)?;
-    let mut study = Study::new(world, case, wanted)?;
+pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceReport> {
+    refuse_start_from_file(case, "advice takes other grids than that of the file")?;
+    refuse_slow_potential(world, case, request.budget)?;
+    let mut study = Study::new(world, case, request)?;
     let mut advised = study.search();
-    while study.is_dear(&advised) && study.trials.budget.count_anew() {
+    while study.may_find_cheaper(&advised) && study.trials.budget.count_anew() {
         advised = study.search();
     }
     advised
 }
 
-/// A set-up, and its case and plan where it can be run.
+/// A set-up, with its case and plan if it can be run.
 struct Candidate {
-    entry: Entry,
+    entry: SetupReport,
     planned: Option<(Case, Plan)>,
 }
 
 /// A tolerance of Schrödingerization, tried on a coarse grid.
-struct Tolerance {
+struct ToleranceTrial {
     tolerance: f64,
-    /// What Schrödingerization adds to the error there, where it was tried.
+    /// Relative L1 error of the density that Schrödingerization adds on that grid, if it was tried.
     measured: Option<f64>,
-    /// What it adds at most, where that is known.
+    /// A bound on that error, if one is known.
     bound: Option<f64>,
 }
 
-/// What the search for the grid of a scheme came to.
-enum Tried {
-    /// A grid.
-    Found(Reach),
-    /// The budget does not hold a run on this grid, the first.
-    NotWithin(Vec<usize>),
+/// The result of the search for the grid of a scheme.
+enum SearchResult {
+    /// The grid that was found.
+    Found(ReachedGrid),
+    /// The budget does not hold a run on the first grid, which has this shape.
+    BudgetTooSmall(Vec<usize>),
     /// A trial failed.
     Failed(Error),
 }
 
-/// What is found on the way to advice.
+/// The search for advice: its trials, and the set-ups found so far.
 struct Study<'a> {
     world: &'a World,
     case: &'a Case,
-    wanted: Wanted,
+    request: Request,
     /// Whether `V` jumps.
     jumps: bool,
     trials: Trials<'a>,
@@ -152,14 +144,14 @@ struct Study<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn new(world: &'a World, case: &'a Case, wanted: Wanted) -> Result<Self> {
-        let plain = plain(case)?;
-        refuse_hopeless_here(world, &plain)?;
-        let trials = Trials::new(world, plain, case.exact.clone(), wanted.budget)?;
+    fn new(world: &'a World, case: &'a Case, request: Request) -> Result<Self> {
+        let base = base_case(case)?;
+        refuse_hopeless_here(world, &base)?;
+        let trials = Trials::new(world, base, case.exact.clone(), request.budget)?;
         Ok(Self {
             world,
             case,
-            wanted,
+            request,
             jumps: Bounds::new(case)?.jumps,
             trials,
             share: FOR_SCHEMES,
@@ -169,12 +161,11 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Searches within what the budget allows; trials that were made are not made again.
-    /// Collective.
+    /// Searches within the budget; no trial is made twice. Collective.
     ///
     /// # Errors
     /// As [`advise`].
-    fn search(&mut self) -> Result<Advised> {
+    fn search(&mut self) -> Result<AdviceReport> {
         (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
         self.left_out = match self.case.varies() && !self.case.is_galerkin() {
             true => {
@@ -183,31 +174,31 @@ impl<'a> Study<'a> {
             false => Vec::new(),
         };
         self.try_as_it_stands()?;
-        let found = self.reach_by_schemes()?;
-        for (scheme, reach) in &found {
-            self.add_classical(*scheme, reach)?;
+        let found = self.grids_by_scheme()?;
+        for (scheme, reached) in &found {
+            self.add_classical(*scheme, reached)?;
             if scheme.limiter == Limiter::None {
-                self.add_schrodingerized(*scheme, reach)?;
+                self.add_schrodingerized(*scheme, reached)?;
             }
         }
         self.try_fluxes(&found)?;
         let given = match found.iter().find(|(scheme, _)| *scheme == Scheme::of(self.case)) {
-            Some((scheme, reach)) => self.given(*scheme, reach)?,
+            Some((scheme, reached)) => self.given(*scheme, reached)?,
             None => None,
         };
         self.ended = true;
         self.advised(given)
     }
 
-    /// Whether a search that came to its end advised nothing, or what counts as more than a
-    /// [`DEAR`] part of the budget and is expected to take longer than the search did: more trials
-    /// may find something cheaper. Collective.
-    fn is_dear(&self, advised: &Result<Advised>) -> bool {
+    /// Whether more trials may find something cheaper: the search ended and advises nothing, or its
+    /// best set-up takes more than the part [`EXPENSIVE`] of the budget and is expected to take
+    /// longer than the search did. Collective.
+    fn may_find_cheaper(&self, advised: &Result<AdviceReport>) -> bool {
         let best = advised.as_ref().ok().and_then(|advised| advised.best_of(self.case.method));
         let Some(best) = best else { return self.ended };
         let budget = &self.trials.budget;
         let is_long = best.seconds.is_none_or(|seconds| seconds > budget.elapsed());
-        !budget.holds(best.updates(), DEAR) && budget.decide(is_long)
+        !budget.holds(best.updates(), EXPENSIVE) && budget.decide(is_long)
     }
 
     fn name(&self, method: Method, scheme: Scheme) -> String {
@@ -220,7 +211,7 @@ impl<'a> Study<'a> {
         let (scheme, own) = (Scheme::of(self.case), self.case.space.elements());
         let trials = &mut self.trials;
         if trials.is_cheap(scheme, &own, FOR_CASE)? {
-            let twice = trials.scene(scheme).grids.twice(&own);
+            let twice = trials.degree_case(scheme).grids.twice(&own);
             let known = match trials.error(scheme, &own) {
                 Ok(None) if trials.is_cheap(scheme, &twice, FOR_CASE)? => {
                     trials.run(scheme, &twice).map(|_| ())
@@ -235,19 +226,19 @@ impl<'a> Study<'a> {
         Ok(())
     }
 
-    /// The grid that trials of `scheme` begin with: the coarsest, or the case's own where a coarse
-    /// one sees nothing, as data are narrow. Collective.
+    /// The first grid of trials of `scheme`: the coarsest; or the case's own, if the data are so
+    /// narrow that no cell of the coarsest grid holds them. Collective.
     fn start(&mut self, scheme: Scheme) -> Vec<usize> {
-        let scene = self.trials.scene(scheme);
-        let own = scene.plain.space.elements();
-        let coarsest = scene.grids.coarsest(&own);
+        let degree_case = self.trials.degree_case(scheme);
+        let own = degree_case.base.space.elements();
+        let coarsest = degree_case.grids.coarsest(&own);
         match self.trials.has_run(scheme, &own) && self.trials.run(scheme, &coarsest).is_err() {
             true => own,
             false => coarsest,
         }
     }
 
-    /// The schemes that can be tried. Elements are left out once for all degrees.
+    /// The schemes that can be tried. If a degree is refused, one line says so for all higher ones.
     fn schemes(&mut self) -> Vec<Scheme> {
         let mut schemes = Scheme::candidates(self.case, self.jumps);
         let refused =
@@ -263,166 +254,181 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// The last one, where no scheme could be tried.
-    fn reach_by_schemes(&mut self) -> Result<Vec<(Scheme, Reach)>> {
+    fn grids_by_scheme(&mut self) -> Result<Vec<(Scheme, ReachedGrid)>> {
         let schemes = self.schemes();
         // The first scheme is tried in any case.
         let first = self.start(schemes[0]);
-        let mut found: Vec<(Scheme, Tried)> = Vec::new();
+        let mut found: Vec<(Scheme, SearchResult)> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
-            // Each scheme has its share of the budget for grids; the rest is for what is advised.
+            // Each scheme has its share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
-                0 => self.reach_from(scheme, &first, share),
-                _ => self.reach_by(scheme, share)?,
+                0 => self.search_grid_from(scheme, &first, share),
+                _ => self.search_grid(scheme, share)?,
             };
             found.push((scheme, tried));
         }
-        // Where none that modes can take reaches it, what some left of theirs is for the others
-        // until one does, those first that expect the fewest unknowns.
+        self.spend_rest_on_modes(&mut found)?;
+        self.reached_grids(found)
+    }
+
+    /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over to
+    /// these schemes one by one, fewest expected unknowns first, until one reaches it. Collective.
+    fn spend_rest_on_modes(&mut self, found: &mut [(Scheme, SearchResult)]) -> Result<()> {
         let by_modes = |scheme: &Scheme| scheme.limiter == Limiter::None;
-        if found.iter().all(|(scheme, tried)| !by_modes(scheme) || self.is_open(tried)) {
-            found.sort_by(|a, b| self.expects(a).total_cmp(&self.expects(b)));
-            for (scheme, tried) in &mut found {
-                let more = match tried {
-                    Tried::Failed(_) => continue,
-                    _ if !by_modes(scheme) => continue,
-                    _ => self.reach_by(*scheme, FOR_GRIDS)?,
-                };
-                // What was found within less stays.
-                if matches!(more, Tried::Found(_)) {
-                    *tried = more;
-                }
-                if !self.is_open(tried) {
-                    break;
-                }
+        if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
+            return Ok(());
+        }
+        found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
+        for (scheme, tried) in found {
+            if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
+                continue;
+            }
+            // A failed second search does not replace the result of the first.
+            let more = self.search_grid(*scheme, FOR_GRIDS)?;
+            if matches!(more, SearchResult::Found(_)) {
+                *tried = more;
+            }
+            if !self.misses_accuracy(tried) {
+                break;
             }
         }
-        let (mut reached, mut failure) = (Vec::new(), None);
+        Ok(())
+    }
+
+    /// The grids of `found`; schemes without one are left out, with the reason.
+    ///
+    /// # Errors
+    /// The last error, if there is no grid at all.
+    fn reached_grids(
+        &mut self,
+        found: Vec<(Scheme, SearchResult)>,
+    ) -> Result<Vec<(Scheme, ReachedGrid)>> {
+        let (mut grids, mut failure) = (Vec::new(), None);
         for (scheme, tried) in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
-                Tried::Found(reach) => reached.push((scheme, reach)),
-                Tried::NotWithin(start) => {
+                SearchResult::Found(grid) => grids.push((scheme, grid)),
+                SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
                     self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
                 }
-                Tried::Failed(error) => {
+                SearchResult::Failed(error) => {
                     self.left_out.push(format!("{name}: {error}"));
                     failure = Some(error);
                 }
             }
         }
-        match reached.is_empty() {
+        match grids.is_empty() {
             true => Err(failure.unwrap_or_else(|| Error::Input("nothing to try".to_owned()))),
-            false => Ok(reached),
+            false => Ok(grids),
         }
     }
 
     /// The coarsest grid of `scheme` that reaches the accuracy, within this part of the budget.
     /// Collective.
-    fn reach_by(&mut self, scheme: Scheme, share: f64) -> Result<Tried> {
+    fn search_grid(&mut self, scheme: Scheme, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
-        match self.trials.may(scheme, &start, share)? {
-            true => Ok(self.reach_from(scheme, &start, share)),
-            false => Ok(Tried::NotWithin(start)),
+        match self.trials.affords(scheme, &start, share)? {
+            true => Ok(self.search_grid_from(scheme, &start, share)),
+            false => Ok(SearchResult::BudgetTooSmall(start)),
         }
     }
 
-    /// As [`reach_by`](Self::reach_by), from the grid `start` on. Collective.
-    fn reach_from(&mut self, scheme: Scheme, start: &[usize], share: f64) -> Tried {
-        let own = self.trials.scene(scheme).plain.space.elements();
-        let goal = Goal { scheme, start, own: &own, accuracy: self.wanted.accuracy, share };
-        match reach(&mut self.trials, goal) {
-            Ok(reach) => Tried::Found(reach),
-            Err(error) => Tried::Failed(error),
+    /// As [`search_grid`](Self::search_grid), from the grid `start` on. Collective.
+    fn search_grid_from(&mut self, scheme: Scheme, start: &[usize], share: f64) -> SearchResult {
+        let own = self.trials.degree_case(scheme).base.space.elements();
+        let goal = Goal { scheme, start, own: &own, accuracy: self.request.accuracy, share };
+        match coarsest_grid(&mut self.trials, goal) {
+            Ok(reached) => SearchResult::Found(reached),
+            Err(error) => SearchResult::Failed(error),
         }
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
-    fn expects(&self, tried: &(Scheme, Tried)) -> f64 {
+    fn expected_unknowns(&self, tried: &(Scheme, SearchResult)) -> f64 {
         match tried {
-            (scheme, Tried::Found(reach)) => {
+            (scheme, SearchResult::Found(reached)) => {
                 let nodes = (scheme.degree + 1) as f64;
-                cells(&reach.shape) * nodes.powi(reach.shape.len() as i32)
+                cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
             }
             _ => f64::INFINITY,
         }
     }
 
     /// Whether no grid that was tried reaches the accuracy.
-    fn is_open(&self, tried: &Tried) -> bool {
+    fn misses_accuracy(&self, tried: &SearchResult) -> bool {
         match tried {
-            Tried::Found(reach) => {
-                let misses =
-                    reach.error > DISCRETISATION * self.wanted.accuracy * (1.0 + ROUND_OFF);
-                reach.known == Known::Extrapolated || misses
+            SearchResult::Found(reached) => {
+                let why_missed =
+                    reached.error > DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
+                reached.known == Evidence::Extrapolated || why_missed
             }
-            Tried::NotWithin(_) | Tried::Failed(_) => true,
+            SearchResult::BudgetTooSmall(_) | SearchResult::Failed(_) => true,
         }
     }
 
-    /// The set-up `target` on the grid of `reach`, before its cost is known.
-    fn entry(&self, target: &Case, scheme: Scheme, reach: &Reach) -> Entry {
-        let settings = settings(self.case, self.trials.plain(), target);
-        Entry {
+    /// The report of the set-up `target` on the grid `reached`, without its cost.
+    fn entry(&self, target: &Case, scheme: Scheme, reached: &ReachedGrid) -> SetupReport {
+        let settings = settings(self.case, self.trials.base(), target);
+        SetupReport {
             name: self.name(target.method, scheme),
             method: target.method,
             interface: scheme.interface,
             limiter: scheme.limiter,
             degree: scheme.degree,
             flux: target.flux_of_elements(),
-            shape: reach.shape.clone(),
+            shape: reached.shape.clone(),
             cells: cells(&target.space.shape()),
             computed_cells: cells(&self.trials.merged(target).space.shape()),
             tolerance: None,
-            error: reach.error,
-            known: reach.known,
-            parts: Parts::of_discretisation(reach.error, reach.part_of_space),
-            order: reach.order.clone(),
-            levels: reach.levels.clone(),
-            moved_edges: self.trials.scene(scheme).grids.moved(&reach.shape),
+            error: reached.error,
+            known: reached.known,
+            parts: ErrorParts::of_discretisation(reached.error, reached.part_of_space),
+            order: reached.order.clone(),
+            levels: reached.levels.clone(),
+            moved_edges: self.trials.degree_case(scheme).grids.moved(&reached.shape),
             applications: 0.0,
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
-            refused: vanished(target).or_else(|| self.misses(reach)),
+            refused: vanished_region(target).or_else(|| self.why_missed(reached)),
             estimate: None,
             command: command(self.case, &settings),
             settings,
         }
     }
 
-    /// Other fluxes between elements, for what has the least work by each method and is no
-    /// extrapolation: on grids near its own. Collective.
-    fn try_fluxes(&mut self, found: &[(Scheme, Reach)]) -> Result<()> {
+    /// Tries other fluxes between elements: for the set-up of least work by each method, unless its
+    /// grid is extrapolated, on grids near its own. Collective.
+    fn try_fluxes(&mut self, found: &[(Scheme, ReachedGrid)]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
             let can = self.candidates.iter().map(|candidate| &candidate.entry);
             let can = can.filter(|e| e.method == method && e.refused.is_none());
             let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
             let is_best = |scheme: &Scheme| best.as_ref() == Some(&self.name(method, *scheme));
-            let Some((scheme, reach)) = found
-                .iter()
-                .find(|(scheme, reach)| is_best(scheme) && reach.known != Known::Extrapolated)
-            else {
+            let Some((scheme, reached)) = found.iter().find(|(scheme, reached)| {
+                is_best(scheme) && reached.known != Evidence::Extrapolated
+            }) else {
                 continue;
             };
-            for scheme in scheme.other_fluxes(&self.trials.scene(*scheme).plain) {
-                self.try_flux(method, scheme, reach)?;
+            for scheme in scheme.other_fluxes(&self.trials.degree_case(*scheme).base) {
+                self.try_flux(method, scheme, reached)?;
             }
         }
         Ok(())
     }
 
-    /// Tries `scheme`, whose flux differs from that of which `known` is found. Collective.
-    fn try_flux(&mut self, method: Method, scheme: Scheme, known: &Reach) -> Result<()> {
-        let (start, accuracy) = (&known.shape, self.wanted.accuracy);
+    /// Tries `scheme`, which differs by its flux from the scheme whose grid is `known`. Collective.
+    fn try_flux(&mut self, method: Method, scheme: Scheme, known: &ReachedGrid) -> Result<()> {
+        let (start, accuracy) = (&known.shape, self.request.accuracy);
         let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
-        let why = match near(&mut self.trials, goal, known) {
-            Ok(Some(reach)) if method == Method::Classical => {
-                return self.add_classical(scheme, &reach);
+        let why = match grid_near(&mut self.trials, goal, known) {
+            Ok(Some(reached)) if method == Method::Classical => {
+                return self.add_classical(scheme, &reached);
             }
-            Ok(Some(reach)) => return self.add_schrodingerized(scheme, &reach),
+            Ok(Some(reached)) => return self.add_schrodingerized(scheme, &reached),
             Ok(None) => "no grid that reaches it was found within the budget".to_owned(),
             Err(error) => error.to_string(),
         };
@@ -430,18 +436,18 @@ impl<'a> Study<'a> {
         Ok(())
     }
 
-    /// Why the grid of `reach` does not reach the accuracy, if it does not.
-    fn misses(&self, reach: &Reach) -> Option<String> {
-        let (error, on) = (reach.error, shape_text(&reach.shape));
-        if reach.order.pairs.is_empty() && reach.known == Known::Extrapolated {
+    /// Why the grid `reached` does not reach the accuracy, if it does not.
+    fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
+        let (error, on) = (reached.error, shape_text(&reached.shape));
+        if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
             let why =
                 "the budget does not hold two grids to compare; a longer --budget may allow it";
             return Some(why.to_owned());
         }
-        if error <= DISCRETISATION * self.wanted.accuracy * (1.0 + ROUND_OFF) {
+        if error <= DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF) {
             return None;
         }
-        Some(match (reach.order.falls(), reach.order.settled) {
+        Some(match (reached.order.falls(), reached.order.settled) {
             (true, _) => format!(
                 "the error is {error:.1e} on {on}, and no finer grid was found that reaches it \
                  within --budget"
@@ -454,14 +460,14 @@ impl<'a> Study<'a> {
         })
     }
 
-    /// Plans `target`, or says in its `entry` why it cannot be run. Collective.
-    fn plan(&self, entry: &mut Entry, target: &Case) -> Option<Plan> {
+    /// The plan of `target`; none if it cannot be run, and then its `entry` says why. Collective.
+    fn plan(&self, entry: &mut SetupReport, target: &Case) -> Option<Plan> {
         if entry.refused.is_some() {
             return None;
         }
         let merged = self.trials.merged(target);
         let space = cells(&merged.space.shape()[..merged.space.dimension()]);
-        if space > MOST_SPACE_CELLS || entry.computed_cells > MOST_CELLS {
+        if space > MOST_PLANNED_SPACE_CELLS || entry.computed_cells > MOST_CELLS {
             let [by_modes, classical] = BYTES;
             let each = match target.method {
                 Method::Schrodingerized => by_modes,
@@ -496,25 +502,25 @@ impl<'a> Study<'a> {
     }
 
     /// Adds `scheme` without Schrödingerization. Collective.
-    fn add_classical(&mut self, scheme: Scheme, reach: &Reach) -> Result<()> {
-        let target = scheme.classical(&self.trials.scene(scheme).plain, &reach.shape);
-        let mut entry = self.entry(&target, scheme, reach);
+    fn add_classical(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<()> {
+        let target = scheme.classical(&self.trials.degree_case(scheme).base, &reached.shape);
+        let mut entry = self.entry(&target, scheme, reached);
         let plan = self.plan(&mut entry, &target);
-        if plan.is_some() && self.trials.has_run(scheme, &reach.shape) {
-            entry.seconds = Some(self.trials.run(scheme, &reach.shape)?.seconds);
+        if plan.is_some() && self.trials.has_run(scheme, &reached.shape) {
+            entry.seconds = Some(self.trials.run(scheme, &reached.shape)?.seconds);
             entry.seconds_measured = true;
         }
         self.candidates.push(Candidate { entry, planned: plan.map(|plan| (target, plan)) });
         Ok(())
     }
 
-    /// The finest grid tried, but for the last, on which a run by modes is a small part of the
-    /// budget. Collective.
-    fn coarse(&self, scheme: Scheme, reach: &Reach) -> Result<Vec<usize>> {
-        let allowed = SCHRODINGERIZATION * self.wanted.accuracy;
-        for level in reach.levels.iter().rev().skip(1) {
-            let plain = &self.trials.scene(scheme).plain;
-            let mut case = scheme.schrodingerized(plain, &level.shape);
+    /// The grid on which tolerances are tried: the finest one but the last of the search on which a
+    /// run by modes takes a small part of the budget. Collective.
+    fn coarse(&self, scheme: Scheme, reached: &ReachedGrid) -> Result<Vec<usize>> {
+        let allowed = SCHRODINGERIZATION * self.request.accuracy;
+        for level in reached.levels.iter().rev().skip(1) {
+            let base = &self.trials.degree_case(scheme).base;
+            let mut case = scheme.schrodingerized(base, &level.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
             let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
@@ -524,22 +530,22 @@ impl<'a> Study<'a> {
                 return Ok(level.shape.clone());
             }
         }
-        let coarsest = reach.levels.first().map_or(&reach.shape, |level| &level.shape);
+        let coarsest = reached.levels.first().map_or(&reached.shape, |level| &level.shape);
         Ok(coarsest.clone())
     }
 
-    /// A tolerance by which Schrödingerization adds no more to the error on the grid `coarse` than
-    /// it may. Collective.
-    fn tolerance(&mut self, scheme: Scheme, coarse: &[usize]) -> Result<Tolerance> {
-        let allowed = SCHRODINGERIZATION * self.wanted.accuracy;
+    /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the accuracy
+    /// to the error on the grid `coarse`. Collective.
+    fn tolerance(&mut self, scheme: Scheme, coarse: &[usize]) -> Result<ToleranceTrial> {
+        let allowed = SCHRODINGERIZATION * self.request.accuracy;
         let reference = self.trials.run(scheme, coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
         let guaranteed = matches!(self.case.data, Data::Density);
-        // Level sets enter the density through a delta function as wide as a cell: a tenth of what
-        // a field may have, and it is tried.
+        // Level sets enter the density through a delta function as wide as a cell, without a bound:
+        // begin at a tenth of what the field may have, and try it.
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut measured = None;
-        let mut target = scheme.schrodingerized(&self.trials.scene(scheme).plain, coarse);
+        let mut target = scheme.schrodingerized(&self.trials.degree_case(scheme).base, coarse);
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
@@ -556,12 +562,12 @@ impl<'a> Study<'a> {
             tolerance *= 0.1;
         }
         let bound = guaranteed.then_some(tolerance * spread);
-        Ok(Tolerance { tolerance, measured, bound })
+        Ok(ToleranceTrial { tolerance, measured, bound })
     }
 
     /// Adds `scheme` by Schrödingerization. Collective.
-    fn add_schrodingerized(&mut self, scheme: Scheme, reach: &Reach) -> Result<()> {
-        let coarse = self.coarse(scheme, reach)?;
+    fn add_schrodingerized(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<()> {
+        let coarse = self.coarse(scheme, reached)?;
         let found = match self.tolerance(scheme, &coarse) {
             Ok(found) => found,
             Err(error) => {
@@ -570,17 +576,18 @@ impl<'a> Study<'a> {
                 return Ok(());
             }
         };
-        let mut target = scheme.schrodingerized(&self.trials.scene(scheme).plain, &reach.shape);
+        let mut target =
+            scheme.schrodingerized(&self.trials.degree_case(scheme).base, &reached.shape);
         target.tolerance = match found.bound {
             Some(_) => found.tolerance,
             None => {
                 // The delta function gets narrower with the cells.
                 let last = coarse.len() - 1;
-                let narrower = (coarse[last] as f64 / reach.shape[last] as f64).min(1.0);
+                let narrower = (coarse[last] as f64 / reached.shape[last] as f64).min(1.0);
                 rounded_down((found.tolerance * narrower).max(SMALLEST_TOLERANCE))
             }
         };
-        let mut entry = self.entry(&target, scheme, reach);
+        let mut entry = self.entry(&target, scheme, reached);
         entry.tolerance = Some(target.tolerance);
         entry.parts.schrodingerization =
             found.measured.into_iter().chain(found.bound).reduce(f64::max);
@@ -592,17 +599,17 @@ impl<'a> Study<'a> {
         Ok(())
     }
 
-    /// Runs `target` where the budget allows, and adds what Schrödingerization makes wrong to the
-    /// error of its `entry`. Collective.
+    /// Runs `target` if the budget allows, and adds the error of Schrödingerization to that of its
+    /// `entry`. Collective.
     fn try_by_modes(
         &mut self,
-        entry: &mut Entry,
+        entry: &mut SetupReport,
         target: &Case,
         scheme: Scheme,
         plan: &Plan,
     ) -> Result<()> {
         let (trials, updates, share) = (&mut self.trials, mode_updates(target, plan), self.share);
-        if trials.budget.allows(updates, share) && trials.may(scheme, &entry.shape, share)? {
+        if trials.budget.allows(updates, share) && trials.affords(scheme, &entry.shape, share)? {
             match trials.measure(target, updates) {
                 Ok(found) => {
                     entry.seconds = Some(found.seconds);
@@ -611,7 +618,7 @@ impl<'a> Study<'a> {
                     let added = distance(&found.density, &reference.density);
                     entry.parts.schrodingerization = Some(added);
                     match trials.error_of(scheme, &found, &entry.shape)? {
-                        Some(error) => (entry.error, entry.known) = (error, Known::Measured),
+                        Some(error) => (entry.error, entry.known) = (error, Evidence::Measured),
                         None => entry.error += added,
                     }
                 }
@@ -620,25 +627,25 @@ impl<'a> Study<'a> {
         } else {
             entry.error += entry.parts.schrodingerization.unwrap_or(0.0);
         }
-        if entry.refused.is_none() && entry.error > self.wanted.accuracy * (1.0 + ROUND_OFF) {
+        if entry.refused.is_none() && entry.error > self.request.accuracy * (1.0 + ROUND_OFF) {
             let on = shape_text(&entry.shape);
             entry.refused = Some(format!("the error is {:.2e} on {on}", entry.error));
         }
         Ok(())
     }
 
-    /// The case as it stands: the discretisation by `scheme`, which is its own, and what its solver
-    /// adds. Collective.
-    fn given(&mut self, scheme: Scheme, reach: &Reach) -> Result<Option<Given>> {
+    /// The error of the case as its file has it: of the discretisation by its own `scheme`, and of
+    /// its solver; none if it cannot be told. Collective.
+    fn given(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<Option<GivenCase>> {
         let shape = self.case.space.elements();
         let start = self.start(scheme);
-        let looked = look(&mut self.trials, scheme, &shape, &reach.order, 1.0).unwrap_or(None);
-        // An order that has not settled tells nothing of a grid that was not tried.
-        let extrapolated = || reach.extrapolated(&shape).filter(|_| reach.order.settled);
-        let Some(KnownError { error, known }) = looked.or_else(extrapolated) else {
+        let tried = error_on(&mut self.trials, scheme, &shape, &reached.order, 1.0).unwrap_or(None);
+        // An order that has not settled does not extrapolate.
+        let extrapolated = || reached.extrapolated(&shape).filter(|_| reached.order.settled);
+        let Some(DensityError { error, known }) = tried.or_else(extrapolated) else {
             return Ok(None);
         };
-        let mut parts = Parts::of_discretisation(error, reach.part_of_space_on(&shape));
+        let mut parts = ErrorParts::of_discretisation(error, reached.part_of_space_on(&shape));
         let rough = self.trials.run(scheme, &start)?;
         let (density, spread) = (rough.density.clone(), rough.spread);
         if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {
@@ -655,11 +662,12 @@ impl<'a> Study<'a> {
         }
         let added = [parts.schrodingerization, parts.step, parts.readout];
         let error = error + added.into_iter().flatten().sum::<f64>();
-        Ok(Some(Given { degree: scheme.degree, shape, error, known, parts }))
+        Ok(Some(GivenCase { degree: scheme.degree, shape, error, known, parts }))
     }
 
-    /// The error that the step of the case's implicit propagator makes on the coarsest grid, where
-    /// `density` is exact: nearly all that its solver adds. Collective.
+    /// The error of the density by the time step of the case's implicit propagator, on the grid
+    /// `start`, whose semi-discrete `density` is given. It is nearly all of the solver's error.
+    /// Collective.
     fn error_of_step(&mut self, scheme: Scheme, start: &[usize], density: &[f64]) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
@@ -673,20 +681,20 @@ impl<'a> Study<'a> {
     }
 
     /// The advice: all set-ups, quickest first, with the best one by modes.
-    fn advised(&mut self, given: Option<Given>) -> Result<Advised> {
+    fn advised(&mut self, given: Option<GivenCase>) -> Result<AdviceReport> {
         let candidates = std::mem::take(&mut self.candidates);
         let left_out = std::mem::take(&mut self.left_out);
-        let Self { world, case, wanted, trials, .. } = self;
+        let Self { world, case, request, trials, .. } = self;
         let settled = |Candidate { mut entry, planned }: Candidate| {
             let predicted = planned.map(|(target, plan)| trials.seconds(&target, &plan));
             entry.seconds = entry.seconds.or(predicted);
-            entry.estimate = entry.not_settled(LONGEST);
+            entry.estimate = entry.not_settled(LONGEST_ADVISED);
             entry
         };
-        let mut entries: Vec<Entry> = candidates.into_iter().map(settled).collect();
+        let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
         let warnings = warnings(case, &entries);
-        doubt_the_dearest(&mut entries);
-        // By work, which no clock counts; the case's own interface where it is the same.
+        mark_unsettled_expensive(&mut entries);
+        // The least counted work; of equal ones the first, which has the case's own interface.
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
             (entries.iter())
                 .filter(|e| e.refused.is_none() && e.estimate.is_none() && e.method == method)
@@ -694,31 +702,18 @@ impl<'a> Study<'a> {
                 .map(|e| e.name.clone())
         });
         entries.sort_by(|a, b| {
-            let seconds = |e: &Entry| e.seconds.unwrap_or(f64::INFINITY);
+            let seconds = |e: &SetupReport| e.seconds.unwrap_or(f64::INFINITY);
             let refused = a.refused.is_some().cmp(&b.refused.is_some());
             refused.then(seconds(a).total_cmp(&seconds(b)))
         });
         if entries.iter().all(|e| e.refused.is_some()) {
-            // One reason: that of the fewest cells.
-            let is_open = |e: &Entry| e.known == Known::Extrapolated && e.order.pairs.is_empty();
-            let verdict = match entries.iter().any(is_open) {
-                true => "is not settled within this budget",
-                false => "is out of reach",
-            };
-            let nearest = (entries.iter()).min_by(|a, b| a.cells.total_cmp(&b.cells));
-            let reason = nearest.map_or(String::new(), |e| {
-                format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
-            });
-            return Err(Error::Input(format!(
-                "{}: --accuracy {:e} of the density {verdict}. With the fewest cells, {}",
-                case.name, wanted.accuracy, reason
-            )));
+            return Err(out_of_reach(case, request.accuracy, &entries));
         }
         let [best, best_classical] =
             best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
-        Ok(Advised {
+        Ok(AdviceReport {
             title: case.title.clone(),
-            accuracy: wanted.accuracy,
+            accuracy: request.accuracy,
             ranks: world.group().size(),
             exact: trials.has_exact(),
             given,
@@ -731,10 +726,28 @@ impl<'a> Study<'a> {
     }
 }
 
-/// That a region of `V` is not there on the grid of `target`. Very fine grids are not looked at:
-/// their edges are on faces, or nearly.
-fn vanished(target: &Case) -> Option<String> {
-    if target.space.by_elements().space_cells() > MOST_LOOKED_AT {
+/// The error of an accuracy that none of `entries` reaches: with one reason, that of the set-up of
+/// fewest cells.
+fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
+    let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
+    let verdict = match entries.iter().any(one_grid) {
+        true => "is not settled within this budget",
+        false => "is out of reach",
+    };
+    let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
+    let reason = fewest.map_or(String::new(), |e| {
+        format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
+    });
+    Error::Input(format!(
+        "{}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}",
+        case.name
+    ))
+}
+
+/// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than
+/// [`MOST_SEARCHED`] elements of space are not searched: regions between their cells are tiny.
+fn vanished_region(target: &Case) -> Option<String> {
+    if target.space.by_elements().space_cells() > MOST_SEARCHED {
         return None;
     }
     let region = overlooked(target).empty.into_iter().next()?;

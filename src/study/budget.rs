@@ -9,20 +9,20 @@ use crate::plan::here::seconds_to_look;
 use crate::problem::case::Case;
 use std::time::Instant;
 
-/// Updates of an unknown that count as a second: a third of what a core does, or less, also where
-/// others use the machine.
-pub const UPDATES_PER_SECOND: f64 = 4e7;
+/// Updates of an unknown that count as a second: at most a third of what a core does, so that it
+/// holds on a busy machine, too.
+const UPDATES_PER_SECOND: f64 = 4e7;
 
-/// Part of the time left that is counted on where the rate of this machine is known.
+/// Part of the time left that is planned for, once the rate of this machine is known.
 const OF_TIME_LEFT: f64 = 0.6;
-/// Times what was allowed that may be counted next.
+/// Largest factor by which the allowed updates may grow when counting begins anew.
 const MOST_MORE: f64 = 4.0;
 
-/// Refuses a grid on which a look at `V` alone takes longer than `limit` seconds. Collective.
+/// Refuses a grid on which evaluating `V` alone takes longer than `limit` seconds. Collective.
 ///
 /// # Errors
 /// [`Error::Input`].
-pub fn refuse_long_look(world: &World, case: &Case, limit: f64) -> Result<()> {
+pub fn refuse_slow_potential(world: &World, case: &Case, limit: f64) -> Result<()> {
     world.group().on_first_rank(|| match seconds_to_look(case) {
         seconds if seconds > limit => Err(Error::Input(format!(
             "{}: --budget {limit} s: to evaluate V once on {:.3e} cells of space takes about \
@@ -34,7 +34,7 @@ pub fn refuse_long_look(world: &World, case: &Case, limit: f64) -> Result<()> {
     })
 }
 
-/// The time limit of a study, and what was used of it.
+/// The time limit of a study, and the part of it that was used.
 pub struct Budget {
     all: Group,
     started: Instant,

@@ -23,6 +23,7 @@ pub mod timing;
 use crate::base::error::Result;
 use crate::base::stopwatch::Stopwatch;
 use crate::base::text::counted;
+use crate::base::text::seconds_text;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::moments;
 use crate::parallel::communicator::World;
@@ -39,8 +40,7 @@ use crate::run::exact::exact_run;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
-use crate::study::calibrate::timing::Expected;
-use crate::study::text::seconds_text;
+use crate::study::calibrate::timing::SolveTime;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -55,7 +55,7 @@ const SECONDS_PER_BYTE: f64 = 2e-9;
 const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
 const SECONDS_PER_GIVEN_BYTE: f64 = 4e-9;
 
-/// What a run is expected to take.
+/// The predicted seconds of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
     /// Ranks that measured.
@@ -118,7 +118,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let warp = provisional.warp.as_ref();
     (provisional.layout.clone()).within(case, &provisional.bounds, warp, &limited)?;
     watch.lap("plan");
-    let run = Run { world, case, resources, bounds, provisional };
+    let run = CalibratedCase { world, case, resources, bounds, provisional };
     let mut block = run.block(&run.provisional, &mut watch)?;
     let plan = run.plan(&mut block, &mut watch)?;
     if plan.layout.mesh != run.provisional.layout.mesh {
@@ -129,7 +129,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     block.plan.warp.clone_from(&plan.warp);
     (block.plan.layout.groups).clone_from(&plan.layout.groups);
     time_observables(&mut block, &mut watch);
-    let Expected { solve, application } = match &plan.warp {
+    let SolveTime { solve, application } = match &plan.warp {
         Some(warp) => modes::expected(&mut block, warp, run.whole())?,
         None => classical::expected(&mut block)?,
     };
@@ -154,7 +154,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
 }
 
 /// The run that is calibrated, before growth and norms are measured.
-struct Run<'a> {
+struct CalibratedCase<'a> {
     world: &'a World,
     case: &'a Case,
     resources: &'a Resources,
@@ -162,7 +162,7 @@ struct Run<'a> {
     provisional: Plan,
 }
 
-impl Run<'_> {
+impl CalibratedCase<'_> {
     /// Whether the run has as many ranks as there are here.
     fn whole(&self) -> bool {
         self.provisional.layout.mesh.ranks() == self.world.group().size()

@@ -1,9 +1,9 @@
 //! `phasewarp chart`: accuracy against cost, method by method.
 //!
-//! The methods are run on one case over a range of their knobs (`programme`) within a budget of
+//! The methods are run on one case over a range of their choices (`programme`) within a budget of
 //! time: breadth first, each trial only where its expected time fits (`attempts`,
 //! [`crate::study::cost`]). What ran, what was refused and what was left out are the `entry`s. From
-//! these follow Pareto fronts (`front`), sentences that say which method to take (`verdict`), files
+//! these follow Pareto fronts (`result`), sentences that say which method to take (`verdict`), files
 //! (`files`) and the picture (`picture`).
 //!
 //! There are two errors: the distance to the exact solution, where one is named, which is mostly
@@ -13,26 +13,26 @@
 pub mod attempts;
 pub mod entry;
 pub mod files;
-pub mod front;
 pub mod picture;
 pub mod programme;
 pub mod result;
 pub mod setup;
 pub mod verdict;
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::version::GIT;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::problem::case::Case;
-use crate::study::budget::{Budget, refuse_long_look};
+use crate::study::budget::{Budget, refuse_slow_potential};
 use crate::study::chart::attempts::Attempts;
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
 use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
+use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
 #[cfg(test)]
@@ -44,9 +44,9 @@ mod tests;
 /// [`Error::Input`] for a case that starts from a file; the first trial's error where
 /// nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
-    refuse_start_from_file(case)?;
+    refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_hopeless_here(world, case)?;
-    refuse_long_look(world, case, limit.as_secs_f64())?;
+    refuse_slow_potential(world, case, limit.as_secs_f64())?;
     let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
@@ -96,23 +96,6 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     chart.sentences = sentences(&chart);
     chart.sentences.extend(left_out);
     Ok(chart)
-}
-
-/// Refuses a case that starts from a file.
-fn refuse_start_from_file(case: &Case) -> Result<()> {
-    if case.start.is_some() {
-        return Err(Error::Input(format!(
-            "{}: initial.warped fixes profile, period and N_p, which a chart varies: \
-             give initial.f",
-            case.name
-        )));
-    }
-    if let Some(start) = &case.start_field {
-        let what = "the file holds f on one grid, which a chart varies; leave it out, with \
-                    time.start";
-        return Err(Error::Input(format!("{}: {what}", start.place)));
-    }
-    Ok(())
 }
 
 /// Degrees that are compared, beside that of the case.

@@ -21,9 +21,9 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::knobs::row_choices;
 use std::collections::BTreeMap;
 
-/// Seconds an application takes a cell before anything is measured; on the slow side.
+/// Seconds a cell of an application, before anything is measured: a slow machine's.
 const RATE: f64 = 5e-9;
-/// The same of the overhead.
+/// Seconds a cell of the overhead, before anything is measured.
 const OVERHEAD: f64 = 3e-6;
 /// Factor on the time of vectors that leave the cache, where the rate is from a smaller grid.
 const OUT_OF_CACHE: f64 = 2.0;
@@ -32,15 +32,15 @@ const START_UP: f64 = 0.2;
 /// Applications that a step with slopes counts as, per stage.
 const SLOPES: usize = 8;
 
-/// Applications of degree 0 that one of this degree takes as long as, an unknown: by the entries of
-/// a row, of which those of one element are next to each other. With slopes, a stage of a step.
+/// Cost of an application to elements of `degree`, an unknown, in applications of degree 0: by the
+/// entries of a row, of which those of one element are contiguous. With slopes: of a stage of a step.
 pub fn application_weight(degree: usize, limiter: Limiter) -> usize {
     if limiter == Limiter::None { 1 + degree.div_ceil(2) } else { SLOPES }
 }
 
 /// Work of which each unit takes about the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Kind {
+struct WorkKind {
     by_modes: bool,
     /// Applications that a unit counts as.
     weight: usize,
@@ -50,7 +50,7 @@ struct Kind {
     solves: bool,
 }
 
-impl Kind {
+impl WorkKind {
     fn of(case: &Case) -> Self {
         let (method, degree) = (case.propagator.method, case.space.degree());
         let entries = application_weight(degree, case.limiter);
@@ -76,16 +76,16 @@ impl Kind {
 }
 
 /// Work of a classical run of `case`, whose matrix has these `bounds`.
-pub fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
+fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
     let steps: usize = classical_steps(case, bounds).iter().sum();
     let stages = case.integrator.stages();
-    (Kind::of(case).weight * stages * steps * case.fields.len()) as f64
+    (WorkKind::of(case).weight * stages * steps * case.fields.len()) as f64
 }
 
 /// Work of a run of `case` as `plan` has it.
 pub fn planned_work(case: &Case, plan: &Plan) -> f64 {
     match &plan.warp {
-        Some(warp) => (Kind::of(case).weight * (warp.applications + warp.solves)) as f64,
+        Some(warp) => (WorkKind::of(case).weight * (warp.applications + warp.solves)) as f64,
         None => classical_work(case, &plan.bounds),
     }
 }
@@ -96,7 +96,8 @@ pub fn planned_updates(case: &Case, plan: &Plan) -> f64 {
     planned_work(case, plan) * plan.cells as f64
 }
 
-/// What determines the matrix of a case beside its potential: grid, rows, weights and embedding.
+/// The choices that determine the matrix of a case with a given potential: grid, rows, weights and
+/// embedding.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct MatrixKey {
     shape: Vec<usize>,
@@ -118,7 +119,7 @@ impl MatrixKey {
     }
 }
 
-/// Comparisons and preparation differ by these.
+/// The properties of a case that the seconds of its comparisons and preparation depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct OverheadKey {
     by_modes: bool,
@@ -154,8 +155,8 @@ pub struct Seconds {
 /// A model of the seconds of runs of a case, learnt from its trials.
 #[derive(Debug, Default)]
 pub struct CostModel {
-    rates: BTreeMap<Kind, Rate>,
-    /// Least seconds besides the work, by cells.
+    rates: BTreeMap<WorkKind, Rate>,
+    /// Least seconds of the overhead, by number of cells.
     overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
     /// Bounds before anything is measured, of matrices by modes and of others.
     unmeasured: BTreeMap<(MatrixKey, bool), Bounds>,
@@ -172,7 +173,7 @@ impl CostModel {
         match case.method {
             Method::Schrodingerized => {
                 let (bounds, ratio) = self.bounds(case)?;
-                Ok(Kind::of(case).weight as f64 * WarpPlan::forecast(case, &bounds, ratio)?)
+                Ok(WorkKind::of(case).weight as f64 * WarpPlan::forecast(case, &bounds, ratio)?)
             }
             Method::Classical => Ok(classical_work(case, &self.unmeasured(case)?)),
         }
@@ -181,14 +182,14 @@ impl CostModel {
     /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured, or with the growth measured on
     /// the grid nearest to it, which goes with the cells of an axis.
     fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
-        let wanted = MatrixKey::of(case);
-        if let Some(known) = self.measured.get(&wanted) {
+        let own = MatrixKey::of(case);
+        if let Some(known) = self.measured.get(&own) {
             return Ok(known.clone());
         }
         let found = self.unmeasured(case)?;
-        let cells = wanted.cells();
+        let cells = own.cells();
         let nearest = (self.measured.iter())
-            .filter(|(key, _)| key.rows == wanted.rows)
+            .filter(|(key, _)| key.rows == own.rows)
             .min_by_key(|(key, _)| key.cells().abs_diff(cells));
         let Some((key, (known, ratio))) = nearest else {
             return Ok((found.expected(), ASSUMED_RATIO));
@@ -222,7 +223,7 @@ impl CostModel {
 
     /// Seconds of a trial of `case` with this work, comparisons included.
     pub fn seconds(&self, case: &Case, work: f64) -> f64 {
-        let (kind, cells) = (Kind::of(case), case.space.cells() as f64);
+        let (kind, cells) = (WorkKind::of(case), case.space.cells() as f64);
         let measured = (self.rates.get_key_value(&kind)).or_else(|| self.rates.last_key_value());
         let rate = measured.map_or(RATE, |(of, rate)| {
             let beyond = cells > 2.0 * rate.cells;
@@ -233,12 +234,12 @@ impl CostModel {
         self.overhead(case, cells) + rate * work * cells
     }
 
-    /// Seconds besides the work, on so many cells.
+    /// Seconds of the overhead on so many cells.
     pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
-        let wanted = OverheadKey::of(case);
+        let key = OverheadKey::of(case);
         let differs = |of: &OverheadKey| {
-            let verified = of.verified != wanted.verified;
-            (of.by_modes != wanted.by_modes, verified)
+            let verified = of.verified != key.verified;
+            (of.by_modes != key.by_modes, verified)
         };
         let nearest = self.overheads.iter().min_by_key(|(of, _)| differs(of));
         nearest
@@ -255,7 +256,7 @@ impl CostModel {
                 cells: cells as f64,
                 seconds: solve,
             };
-            let known = self.rates.entry(Kind::of(case)).or_insert(rate);
+            let known = self.rates.entry(WorkKind::of(case)).or_insert(rate);
             if rate.seconds >= known.seconds {
                 *known = rate;
             }

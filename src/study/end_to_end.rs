@@ -39,7 +39,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::order::{Order, Range};
-use crate::study::grids::{Grids, on_grid, shape_text};
+use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, on_grid, shape_text};
 use crate::study::trial::{final_fields_only, trial};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -52,17 +52,15 @@ use std::time::Instant;
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
 /// Orders of the schemes of degree 0; an order above is not counted on.
 const ORDERS: Range = Range { least: 0.5, most: 2.0 };
-/// Grids with more cells of space are not looked at.
-const MOST_SPACE_CELLS: f64 = (1u64 << 22) as f64;
 /// Traces of a quadrature or of Monte Carlo at most.
 const MOST_TRACES: usize = 1 << 24;
 /// Toffoli gates a second, by which times are estimated: an assumption.
 const TOFFOLI_RATE: f64 = 1e6;
 
-/// A way with a quantum computer.
+/// A method on a quantum computer.
 #[derive(Clone, Debug, Serialize)]
-pub struct Way {
-    /// Name of the way.
+pub struct QuantumMethod {
+    /// Name of the method.
     pub name: &'static str,
     /// Elements along each axis, of the grids on which errors were measured and of the one needed;
     /// none without a grid.
@@ -85,7 +83,7 @@ pub struct Way {
 
 /// A classical method.
 #[derive(Clone, Debug, Serialize)]
-pub struct Baseline {
+pub struct ClassicalMethod {
     /// Name of the method.
     pub name: &'static str,
     /// Cells of its grid, or traces.
@@ -94,7 +92,7 @@ pub struct Baseline {
     pub seconds: Figure,
 }
 
-/// The task and all ways.
+/// The task and all methods for it.
 #[derive(Clone, Debug, Serialize)]
 pub struct EndToEnd {
     /// Title of the case.
@@ -105,16 +103,16 @@ pub struct EndToEnd {
     pub point: Vec<f64>,
     /// The density there, by quadrature over characteristics.
     pub density: f64,
-    /// The ways with a quantum computer.
-    pub quantum: Vec<Way>,
+    /// The methods on a quantum computer.
+    pub quantum: Vec<QuantumMethod>,
     /// The classical methods.
-    pub classical: Vec<Baseline>,
+    pub classical: Vec<ClassicalMethod>,
     /// Sentences on which of them needs least.
     pub verdict: Vec<String>,
 }
 
-/// What trials on three grids showed of a scheme.
-struct Measured {
+/// Errors and seconds of a scheme by trials on three grids.
+struct MeasuredScheme {
     /// Elements, from coarse to fine.
     grids: Vec<Vec<usize>>,
     errors: Vec<f64>,
@@ -125,7 +123,7 @@ struct Measured {
     spread: f64,
 }
 
-impl Measured {
+impl MeasuredScheme {
     /// Trials of `case`, by the classical integrator that it names. Collective.
     fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
         let group = world.group();
@@ -164,8 +162,8 @@ impl Measured {
     }
 }
 
-/// The density at a point over characteristics.
-struct Traced {
+/// The density at a point, by tracing characteristics.
+struct TracedDensity {
     density: f64,
     traces: usize,
     seconds: f64,
@@ -188,7 +186,7 @@ fn velocity_volume(case: &Case) -> f64 {
     case.space.v.iter().map(|v| v.upper - v.lower).product()
 }
 
-impl Traced {
+impl TracedDensity {
     /// By the midpoint rule, twice as fine until it changes by `ε/2` or less twice in a row.
     fn by_quadrature(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
         let started = Instant::now();
@@ -219,7 +217,7 @@ impl Traced {
             each *= 2;
         }
         found.seconds = started.elapsed().as_secs_f64();
-        // Not timed: who only integrates does not count.
+        // Not timed: the number of jumps is for the quantum cost only.
         for k in 0..1000 {
             let part = vec![(f64::from(k) + 0.5) / 1000.0; n];
             let mut crossings = 0;
@@ -279,13 +277,13 @@ impl EndToEnd {
                 return Err(Error::Input(format!("{}: {what}", case.name)));
             }
         };
-        let point = asked(world, case, &exact)?;
+        let point = point_of_task(world, case, &exact)?;
         let tracer = Tracer::new(case)?;
-        let traced = Traced::by_quadrature(case, &tracer, &point, accuracy);
-        let sampled = Traced::by_monte_carlo(case, &tracer, &point, accuracy);
-        let task = Task { world, exact: &exact, accuracy, density: traced.density.abs() };
+        let traced = TracedDensity::by_quadrature(case, &tracer, &point, accuracy);
+        let sampled = TracedDensity::by_monte_carlo(case, &tracer, &point, accuracy);
+        let task = DensityTask { world, exact: &exact, accuracy, density: traced.density.abs() };
         let upwind = classical(&scheme_of(case), Integrator::Exponential, Limiter::None);
-        let upwind_found = Measured::new(world, &upwind, &exact)?;
+        let upwind_found = MeasuredScheme::new(world, &upwind, &exact)?;
         let mut quantum = vec![
             task.way("Schrödingerization, dissipative", Ok(scheme_of(case)), Some(&upwind_found)),
             task.way("one mode, unitary", unitary_of(case), None),
@@ -294,16 +292,17 @@ impl EndToEnd {
         let mut stepping = vec![("time stepping, exponential", upwind_found)];
         if !case.is_galerkin() && !case.varies() {
             let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
-            stepping.push(("time stepping, van Leer", Measured::new(world, &steeper, &exact)?));
+            stepping
+                .push(("time stepping, van Leer", MeasuredScheme::new(world, &steeper, &exact)?));
         }
-        let mut baselines: Vec<Baseline> =
+        let mut baselines: Vec<ClassicalMethod> =
             stepping.iter().map(|(name, found)| stepped(name, found, case, accuracy)).collect();
         for (name, found) in [
             ("quadrature over characteristics", &traced),
             ("Monte Carlo over characteristics", &sampled),
         ] {
             let seconds = Figure::estimate(world.group().max(found.seconds), "measured here");
-            baselines.push(Baseline { name, size: found.traces as f64, seconds });
+            baselines.push(ClassicalMethod { name, size: found.traces as f64, seconds });
         }
         let n = case.space.dimension();
         let verdict = verdict(&quantum, &baselines);
@@ -321,7 +320,7 @@ impl EndToEnd {
 
 /// Where the density is asked for: at the first cell of `[readout]`, or where the exact one is
 /// largest. Collective.
-fn asked(world: &World, case: &Case, exact: &Exact) -> Result<[f64; 6]> {
+fn point_of_task(world: &World, case: &Case, exact: &Exact) -> Result<[f64; 6]> {
     let n = case.space.dimension();
     let cell: Vec<usize> = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
         Some(cell) => cell.clone(),
@@ -352,18 +351,23 @@ fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
 }
 
 /// A grid method whose seconds grow with the cells and the steps.
-fn stepped(name: &'static str, found: &Measured, case: &Case, accuracy: f64) -> Baseline {
+fn stepped(
+    name: &'static str,
+    found: &MeasuredScheme,
+    case: &Case,
+    accuracy: f64,
+) -> ClassicalMethod {
     let factor = found.factor(accuracy);
     let n = case.space.dimension() as i32;
     let finest = &found.grids[found.grids.len() - 1];
     let cells: f64 = finest.iter().map(|&n| n as f64 * factor).product();
     let seconds = found.seconds * factor.powi(2 * n + 1);
     let why = "measured on the case's grid, and the cells and steps that the measured order needs";
-    Baseline { name, size: cells, seconds: Figure::model(seconds, why) }
+    ClassicalMethod { name, size: cells, seconds: Figure::model(seconds, why) }
 }
 
-/// What all ways are asked for.
-struct Task<'a> {
+/// The task that all methods are compared by.
+struct DensityTask<'a> {
     world: &'a World,
     exact: &'a Exact,
     accuracy: f64,
@@ -376,23 +380,29 @@ struct Task<'a> {
 fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
     let shape = Grids::new(scheme).scaled(&scheme.space.elements(), factor);
     let cells: f64 = shape[..scheme.space.dimension()].iter().map(|&n| n as f64).product();
-    if cells > MOST_SPACE_CELLS {
+    if cells > MOST_PLANNED_SPACE_CELLS {
         return Err(Error::Input(format!(
             "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \
-             (order {order:.2}); up to {MOST_SPACE_CELLS:.1e} are looked at",
+             (order {order:.2}); up to {MOST_PLANNED_SPACE_CELLS:.1e} are looked at",
             scheme.name
         )));
     }
     Ok(shape)
 }
 
-impl Task<'_> {
-    /// The way of a scheme; `known` where its errors were measured already. Collective.
-    fn way(&self, name: &'static str, scheme: Result<Case>, known: Option<&Measured>) -> Way {
+impl DensityTask<'_> {
+    /// The quantum method by `scheme`; `known` are its errors, if they were measured before.
+    /// Collective.
+    fn way(
+        &self,
+        name: &'static str,
+        scheme: Result<Case>,
+        known: Option<&MeasuredScheme>,
+    ) -> QuantumMethod {
         let found = scheme.and_then(|scheme| self.priced(name, &scheme, known));
         found.unwrap_or_else(|why| {
             let none = || Figure::unavailable(&why.to_string());
-            Way {
+            QuantumMethod {
                 name,
                 grids: Vec::new(),
                 errors: Vec::new(),
@@ -406,14 +416,19 @@ impl Task<'_> {
         })
     }
 
-    /// The way of `scheme` on the grid that it needs. Collective.
-    fn priced(&self, name: &'static str, scheme: &Case, known: Option<&Measured>) -> Result<Way> {
+    /// The quantum method by `scheme` on the grid that it needs. Collective.
+    fn priced(
+        &self,
+        name: &'static str,
+        scheme: &Case,
+        known: Option<&MeasuredScheme>,
+    ) -> Result<QuantumMethod> {
         let own;
         let measured = match known {
             Some(measured) => measured,
             None => {
                 let plain = classical(scheme, Integrator::Exponential, Limiter::None);
-                own = Measured::new(self.world, &plain, self.exact)?;
+                own = MeasuredScheme::new(self.world, &plain, self.exact)?;
                 &own
             }
         };
@@ -453,7 +468,7 @@ impl Task<'_> {
         let cost = accesses.least(&demand, &[evolutions.clone(), evolutions.clone()]);
         let mut grids = measured.grids.clone();
         grids.push(shape);
-        Ok(Way {
+        Ok(QuantumMethod {
             name,
             grids,
             errors: measured.errors.clone(),
@@ -491,7 +506,7 @@ impl Task<'_> {
     }
 
     /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
-    fn over_characteristics(&self, case: &Case, traced: &Traced) -> Way {
+    fn over_characteristics(&self, case: &Case, traced: &TracedDensity) -> QuantumMethod {
         /// Bits beyond `log₂ 1/ε`.
         const GUARD: f64 = 10.0;
         /// Products, quotients and roots of a leg of a trace, and of the initial formula.
@@ -510,7 +525,7 @@ impl Task<'_> {
         let products = OF_LEG * (traced.crossings as f64 + 1.0) + OF_FORMULA;
         let trace = Figure::model(2.0 * products * bits * bits, WHY);
         let evolutions = Figure::bound(preparations(register));
-        Way {
+        QuantumMethod {
             name: "reversible characteristics",
             grids: Vec::new(),
             errors: Vec::new(),
@@ -524,15 +539,15 @@ impl Task<'_> {
     }
 }
 
-/// What the numbers say.
-fn verdict(quantum: &[Way], classical: &[Baseline]) -> Vec<String> {
-    let known = |way: &&Way| way.toffoli.value().is_some();
-    let least = |a: &&Way, b: &&Way| {
-        let number = |way: &Way| way.toffoli.value().unwrap_or(f64::INFINITY);
+/// Sentences on the cheapest methods.
+fn verdict(quantum: &[QuantumMethod], classical: &[ClassicalMethod]) -> Vec<String> {
+    let known = |way: &&QuantumMethod| way.toffoli.value().is_some();
+    let least = |a: &&QuantumMethod, b: &&QuantumMethod| {
+        let number = |way: &QuantumMethod| way.toffoli.value().unwrap_or(f64::INFINITY);
         number(a).total_cmp(&number(b))
     };
     let fastest = classical.iter().min_by(|a, b| {
-        let number = |b: &Baseline| b.seconds.value().unwrap_or(f64::INFINITY);
+        let number = |b: &ClassicalMethod| b.seconds.value().unwrap_or(f64::INFINITY);
         number(a).total_cmp(&number(b))
     });
     let mut lines = Vec::new();
@@ -562,11 +577,13 @@ impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
     pub fn columns(&self) -> Vec<Values> {
         let none = Figure::unavailable("");
-        let quantum = |name: &str, figure: fn(&Way) -> &Figure| {
+        let quantum = |name: &str, figure: fn(&QuantumMethod) -> &Figure| {
             let without = self.classical.iter().map(|_| &none);
             Figure::column(name, self.quantum.iter().map(figure).chain(without))
         };
-        let words = |name: &str, word: fn(&Way) -> Value, other: fn(&Baseline) -> Value| {
+        let words = |name: &str,
+                     word: fn(&QuantumMethod) -> Value,
+                     other: fn(&ClassicalMethod) -> Value| {
             Values::new(name, self.quantum.iter().map(word).chain(self.classical.iter().map(other)))
         };
         let seconds = self.quantum.iter().map(|_| &none);
@@ -623,7 +640,7 @@ impl fmt::Display for EndToEnd {
             .collect();
         writeln!(f, "{}", CostTable(rows))?;
         writeln!(f, "CLASSICAL")?;
-        for Baseline { name, size, seconds } in &self.classical {
+        for ClassicalMethod { name, size, seconds } in &self.classical {
             let what = if name.contains("stepping") { "cells" } else { "traces" };
             writeln!(f, "  {name:<34}{size:>10.2e} {what:<7}{seconds}")?;
         }

@@ -6,11 +6,11 @@ use crate::results::figure::Figure;
 use serde::Serialize;
 use std::path::Path;
 
-/// What is written of a study.
+/// The files of a study.
 pub struct Files<'a, T> {
     /// Name of the files, without an ending.
     pub name: &'a str,
-    /// For the JSON file.
+    /// The result, for the JSON file.
     pub found: &'a T,
     /// The CSV file.
     pub table: String,

@@ -22,6 +22,9 @@ const FEWEST: [[usize; 3]; 2] = [[8, 4, 4], [4, 2, 2]];
 /// The coarsest grid has the case's cells over at most two to this power.
 const COARSEST: u32 = 3;
 
+/// Largest number of cells of space of a grid that is planned for.
+pub const MOST_PLANNED_SPACE_CELLS: f64 = (1u64 << 22) as f64;
+
 /// `shape` as text: `64 x 48`.
 pub fn shape_text(shape: &[usize]) -> String {
     let cells: Vec<String> = shape.iter().map(usize::to_string).collect();

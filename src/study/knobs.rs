@@ -1,7 +1,7 @@
 //! The choices of a case that studies vary: the cells of its grid, a table of words and numbers,
 //! and the values that are compared.
 //!
-//! A choice that studies shall vary is one line of [`KNOBS`]: advice then writes it as a setting,
+//! A choice that studies shall vary is one line of [`CHOICES`]: advice then writes it as a setting,
 //! and the cost model keeps apart the matrices that differ by it.
 
 use crate::base::text::word;
@@ -12,7 +12,7 @@ use crate::problem::case::{
 use crate::study::grids::degree_settings;
 
 /// A choice of a case.
-pub struct Knob {
+pub struct Choice {
     /// The key that `--set` takes.
     pub key: &'static str,
     /// The value of a case, as `--set` takes it.
@@ -35,19 +35,18 @@ fn flux(case: &Case) -> String {
 
 /// All choices but elements and degree.
 #[rustfmt::skip]
-pub const KNOBS: [Knob; 6] = [
-    Knob { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
-    Knob { key: "scheme.interface", value: interface, method: None, rows: true },
-    Knob { key: "scheme.flux", value: flux, method: None, rows: true },
-    Knob { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
-    Knob { key: "solver.classical.integrator", value: |c| word(&c.integrator),
+pub const CHOICES: [Choice; 6] = [
+    Choice { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
+    Choice { key: "scheme.interface", value: interface, method: None, rows: true },
+    Choice { key: "scheme.flux", value: flux, method: None, rows: true },
+    Choice { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
+    Choice { key: "solver.classical.integrator", value: |c| word(&c.integrator),
            method: Some(Method::Classical), rows: false },
-    Knob { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
+    Choice { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
            method: Some(Method::Schrodingerized), rows: false },
 ];
 
-/// Profiles that are compared, with their names; the first one is that of comparisons of other
-/// choices.
+/// Profiles that are compared, with their names. Comparisons of other choices use the first one.
 pub static PROFILES: [(&str, ProfileChoice); 6] = [
     ("designed", ProfileChoice::Designed),
     ("gaussian", ProfileChoice::Gaussian { sigma: None }),
@@ -77,12 +76,12 @@ pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorM
 
 /// The choices that the rows of `A` depend on, beside grid and potential.
 pub fn row_choices(case: &Case) -> String {
-    let rows = KNOBS.iter().filter(|knob| knob.rows).map(|knob| (knob.value)(case));
+    let rows = CHOICES.iter().filter(|choice| choice.rows).map(|choice| (choice.value)(case));
     let degrees = case.space.axes().map(|axis| axis.nodes.degree.to_string());
     rows.chain(degrees).collect::<Vec<_>>().join(" ")
 }
 
-/// What `--set` takes to give `case` the grid and the choices of `target`.
+/// The `--set` options that give `case` the grid and the choices of `target`.
 pub fn settings(case: &Case, target: &Case) -> Vec<String> {
     let mut set = Vec::new();
     for axis in 0..case.space.dimension() {
@@ -97,10 +96,10 @@ pub fn settings(case: &Case, target: &Case) -> Vec<String> {
     if degrees(case) != degrees(target) {
         set.extend(degree_settings(case, target.space.degree()));
     }
-    for knob in KNOBS.iter().filter(|k| k.method.is_none_or(|method| method == target.method)) {
-        let value = (knob.value)(target);
-        if !value.is_empty() && value != (knob.value)(case) {
-            set.push(format!("{}={value}", knob.key));
+    for choice in CHOICES.iter().filter(|k| k.method.is_none_or(|method| method == target.method)) {
+        let value = (choice.value)(target);
+        if !value.is_empty() && value != (choice.value)(case) {
+            set.push(format!("{}={value}", choice.key));
         }
     }
     set

@@ -7,12 +7,12 @@
 //! a block; what all ranks share by their number; the rest stays.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::time_text;
 use crate::base::text::{bytes_text, counted, shortened};
 use crate::plan::Plan;
 use crate::plan::advice::Node;
 use crate::problem::case::Case;
 use crate::study::calibrate::Calibration;
-use crate::study::text::time_text;
 use serde::Serialize;
 use std::fmt;
 
@@ -27,17 +27,17 @@ const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
 const SHARED: [&str; 2] = ["exact", "observables"];
 
 /// A run whose seconds were measured, by which those of others are scaled.
-pub struct Reference<'a> {
+pub struct CalibratedRun<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// Calibration of the run.
     pub calibration: &'a Calibration,
 }
 
-impl Reference<'_> {
+impl CalibratedRun<'_> {
     /// The seconds of a run on another `plan` of the same `case`.
     fn seconds(&self, case: &Case, plan: &Plan) -> f64 {
-        let (from, to) = (Size::new(case, self.plan), Size::new(case, plan));
+        let (from, to) = (RankLoad::new(case, self.plan), RankLoad::new(case, plan));
         let scaled = |(name, seconds): (&String, &f64)| match name.as_str() {
             "solve" => seconds * to.cost / from.cost,
             name if ON_BLOCKS.contains(&name) => seconds * to.rows / from.rows,
@@ -48,8 +48,8 @@ impl Reference<'_> {
     }
 }
 
-/// How much a rank has to do by a plan.
-struct Size {
+/// The load of a rank by a plan.
+struct RankLoad {
     ranks: f64,
     /// Modelled time to solve.
     cost: f64,
@@ -57,7 +57,7 @@ struct Size {
     rows: f64,
 }
 
-impl Size {
+impl RankLoad {
     fn new(case: &Case, plan: &Plan) -> Self {
         let (layout, warp) = (&plan.layout, plan.warp.as_ref());
         let (rows, split) = layout.rows(case, warp);
@@ -69,7 +69,7 @@ impl Size {
     }
 }
 
-/// What a number of ranks costs.
+/// The cost of a run on a number of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RankCost {
     /// Number of ranks.
@@ -105,7 +105,7 @@ pub struct RankCost {
 /// A number of ranks in a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Line {
+pub enum RankLine {
     /// One on which the case can run.
     Planned(RankCost),
     /// One on which it cannot.
@@ -122,11 +122,11 @@ pub enum Line {
 #[serde(transparent)]
 pub struct RankTable {
     /// A line a number of ranks, rising.
-    pub lines: Vec<Line>,
+    pub lines: Vec<RankLine>,
 }
 
 /// A case on so many ranks.
-pub struct Choice {
+pub struct RankChoice {
     /// Number of ranks.
     pub ranks: usize,
     /// The node.
@@ -142,25 +142,25 @@ impl RankTable {
     /// That of the last number of ranks, if the case can run on none.
     pub fn new(
         case: &Case,
-        choices: Vec<Choice>,
-        reference: Option<&Reference<'_>>,
+        choices: Vec<RankChoice>,
+        reference: Option<&CalibratedRun<'_>>,
     ) -> Result<Self> {
         let mut lines = Vec::new();
         let mut last_error = None;
-        let mut worth: Option<Worth> = None;
-        for Choice { ranks, node, plan } in choices {
+        let mut worth: Option<WorthwhileRanks> = None;
+        for RankChoice { ranks, node, plan } in choices {
             let plan = match plan {
                 Ok(plan) => plan,
                 Err(error) => {
-                    lines.push(Line::Refused { ranks, refused: refusal(&error) });
+                    lines.push(RankLine::Refused { ranks, refused: refusal(&error) });
                     last_error = Some(error);
                     continue;
                 }
             };
             let seconds = reference.map(|reference| reference.seconds(case, &plan));
-            let time = seconds.unwrap_or_else(|| Size::new(case, &plan).cost);
-            let worth = worth.get_or_insert(Worth::first(ranks, time));
-            lines.push(Line::Planned(RankCost {
+            let time = seconds.unwrap_or_else(|| RankLoad::new(case, &plan).cost);
+            let worth = worth.get_or_insert(WorthwhileRanks::first(ranks, time));
+            lines.push(RankLine::Planned(RankCost {
                 ranks,
                 time: time / worth.first_time,
                 core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
@@ -186,15 +186,15 @@ impl RankTable {
 
     fn costs_mut(&mut self) -> impl Iterator<Item = &mut RankCost> {
         self.lines.iter_mut().filter_map(|line| match line {
-            Line::Planned(cost) => Some(cost),
-            Line::Refused { .. } => None,
+            RankLine::Planned(cost) => Some(cost),
+            RankLine::Refused { .. } => None,
         })
     }
 
     fn costs(&self) -> impl DoubleEndedIterator<Item = &RankCost> {
         self.lines.iter().filter_map(|line| match line {
-            Line::Planned(cost) => Some(cost),
-            Line::Refused { .. } => None,
+            RankLine::Planned(cost) => Some(cost),
+            RankLine::Refused { .. } => None,
         })
     }
 
@@ -203,7 +203,7 @@ impl RankTable {
         self.costs().find(|cost| cost.recommended)
     }
 
-    /// What follows from the table.
+    /// The conclusion from the table, as text.
     fn conclusion(&self) -> String {
         let (Some(best), Some(most)) = (self.recommended(), self.costs().next_back()) else {
             return String::new();
@@ -234,7 +234,7 @@ fn refusal(error: &Error) -> String {
 }
 
 /// The numbers of ranks that are worth it, as they rise.
-struct Worth {
+struct WorthwhileRanks {
     first_ranks: usize,
     first_time: f64,
     /// The last that was, and its time.
@@ -242,7 +242,7 @@ struct Worth {
     last_time: f64,
 }
 
-impl Worth {
+impl WorthwhileRanks {
     fn first(ranks: usize, time: f64) -> Self {
         Self { first_ranks: ranks, first_time: time, last: ranks, last_time: time }
     }
@@ -278,8 +278,8 @@ impl fmt::Display for RankTable {
         writeln!(f)?;
         for line in &self.lines {
             match line {
-                Line::Planned(cost) => writeln!(f, "{cost}")?,
-                Line::Refused { ranks, refused } => {
+                RankLine::Planned(cost) => writeln!(f, "{cost}")?,
+                RankLine::Refused { ranks, refused } => {
                     writeln!(f, "{ranks:>7} refused: {}", shortened(refused, LONGEST))?;
                 }
             }
@@ -320,7 +320,7 @@ mod tests {
 
     /// The numbers of ranks that are worth it, with these times.
     fn worth(times: &[(usize, f64)]) -> Vec<usize> {
-        let mut worth = Worth::first(times[0].0, times[0].1);
+        let mut worth = WorthwhileRanks::first(times[0].0, times[0].1);
         let included = times.iter().filter(|(ranks, time)| worth.includes(*ranks, *time));
         let included: Vec<usize> = included.map(|(ranks, _)| *ranks).collect();
         assert_eq!(included.last(), Some(&worth.last));

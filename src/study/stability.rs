@@ -24,60 +24,61 @@ pub mod interval;
 pub mod panel;
 pub mod reading;
 pub mod recovery;
+pub mod reference;
 pub mod report;
 pub mod scene;
 pub mod search;
 pub mod tolerance;
-pub mod yardstick;
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::study::budget::{Budget, refuse_long_look};
+use crate::study::budget::{Budget, refuse_slow_potential};
 use crate::study::stability::panel::{
-    Findings, Found, LeftOut, Name, Panel, Scale, Stability, Sweep,
+    AxisScale, Findings, LeftOut, Panel, PanelName, PanelResult, PanelTask, Stability,
 };
+use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
 /// A panel: the varied number along `x`, the measured one along `y`, and how.
-struct Entry {
-    name: Name,
+struct PanelSpec {
+    name: PanelName,
     title: &'static str,
     /// Whether it seldom takes an eighth of the budget, so that it may get two shares.
     cheap: bool,
-    x: Scale,
-    y: Scale,
-    measure: fn(&Sweep<'_>) -> Found,
+    x: AxisScale,
+    y: AxisScale,
+    measure: fn(&PanelTask<'_>) -> PanelResult,
 }
 
 /// All panels in the order in which they are measured, the cheap ones first.
 #[rustfmt::skip]
-const PANELS: [Entry; 8] = [
-    Entry { name: Name::Delta, title: "Delta of the inflow", cheap: true,
-            x: Scale::log("delta"), y: Scale::log("factor"), measure: inflow::panel },
-    Entry { name: Name::Cfl, title: "Step of the explicit methods", cheap: true,
-            x: Scale::linear("cfl = step x largest rate"), y: Scale::log(explicit::GROWTH),
+const PANELS: [PanelSpec; 8] = [
+    PanelSpec { name: PanelName::Delta, title: "Delta of the inflow", cheap: true,
+            x: AxisScale::log("delta"), y: AxisScale::log("factor"), measure: inflow::panel },
+    PanelSpec { name: PanelName::Cfl, title: "Step of the explicit methods", cheap: true,
+            x: AxisScale::linear("cfl = step x largest rate"), y: AxisScale::log(explicit::GROWTH),
             measure: explicit::panel },
-    Entry { name: Name::Interval, title: "Error against the interval", cheap: true,
-            x: Scale::linear("end of the interval in p"), y: Scale::log("relative l2 error"),
+    PanelSpec { name: PanelName::Interval, title: "Error against the interval", cheap: true,
+            x: AxisScale::linear("end of the interval in p"), y: AxisScale::log("relative l2 error"),
             measure: interval::panel },
-    Entry { name: Name::Recovery, title: "Error against the recovery point", cheap: true,
-            x: Scale::linear("recovery point p"), y: Scale::log("relative l2 error"),
+    PanelSpec { name: PanelName::Recovery, title: "Error against the recovery point", cheap: true,
+            x: AxisScale::linear("recovery point p"), y: AxisScale::log("relative l2 error"),
             measure: recovery::panel },
-    Entry { name: Name::Step, title: "Step of the implicit methods", cheap: false,
-            x: Scale::log("step"), y: Scale::log("relative l2 error"), measure: implicit::panel },
-    Entry { name: Name::Tolerance, title: "Tolerance against round-off", cheap: false,
-            x: Scale::log("tolerance asked"), y: Scale::log("relative l2 error reached"),
+    PanelSpec { name: PanelName::Step, title: "Step of the implicit methods", cheap: false,
+            x: AxisScale::log("step"), y: AxisScale::log("relative l2 error"), measure: implicit::panel },
+    PanelSpec { name: PanelName::Tolerance, title: "Tolerance against round-off", cheap: false,
+            x: AxisScale::log("tolerance asked"), y: AxisScale::log("relative l2 error reached"),
             measure: tolerance::panel },
-    Entry { name: Name::Grazing, title: "Grazing: growth against the jump", cheap: false,
-            x: Scale::linear("largest jump of V"), y: Scale::linear("lambda+ T, hat, no weights"),
+    PanelSpec { name: PanelName::Grazing, title: "Grazing: growth against the jump", cheap: false,
+            x: AxisScale::linear("largest jump of V"), y: AxisScale::linear("lambda+ T, hat, no weights"),
             measure: grazing::panel },
-    Entry { name: Name::Growth, title: "Growth against refinement", cheap: false,
-            x: Scale::log("cells along x"), y: Scale::log("amplification exp(lambda+ T)"),
+    PanelSpec { name: PanelName::Growth, title: "Growth against refinement", cheap: false,
+            x: AxisScale::log("cells along x"), y: AxisScale::log("amplification exp(lambda+ T)"),
             measure: growth::panel },
 ];
 
-impl Entry {
+impl PanelSpec {
     fn panel(&self, found: Findings) -> Panel {
         let Findings { shape, curves, borders, verdict, notes } = found;
         let Self { name, title, .. } = *self;
@@ -91,32 +92,29 @@ impl Entry {
 /// # Errors
 /// [`Error::Input`] for a case that starts from a file. A panel that fails is left out with
 /// the reason.
-pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Result<Stability> {
-    if case.start.is_some() {
-        let what = "initial.warped: stability takes a case whose field at the start is a formula";
-        return Err(Error::Input(what.to_owned()));
-    }
-    if let Some(start) = &case.start_field {
-        let what = "stability takes a case whose field at the start is a formula; leave it out, \
-                    with time.start";
-        return Err(Error::Input(format!("{}: {what}", start.place)));
-    }
-    refuse_long_look(world, case, limit.as_secs_f64())?;
+pub fn measure(
+    world: &World,
+    case: &Case,
+    only: &[PanelName],
+    limit: Duration,
+) -> Result<Stability> {
+    refuse_start_from_file(case, "stability takes a case whose field at the start is a formula")?;
+    refuse_slow_potential(world, case, limit.as_secs_f64())?;
     let mut budget = Budget::new(world, limit.as_secs_f64());
-    let wanted: Vec<&Entry> =
-        (PANELS.iter()).filter(|entry| only.is_empty() || only.contains(&entry.name)).collect();
+    let wanted: Vec<&PanelSpec> =
+        (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();
     let swept = scene::of(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
-    for (done, entry) in wanted.iter().enumerate() {
+    for (done, spec) in wanted.iter().enumerate() {
         let left = wanted.len() - done;
-        budget.share(if entry.cheap && left > 1 { 2 } else { 1 }, left);
+        budget.share(if spec.cheap && left > 1 { 2 } else { 1 }, left);
         let found = match budget.is_over() {
             true => Err("the budget is used up".into()),
-            false => (entry.measure)(&Sweep { world, case: &swept, budget: &budget }),
+            false => (spec.measure)(&PanelTask { world, case: &swept, budget: &budget }),
         };
         match found {
-            Ok(found) => panels.push(entry.panel(found)),
-            Err(reason) => left_out.push(LeftOut { name: entry.name, reason: reason.0 }),
+            Ok(found) => panels.push(spec.panel(found)),
+            Err(reason) => left_out.push(LeftOut { name: spec.name, reason: reason.0 }),
         }
     }
     panels.sort_by_key(|panel| panel.name);

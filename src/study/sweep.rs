@@ -28,8 +28,8 @@ use std::sync::atomic::Ordering;
 /// Most runs of a sweep.
 const MOST_RUNS: usize = 10_000;
 
-/// What is swept.
-pub struct Asked {
+/// The sweep that is asked for.
+pub struct SweepRequest {
     /// The case file.
     pub path: PathBuf,
     /// Text of the case file.
@@ -70,11 +70,11 @@ impl Run {
 pub struct Sweep {
     /// The runs.
     pub runs: Vec<Run>,
-    asked: Asked,
+    request: SweepRequest,
     keys: Vec<String>,
 }
 
-/// How a run is done.
+/// How a run was completed.
 enum Done {
     /// Done by an earlier process.
     Before,
@@ -94,8 +94,8 @@ impl fmt::Display for Done {
     }
 }
 
-/// A sweep that came to its end, or was stopped.
-pub struct Outcome {
+/// The result of a sweep, complete or stopped.
+pub struct SweepResult {
     /// The runs that it came to.
     pub table: Table,
     /// Why it is not at its end.
@@ -108,18 +108,18 @@ impl Sweep {
     /// # Errors
     /// [`Error::Input`] where a key is varied twice, there are too many runs, two of them are the
     /// same, or no combination is a case: also where a key is unknown.
-    pub fn new(asked: Asked) -> Result<Self> {
-        let keys: Vec<String> = asked.vary.iter().map(|vary| vary.key.clone()).collect();
+    pub fn new(request: SweepRequest) -> Result<Self> {
+        let keys: Vec<String> = request.vary.iter().map(|vary| vary.key.clone()).collect();
         if let Some(i) = (1..keys.len()).find(|&i| keys[..i].contains(&keys[i])) {
             return Err(Error::Input(format!("--vary {}: given twice", keys[i])));
         }
-        let factors = asked.vary.iter().map(|vary| vary.values.len());
+        let factors = request.vary.iter().map(|vary| vary.values.len());
         let count = factors.fold(1usize, usize::saturating_mul);
         if count > MOST_RUNS {
             let message = format!("--vary: {count} combinations; at most {MOST_RUNS} expected");
             return Err(Error::Input(message));
         }
-        let mut sweep = Self { runs: Vec::new(), asked, keys };
+        let mut sweep = Self { runs: Vec::new(), request, keys };
         let mut refusals = Vec::new();
         for index in 0..count {
             let mut run = sweep.combination(index)?;
@@ -145,7 +145,7 @@ impl Sweep {
 
     /// The run of this index, from 0.
     fn combination(&self, index: usize) -> Result<Run> {
-        let Asked { path, text, set, mode, vary, directory } = &self.asked;
+        let SweepRequest { path, text, set, mode, vary, directory } = &self.request;
         let mut rest = index;
         let mut chosen: Vec<String> = Vec::new();
         for Vary { key, values } in vary.iter().rev() {
@@ -165,8 +165,11 @@ impl Sweep {
 
     /// The case of a run.
     fn case(&self, run: &Run) -> Result<Case> {
-        let case =
-            Case::parse(&self.asked.path.display().to_string(), &self.asked.text, &run.overrides)?;
+        let case = Case::parse(
+            &self.request.path.display().to_string(),
+            &self.request.text,
+            &run.overrides,
+        )?;
         match case.accuracy {
             None => Ok(case),
             Some(accuracy) => Err(Error::Input(format!(
@@ -212,12 +215,12 @@ impl Sweep {
     /// # Errors
     /// What leaves nothing to go on with: results that cannot be written, a wall time too short for
     /// anything.
-    pub fn solve(&self, world: &World, options: &Options) -> Result<Outcome> {
+    pub fn solve(&self, world: &World, options: &Options) -> Result<SweepResult> {
         let mut table = Table::new(&self.keys);
         let (mut finished, mut computed) = (0, 0);
         for run in &self.runs {
             let stopped = |why: String| self.stopped(why, finished, self.runs.len());
-            let found = match told_to_stop(world, options, computed > 0) {
+            let found = match reason_to_stop(world, options, computed > 0) {
                 Some(why) => Err(stopped(why)),
                 None => self.attempt(world, run, options),
             };
@@ -241,12 +244,12 @@ impl Sweep {
             }
             if too_late || error.exit_code() == CAN_GO_ON {
                 let stopped = Some(stopped(why(&error)));
-                return Ok(Outcome { table, stopped });
+                return Ok(SweepResult { table, stopped });
             }
             self.report_end(world, run, &error);
             table.rows.push(run.row(Value::Null, Some(error.to_string())));
         }
-        Ok(Outcome { table, stopped: None })
+        Ok(SweepResult { table, stopped: None })
     }
 
     /// The table of the finished runs; nothing is solved. Collective.
@@ -305,7 +308,7 @@ impl Sweep {
     }
 
     fn stopped(&self, why: String, finished: usize, runs: usize) -> Error {
-        Error::SweepStopped { why, path: self.asked.directory.clone(), finished, runs }
+        Error::SweepStopped { why, path: self.request.directory.clone(), finished, runs }
     }
 }
 
@@ -330,7 +333,7 @@ fn is_too_late(world: &World, error: &Error) -> bool {
 
 /// Why nothing more is to be begun: a signal to any rank; or the wall time, where `computed`
 /// something was, as one too short for anything is an error of the run. Collective.
-fn told_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
+fn reason_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
     let signal = options.stop.load(Ordering::Relaxed);
     let wall = options.walltime.filter(|_| computed);
     let late = wall.is_some_and(|wall| world.started.elapsed() >= wall);

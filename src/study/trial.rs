@@ -1,6 +1,6 @@
 //! Trials: runs of a case for its numbers only, in memory and without console output.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
@@ -62,6 +62,20 @@ pub fn final_fields_only(case: &Case) -> Case {
         times: Vec::new(),
         warped_field: false,
         ..case.clone()
+    }
+}
+
+/// Refuses a case that starts from a file, for the reason `why`.
+///
+/// # Errors
+/// [`Error::Input`] with the place of the key, the reason, and what to give instead.
+pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
+    let warped = case.start.as_ref().map(|start| (&start.place, "give initial.f"));
+    let field = case.start_field.as_ref();
+    let field = field.map(|start| (&start.place, "leave it out, with time.start"));
+    match warped.or(field) {
+        Some((place, instead)) => Err(Error::Input(format!("{place}: {why}; {instead}"))),
+        None => Ok(()),
     }
 }
 

@@ -16,7 +16,7 @@ use phasewarp::results::pictures;
 use phasewarp::results::start_field::origin;
 use phasewarp::results::table_file::with_tables;
 use phasewarp::results::untrusted;
-use phasewarp::results::warped::given::Given;
+use phasewarp::results::warped::given::WarpedFile;
 use std::fs;
 use std::path::Path;
 use std::str::FromStr;
@@ -331,7 +331,7 @@ impl Files {
         }))?;
         accepted |= said(started(&world, &path))?;
         let plain = Self::case("", &path).ok_or("the case of warped fields")?;
-        accepted |= said(Given::new(&world, &path, &plain, "initial.warped").map(drop))?;
+        accepted |= said(WarpedFile::new(&world, &path, &plain, "initial.warped").map(drop))?;
         let table = Self::case("table", &path).ok_or("the case of tables")?;
         accepted |= said(with_tables(&world, &table).map(drop))?;
         Ok(accepted)

@@ -5,7 +5,7 @@ use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::split;
 use phasewarp::problem::case::{Case, Exact};
 use phasewarp::run::exact::averaged_density;
-use phasewarp::run::exact::solution::Exactly;
+use phasewarp::run::exact::solution::ExactValues;
 use phasewarp::run::exact::velocities::VelocityIntegrals;
 
 /// The case `text`, with an exact solution.
@@ -32,7 +32,7 @@ pub fn jumps_are_integrated(world: &World) {
             v = {{ lower = -1.3, upper = 1.7, cells = 5 }}
             "#
         ));
-        let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+        let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
         let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, 1.0);
         let axis = &case.space.x[0];
         let mine = split(&(0..axis.cells), group.size(), group.rank());
@@ -80,7 +80,7 @@ pub fn filaments_are_integrated(world: &World) {
         v = { lower = -1.6, upper = 1.6, cells = 16 }
         "#,
     );
-    let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
     let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places: Vec<[f64; 3]> = (0..9).map(|k| [-1.9 + 0.41 * k as f64, 0.0, 0.0]).collect();
     for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
@@ -96,7 +96,12 @@ pub fn filaments_are_integrated(world: &World) {
 }
 
 /// The density at a place by so many equal steps along each velocity axis.
-fn by_equal_steps(case: &Case, exactly: &Exactly<'_>, place: &[f64; 3], steps: &[usize]) -> f64 {
+fn by_equal_steps(
+    case: &Case,
+    exactly: &ExactValues<'_>,
+    place: &[f64; 3],
+    steps: &[usize],
+) -> f64 {
     let axes = &case.space.v;
     let [x, y, z] = *place;
     let (mut sum, mut points) = (0.0, Vec::new());
@@ -141,7 +146,7 @@ pub fn corners_are_integrated(world: &World) {
         v = { lower = -1.2, upper = 1.2, cells = 16 }
         "#,
     );
-    let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
     let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places: Vec<[f64; 3]> =
         (0..8).map(|k| [-0.9 + 0.27 * k as f64, 0.5 - 0.31 * (k % 4) as f64, 0.0]).collect();
@@ -187,7 +192,7 @@ pub fn a_step_in_space_is_integrated(world: &World) {
         v = { lower = -0.8, upper = 0.8, cells = 8 }
         "#,
     );
-    let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
     let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places = [[-0.2, 0.1, 0.0], [-0.03, -0.2, 0.1], [0.15, 0.05, -0.1], [0.4, 0.0, 0.2]];
     const STEPS: [usize; 3] = [1600, 24, 24];
@@ -222,7 +227,7 @@ pub fn smooth_data_take_the_grid(world: &World) {
             "#,
             initial.replace("r", "(x^2 + y^2 + vx^2 + vy^2)")
         ));
-        let exactly = Exactly::new(&group, &case, &exact).expect("an exact solution");
+        let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
         let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
         assert_eq!(integrals.grid_error().is_some(), smooth, "{initial}");
         let place = [0.13, -0.2, 0.0];

@@ -14,10 +14,10 @@ use phasewarp::parallel::communicator::{Communicator, Group, World};
 use phasewarp::parallel::partition::{Block, Mesh};
 use phasewarp::plan::Plan;
 use phasewarp::problem::case::Case;
-use phasewarp::results::dataset::About;
+use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{Domain, Given};
+use phasewarp::results::warped::given::{Domain, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};
@@ -153,7 +153,7 @@ impl WarpedField<'_> {
             }
             kept.progress_mut()[k] = ModeProgress { phase: phase(l), ..ModeProgress::start(1.0) };
         }
-        let about = About {
+        let about = FileAttributes {
             case: self.case,
             plan: &plan,
             time: 0.5,
@@ -167,12 +167,12 @@ impl WarpedField<'_> {
     }
 
     /// The file holds the sum over the modes.
-    fn check_file(&self, world: &World, path: &Path) -> Given {
+    fn check_file(&self, world: &World, path: &Path) -> WarpedFile {
         let group = world.group();
         let datasets = readback::check(&group, path).expect("a file as written");
         let axes = self.case.space.shape().len();
         assert_eq!(datasets, axes + 4, "w, axes, p, case, plan");
-        let given = Given::new(&group, path, self.case, "here").expect("a warped field");
+        let given = WarpedFile::new(&group, path, self.case, "here").expect("a warped field");
         let length = given.interval[1] - given.interval[0];
         assert!((length - self.series.period).abs() < 1e-13);
         if group.rank() == 0 {
@@ -204,7 +204,7 @@ impl WarpedField<'_> {
     }
 
     /// Of the values at all points, whatever they came from, the modes of unit factors.
-    fn check_modes(&self, given: &Given) {
+    fn check_modes(&self, given: &WarpedFile) {
         let ones = Series::ones(self.series.period, given.points);
         let groups = self.rank.communicator.modes.size();
         let modes = dealt(ones.modes(), groups);
@@ -251,12 +251,12 @@ const POINTS: [f64; 4] = [-1.0, -0.5, 0.0, 0.5];
 
 impl Files<'_> {
     /// What a run finds in a file that `write` fills.
-    fn given(&self, write: impl Fn(&File)) -> Result<Given, Error> {
+    fn given(&self, write: impl Fn(&File)) -> Result<WarpedFile, Error> {
         if self.group.rank() == 0 {
             write(&File::create(&self.path).expect("a file"));
         }
         self.group.barrier();
-        let found = Given::new(self.group, &self.path, &self.case, "initial.warped");
+        let found = WarpedFile::new(self.group, &self.path, &self.case, "initial.warped");
         self.group.barrier();
         found
     }
@@ -309,7 +309,7 @@ pub fn warped_files_refused(world: &World) {
         (&shared.path, "is no file"),
         (&readme, "cannot be read as HDF5"),
     ] {
-        let found = Given::new(&group, path, &files.case, "initial.warped");
+        let found = WarpedFile::new(&group, path, &files.case, "initial.warped");
         check_refusal(&found.expect_err(message), message);
     }
     refused_contents(world, &files);

@@ -207,7 +207,7 @@ impl<'t> CaseFile<'t> {
             key: Some(key.to_owned()),
             value,
             message: message.to_owned(),
-            said: Some(format!("{key}{given}{number}: {message}")),
+            text: Some(format!("{key}{given}{number}: {message}")),
             ..Refusal::default()
         };
         self.refusal(found.span, refusal)

@@ -39,7 +39,7 @@ const LIGHT: RGBColor = RGBColor(240, 240, 240);
 const BAND: RGBColor = RGBColor(238, 238, 238);
 
 /// A panel with its axes as they are drawn.
-pub struct Frame<'a> {
+pub struct PanelFrame<'a> {
     panel: &'a Panel,
     /// Width and height in points.
     size: [f64; 2],
@@ -48,14 +48,14 @@ pub struct Frame<'a> {
 }
 
 /// An entry of the legend.
-struct Entry<'a> {
+struct LegendEntry<'a> {
     label: &'a str,
     style: &'a Style,
     /// Whether a line joins the points.
     joined: bool,
 }
 
-fn entry(layer: &Layer) -> Option<Entry<'_>> {
+fn entry(layer: &Layer) -> Option<LegendEntry<'_>> {
     let (label, style, joined) = match layer {
         Layer::Line { label, style, .. } => (label, style, true),
         Layer::Points { label, style, .. } | Layer::Intervals { label, style, .. } => {
@@ -63,10 +63,10 @@ fn entry(layer: &Layer) -> Option<Entry<'_>> {
         }
         _ => return None,
     };
-    (!label.is_empty()).then_some(Entry { label, style, joined })
+    (!label.is_empty()).then_some(LegendEntry { label, style, joined })
 }
 
-impl<'a> Frame<'a> {
+impl<'a> PanelFrame<'a> {
     /// The panel in a frame of `size` points.
     pub fn new(panel: &'a Panel, size: [f64; 2]) -> Self {
         let [x, y] = ends(panel);
@@ -120,7 +120,7 @@ impl<'a> Frame<'a> {
             .build_cartesian_2d(self.x.clone(), self.y.clone());
         let mut chart = chart.map_err(|e| e.to_string())?;
         self.mesh(&mut chart)?;
-        let plot = Plot::new(self, chart.plotting_area().strip_coord_spec());
+        let plot = PlotArea::new(self, chart.plotting_area().strip_coord_spec());
         plot.draw()?;
         let mut beside = left + self.size[0] + 8.0;
         for map in self.maps() {
@@ -194,7 +194,7 @@ pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
     }
 }
 
-/// What the colours of a map stand for: a chart of its own, as high as the map's.
+/// The colour bar of a map: a chart of its own, as high as the map's.
 fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     let height = area.dim_in_pixel().1 as i32 - pixels(ABOVE + BELOW);
     let values = Ruler::new(&Axis::linear(""), map_range(map), f64::from(height) / PIXELS);
@@ -229,15 +229,15 @@ fn overlap(a: &[Place; 2], b: &[Place; 2]) -> bool {
 }
 
 /// The inside of a frame.
-struct Plot<'a, DB: DrawingBackend> {
-    frame: &'a Frame<'a>,
+struct PlotArea<'a, DB: DrawingBackend> {
+    frame: &'a PanelFrame<'a>,
     area: Area<DB>,
     /// The lower right pixel.
     end: Place,
 }
 
-impl<'a, DB: DrawingBackend> Plot<'a, DB> {
-    fn new(frame: &'a Frame<'a>, area: Area<DB>) -> Self {
+impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
+    fn new(frame: &'a PanelFrame<'a>, area: Area<DB>) -> Self {
         let (width, height) = area.dim_in_pixel();
         let end = [width, height].map(|length| f64::from(length) - 1.0);
         Self { frame, area, end }

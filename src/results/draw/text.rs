@@ -7,7 +7,7 @@ use plotters::style::register_font;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::sync::Once;
 
-/// What a viewer of an SVG looks for; for the rest the font is in the program.
+/// Font family of SVG files, for viewers; pixels are drawn with the font in the program.
 const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
 
 fn register() {

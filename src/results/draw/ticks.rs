@@ -89,7 +89,7 @@ fn named(names: &[String]) -> Vec<Tick> {
     names.iter().enumerate().map(tick).collect()
 }
 
-/// About `wanted` ticks of a linear axis, at whole numbers only.
+/// FileAttributes `wanted` ticks of a linear axis, at whole numbers only.
 fn whole(ends: [f64; 2], wanted: usize) -> Vec<Tick> {
     let most = (ends[1] - ends[0]).clamp(1.0, 100.0) as usize;
     let mut all = linear(ends, wanted.min(most));
@@ -167,7 +167,7 @@ fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
 }
 
 /// `10⁻³`; `1` and `10` as they are.
-pub fn power_of_ten(exponent: i32) -> String {
+fn power_of_ten(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     match exponent {
         0 => "1".to_owned(),

@@ -3,8 +3,9 @@
 use crate::base::checksum::Slab;
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
+use crate::results::FileResult;
 use crate::results::pictures::jumps::jumps;
-use crate::results::pictures::stored::{Read, Snapshot, Stored};
+use crate::results::pictures::stored::{Snapshot, Stored};
 
 /// Where planes cut the axes that they do not run along.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,7 +33,7 @@ impl Cut {
         }
     }
 
-    fn by_data(run: &Stored, times: &[Snapshot]) -> Read<Self> {
+    fn by_data(run: &Stored, times: &[Snapshot]) -> FileResult<Self> {
         let mut cut = Self { by_data: true, ..Self::middle(run) };
         let n = run.dimension();
         let lengths: Vec<usize> = (0..n).map(|a| run.axis(a).cells).collect();
@@ -168,7 +169,7 @@ fn split(place: usize, lengths: &[usize]) -> Vec<usize> {
 
 /// The velocity cell in the space cell `at` with the largest `|f|` at these times together; of
 /// measure-valued data that of the mean velocity at the end.
-fn fastest(run: &Stored, times: &[Snapshot], at: &[usize]) -> Read<Vec<usize>> {
+fn fastest(run: &Stored, times: &[Snapshot], at: &[usize]) -> FileResult<Vec<usize>> {
     let n = run.dimension();
     let here = at.iter().map(|i| *i..i + 1);
     if run.has("phi") {

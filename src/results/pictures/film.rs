@@ -5,14 +5,15 @@
 
 use crate::base::text::short;
 use crate::problem::grid::MAX_DIMENSION;
+use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{Spread, map, undershoots};
+use crate::results::pictures::maps::{ValueSpread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
-use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
+use crate::results::pictures::stored::{Plane, Snapshot, Stored};
 
 /// The frames of a run.
 pub struct Film<'a> {
@@ -21,12 +22,12 @@ pub struct Film<'a> {
     times: Vec<Snapshot>,
     /// Why there is no exact density, where the case names an exact solution.
     pub without_exact: Option<String>,
-    scales: Scales,
-    scene: Scene,
+    scales: FrameRanges,
+    scene: JumpLines,
 }
 
-/// Where `V` jumps, which is the same in all frames.
-struct Scene {
+/// The places where `V` jumps, the same in all frames.
+struct JumpLines {
     /// Faces along each axis of space.
     faces: Vec<Vec<f64>>,
     /// Borders in each plane of two space axes, as pieces of lines.
@@ -35,10 +36,10 @@ struct Scene {
 
 /// The values of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Scales {
+struct FrameRanges {
     /// By plane of phase space: where planes cut the others, fields may be far smaller.
-    fields: [Spread; MAX_DIMENSION],
-    density: Spread,
+    fields: [ValueSpread; MAX_DIMENSION],
+    density: ValueSpread,
 }
 
 impl<'a> Film<'a> {
@@ -46,7 +47,7 @@ impl<'a> Film<'a> {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<Snapshot>) -> Read<Self> {
+    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<Snapshot>) -> FileResult<Self> {
         // An older program wrote none, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
@@ -55,13 +56,13 @@ impl<'a> Film<'a> {
             .filter(|_| known)
             .map(|name| format!("there is no /{name} in result.h5; run the case again"));
         let n = run.dimension();
-        let scene = Scene {
+        let scene = JumpLines {
             faces: (0..n).map(|a| jumps(run, a, &cut.cells)).collect(),
             borders: planes(n).into_iter().map(|plane| borders(run, plane, &cut.cells)).collect(),
         };
-        let scales = Scales::default();
+        let scales = FrameRanges::default();
         let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };
-        let mut scales = Scales::default();
+        let mut scales = FrameRanges::default();
         for k in 0..film.count() {
             scales.hold(&film.frame(k)?, n);
         }
@@ -88,7 +89,7 @@ impl<'a> Film<'a> {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn frame(&self, k: usize) -> Read<Figure> {
+    pub fn frame(&self, k: usize) -> FileResult<Figure> {
         let (run, n, at) = (self.run, self.run.dimension(), self.times[k]);
         let mut panels = Vec::new();
         let mut caption = "Axes and colours are the same at all times.".to_owned();
@@ -102,7 +103,7 @@ impl<'a> Film<'a> {
         }
         caption += self.cut.sentence(run);
         let maps = self.scales.fields[..n].iter().chain((n > 1).then_some(&self.scales.density));
-        caption += &undershoots(maps.filter_map(Spread::undershoot).reduce(f64::min));
+        caption += &undershoots(maps.filter_map(ValueSpread::undershoot).reduce(f64::min));
         match n {
             1 => panels.push(self.density_line(at)?),
             _ => panels.extend(self.density_maps(at)?),
@@ -114,7 +115,7 @@ impl<'a> Film<'a> {
 
     /// The field on the plane (x_a, v_a): `f`, or of measure-valued data `φ`, in one dimension as
     /// `φ δ(ψ)` or where `ψ` is zero.
-    fn field(&self, at: Snapshot, a: usize) -> Read<Panel> {
+    fn field(&self, at: Snapshot, a: usize) -> FileResult<Panel> {
         let (run, n) = (self.run, self.run.dimension());
         let plane = [a, n + a];
         let place = self.cut.place(run, plane, 0..2 * n);
@@ -141,12 +142,12 @@ impl<'a> Film<'a> {
         Ok(self.map(plane, title("φ"), field, self.scales.fields[a]))
     }
 
-    fn map(&self, axes: [usize; 2], title: String, plane: Plane, values: Spread) -> Panel {
+    fn map(&self, axes: [usize; 2], title: String, plane: Plane, values: ValueSpread) -> Panel {
         map(self.run, axes, title, plane, values.range(0.0))
     }
 
     /// In one dimension the density over `x`, with the exact one.
-    fn density_line(&self, at: Snapshot) -> Read<Panel> {
+    fn density_line(&self, at: Snapshot) -> FileResult<Panel> {
         let mut axis = Axis::linear("density");
         if let Some([lower, upper]) = self.scales.density.ends {
             let least = 1e-3 * lower.abs().max(upper.abs()).max(f64::MIN_POSITIVE);
@@ -168,7 +169,7 @@ impl<'a> Film<'a> {
 
     /// In more dimensions the density on every plane of two space axes, then the exact ones: in two
     /// beside it, in three a row of each, so that the exact one is below.
-    fn density_maps(&self, at: Snapshot) -> Read<Vec<Panel>> {
+    fn density_maps(&self, at: Snapshot) -> FileResult<Vec<Panel>> {
         let run = self.run;
         let mut panels = Vec::new();
         let exact = self.has_exact().then_some(("exact density", "density_exact"));
@@ -188,7 +189,7 @@ impl<'a> Film<'a> {
     }
 }
 
-impl Scales {
+impl FrameRanges {
     /// Makes room for a frame whose first `fields` panels show fields.
     fn hold(&mut self, frame: &Figure, fields: usize) {
         for (k, panel) in frame.panels.iter().enumerate() {
@@ -226,7 +227,7 @@ mod tests {
         };
         let panel = || Panel::new("", Axis::linear("x"), Axis::linear("y"));
         let borders = vec![[0.0, 50.0], [0.0, -50.0]];
-        let mut scales = Scales::default();
+        let mut scales = FrameRanges::default();
         for (field, density) in [(3.0, 1.0), (-1.0, 7.0), (f64::NAN, 2.0)] {
             let density =
                 panel().map(map(vec![density])).line("", Style::theory(), borders.clone());

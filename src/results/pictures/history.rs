@@ -2,11 +2,12 @@
 
 use crate::base::checksum::Slab;
 use crate::base::text::short;
+use crate::results::FileResult;
 use crate::results::draw::extent;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Read, Stored};
+use crate::results::pictures::stored::Stored;
 
 /// Most times whose densities are drawn.
 const TIMES: usize = 6;
@@ -19,7 +20,7 @@ const LEAST_CHANGE: f64 = 0.01;
 ///
 /// # Errors
 /// What the files lack.
-pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
+pub fn draw(runs: &Runs<'_>) -> FileResult<Option<Figure>> {
     let run = runs.run;
     if !run.has("history") {
         return Ok(None);
@@ -35,13 +36,13 @@ pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
 }
 
 /// A quantity of `/history` over time.
-fn over_time(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
+fn over_time(run: &Stored, name: &str) -> FileResult<Vec<[f64; 2]>> {
     let values = run.list(&format!("history/{name}"))?;
     Ok(run.list("axis/time")?.into_iter().zip(values).map(|(t, v)| [t, v]).collect())
 }
 
 /// The mass of each run.
-fn mass(runs: &Runs<'_>) -> Read<Panel> {
+fn mass(runs: &Runs<'_>) -> FileResult<Panel> {
     let mut lines = Vec::new();
     for (k, (run, name)) in runs.each().filter(|(run, _)| run.has("history")).enumerate() {
         let label = if runs.beside.is_some() { name } else { "" };
@@ -52,7 +53,7 @@ fn mass(runs: &Runs<'_>) -> Read<Panel> {
 
 /// Kinetic, potential and total energy of each run, of the one beside it dashed and hollow; kinetic
 /// energy alone where `V` is not finite.
-fn energies(runs: &Runs<'_>) -> Read<Panel> {
+fn energies(runs: &Runs<'_>) -> FileResult<Panel> {
     let mut lines = Vec::new();
     for (k, (run, name)) in runs.each().filter(|(run, _)| run.has("history")).enumerate() {
         let kinetic = over_time(run, "kinetic_energy")?;
@@ -92,7 +93,7 @@ fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
 }
 
 /// The density at some of the output times, evenly chosen, the last one among them.
-fn densities(run: &Stored) -> Read<Panel> {
+fn densities(run: &Stored) -> FileResult<Panel> {
     let times = run.list("axis/time")?;
     let x = run.axis(0);
     let last = times.len().saturating_sub(1);
@@ -128,7 +129,7 @@ pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn time(run: &Stored) -> Read<Figure> {
+pub fn time(run: &Stored) -> FileResult<Figure> {
     let steps = steps(run);
     if steps.is_empty() {
         return Err("there are no seconds in summary.json, nor /timings in result.h5".to_owned());

@@ -14,14 +14,14 @@ const UNDERSHOOT: f64 = 0.05;
 
 /// The values of a quantity that should not lie below zero, as `f` and the density.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Spread {
+pub struct ValueSpread {
     /// Smallest and largest of those that are finite.
     pub ends: Option<[f64; 2]>,
     /// The sum of those below zero, and of all, without signs.
     sums: [f64; 2],
 }
 
-impl Spread {
+impl ValueSpread {
     /// The spread of the values of planes.
     pub fn of<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Self {
         let mut spread = Self::default();
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn undershoots_are_drawn_as_zero() {
         let spread = |values: &[f64]| {
-            Spread::of([&Plane { shape: [1, values.len()], values: values.to_vec() }])
+            ValueSpread::of([&Plane { shape: [1, values.len()], values: values.to_vec() }])
         };
         // Deep, but few.
         let few = spread(&[-0.4, f64::NAN, 1.4, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);

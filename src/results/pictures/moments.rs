@@ -2,19 +2,22 @@
 
 use crate::base::text::short;
 use crate::problem::grid;
+use crate::results::FileResult;
 use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Map, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
+use crate::results::pictures::maps::{
+    ValueSpread, apart, difference, largest, map, range, undershoots,
+};
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Plane, Read, Stored};
+use crate::results::pictures::stored::{Plane, Stored};
 
-/// The density below which a mean velocity means nothing, where the largest that is shown is
-/// `largest`: round-off, or the error that the density may have.
-fn nothing(run: &Stored, largest: f64) -> f64 {
+/// The density below which a mean velocity is meaningless, by round-off or by the error of the
+/// density; `largest` is the largest density that is drawn.
+fn least_density(run: &Stored, largest: f64) -> f64 {
     /// Part of the largest that is round-off.
     const ROUND_OFF: f64 = 1e-10;
     let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
@@ -26,16 +29,16 @@ fn nothing(run: &Stored, largest: f64) -> f64 {
 }
 
 /// A mean velocity without what is round-off over round-off, by the `density` there.
-fn sensible(velocity: &mut [f64], density: &[f64], nothing: f64) {
+fn blank_thin(velocity: &mut [f64], density: &[f64], least_density: f64) {
     for (velocity, density) in velocity.iter_mut().zip(density) {
-        if density.abs() <= nothing {
+        if density.abs() <= least_density {
             *velocity = f64::NAN;
         }
     }
 }
 
 /// A mean velocity; NaN beyond the velocities of `axis`, where the density is an oscillation.
-fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
+fn within_box(velocity: f64, axis: &grid::Axis) -> f64 {
     if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
 }
 
@@ -44,7 +47,7 @@ const COMPUTED: &str = "";
 const EXACT: &str = "_exact";
 
 /// The moment `name` of a run in one dimension as points; velocities where there is something.
-fn listed(run: &Stored, name: &str, whose: &str) -> Read<Vec<[f64; 2]>> {
+fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| Ok::<_, String>(run.line(&run.list(&format!("{name}{whose}"))?));
     if name != "velocity" {
         return read(name);
@@ -54,12 +57,12 @@ fn listed(run: &Stored, name: &str, whose: &str) -> Read<Vec<[f64; 2]>> {
     let elements = run.space.degree() > 0 && !run.has_averaged_moments();
     let mut points = read(if elements { "momentum" } else { name })?;
     let most = density.iter().fold(0.0f64, |m, d| m.max(d[1].abs()));
-    let nothing = nothing(run, most);
+    let least_density = least_density(run, most);
     for (point, [_, density]) in points.iter_mut().zip(density) {
         if elements {
-            point[1] = possible(point[1] / density, run.axis(1));
+            point[1] = within_box(point[1] / density, run.axis(1));
         }
-        if density.abs() <= nothing {
+        if density.abs() <= least_density {
             point[1] = f64::NAN;
         }
     }
@@ -71,7 +74,7 @@ fn listed(run: &Stored, name: &str, whose: &str) -> Read<Vec<[f64; 2]>> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
+pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let run = runs.run;
     // An older program wrote other ones.
     let exact = run.has("momentum_exact");
@@ -132,9 +135,9 @@ pub(crate) fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> 
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
 
-/// What a row of maps shows.
+/// The moment that a row of maps shows.
 #[derive(Clone, Copy)]
-struct Shown<'a> {
+struct MomentMap<'a> {
     /// Name of the dataset.
     name: &'a str,
     /// Component of a vector.
@@ -146,11 +149,11 @@ struct Shown<'a> {
 /// A moment on a plane; velocities where there is something.
 fn moment(
     run: &Stored,
-    shown: Shown<'_>,
+    shown: MomentMap<'_>,
     whose: &str,
     plane: [usize; 2],
     at: &[usize],
-) -> Read<Plane> {
+) -> FileResult<Plane> {
     let component = shown.component;
     let read = |name: &str, component: Option<usize>| {
         run.plane(&format!("{name}{whose}"), component.as_slice(), plane, at)
@@ -166,12 +169,12 @@ fn moment(
             let mut plane = read("momentum", component)?;
             let axis = run.axis(run.dimension() + component.unwrap_or(0));
             for (value, density) in plane.values.iter_mut().zip(&density.values) {
-                *value = possible(*value / density, axis);
+                *value = within_box(*value / density, axis);
             }
             plane
         }
     };
-    sensible(&mut found.values, &density.values, nothing(run, largest([&density])));
+    blank_thin(&mut found.values, &density.values, least_density(run, largest([&density])));
     Ok(found)
 }
 
@@ -179,11 +182,11 @@ fn moment(
 type Row = (Vec<Panel>, Option<f64>);
 
 /// A row of maps: exact, computed, and the difference.
-fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Row> {
-    let (run, Shown { name, component, label }) = (runs.run, shown);
+fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Row> {
+    let (run, MomentMap { name, component, label }) = (runs.run, shown);
     let at = &cut.cells[..run.dimension()];
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
-    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
+    let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
     let exact = match run.has(&format!("{name}{EXACT}")) {
         true => Some(read(run, EXACT)?),
@@ -197,7 +200,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         }
         None => largest(computed.iter().chain(&exact)),
     };
-    let spread = Spread::of(computed.iter().chain(&exact));
+    let spread = ValueSpread::of(computed.iter().chain(&exact));
     let (shared, lowest) = match component {
         Some(_) => (range(computed.iter().chain(&exact), scale), None),
         None => (spread.range(scale), spread.undershoot()),
@@ -233,9 +236,9 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
 ///
 /// # Errors
 /// What the files lack.
-pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
-    let shown = Shown { name: "density", component: None, label: "density" };
-    let rows: Read<Vec<Row>> = (planes(runs.run.dimension()).into_iter())
+pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
+    let shown = MomentMap { name: "density", component: None, label: "density" };
+    let rows: FileResult<Vec<Row>> = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, shown, plane, cut))
         .collect();
     let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows?.into_iter().unzip();
@@ -248,14 +251,14 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let n = runs.run.dimension();
-    let rows: Read<Vec<Vec<Panel>>> = planes(n)
+    let rows: FileResult<Vec<Vec<Panel>>> = planes(n)
         .into_iter()
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
         .map(|(plane, component)| {
             let label = ["u_x", "u_y", "u_z"][component];
-            let shown = Shown { name: "velocity", component: Some(component), label };
+            let shown = MomentMap { name: "velocity", component: Some(component), label };
             row(runs, shown, plane, cut).map(|(panels, _)| panels)
         })
         .collect();

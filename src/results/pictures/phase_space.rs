@@ -3,20 +3,23 @@
 use crate::base::text::short;
 use crate::matrix::observables::level_sets::concentrate;
 use crate::matrix::observables::surface::for_each_zero;
+use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
-use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
+use crate::results::pictures::maps::{
+    ValueSpread, apart, difference, largest, map, range, undershoots,
+};
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{FINEST, Plane, Read, Snapshot, Stored};
+use crate::results::pictures::stored::{FINEST, Plane, Snapshot, Stored};
 
 /// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///
 /// # Errors
 /// What the files lack.
-pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let run = runs.run;
     let n = run.dimension();
     let mut panels = Vec::new();
@@ -84,10 +87,10 @@ fn values_shown(run: &Stored) -> &'static str {
 }
 
 /// `f`, the exact one, and differences; with the lowest of the values that are drawn as zero.
-fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Option<f64>)> {
+fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Panel>, Option<f64>)> {
     let run = runs.run;
     let at = &cut.cells[..];
-    let computed: Read<Vec<Plane>> =
+    let computed: FileResult<Vec<Plane>> =
         runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
     let computed = computed?;
     let exact = match run.has("exact") {
@@ -95,7 +98,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Op
         false => None,
     };
     let scale = largest(computed.iter().chain(&exact));
-    let spread = Spread::of(computed.iter().chain(&exact));
+    let spread = ValueSpread::of(computed.iter().chain(&exact));
     let shared = spread.range(scale);
     let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
     let apart = |title: String, field: Plane| apart(run, plane, title, field, scale);
@@ -120,7 +123,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Op
 
 /// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ
 /// from those of the run beside.
-fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();
     let at = &cut.cells[..];
@@ -138,7 +141,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
             let panel = Panel::new(format!("zeros of ψ, {name}"), x.clone(), v.clone());
             panels.push(panel.points("", Style::of(k), surface(r, r.end())?));
         }
-        let found: Read<Vec<(Plane, &str)>> = (runs.each())
+        let found: FileResult<Vec<(Plane, &str)>> = (runs.each())
             .filter(|(r, _)| r.case.is_ok() && r.space.degree() == 0)
             .map(|(r, name)| Ok((concentrated(r, r.end())?, name)))
             .collect();
@@ -172,7 +175,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
 }
 
 /// `φ δ_ω(ψ)` over phase space of one dimension, line by line as moments are taken.
-pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> Read<Plane> {
+pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> FileResult<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
     let width = case.delta_width;
@@ -189,7 +192,7 @@ pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> Read<Plane> {
 
 /// Where the level set of elements is zero in one dimension: the points that the moments are taken
 /// at.
-pub(crate) fn surface(run: &Stored, time: Snapshot) -> Read<Vec<[f64; 2]>> {
+pub(crate) fn surface(run: &Stored, time: Snapshot) -> FileResult<Vec<[f64; 2]>> {
     let (x, nv) = (run.axis(0), run.axis(1).cells);
     let mut points = Vec::new();
     for element in 0..x.elements() {
@@ -204,7 +207,7 @@ pub(crate) fn surface(run: &Stored, time: Snapshot) -> Read<Vec<[f64; 2]>> {
 }
 
 /// The exact velocity, branch after branch, with NaN between.
-pub(crate) fn branches(run: &Stored) -> Read<Vec<[f64; 2]>> {
+pub(crate) fn branches(run: &Stored) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| run.list(&format!("multivalued/{name}"));
     let (x, v, branch) = (read("x")?, read("v")?, read("branch")?);
     let mut points = Vec::with_capacity(x.len());

@@ -1,9 +1,10 @@
 //! The auxiliary variable: its profile, its modes, and readings at other points.
 
 use crate::base::text::{rounded, short};
+use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
-use crate::results::pictures::stored::{Read, Stored};
+use crate::results::pictures::stored::Stored;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
@@ -34,12 +35,12 @@ struct Modes {
 }
 
 impl Modes {
-    fn of(run: &Stored) -> Read<Option<Self>> {
+    fn of(run: &Stored) -> FileResult<Option<Self>> {
         let warp = &run.plan["warp"];
         if warp.is_null() {
             return Ok(None);
         }
-        fn part<T: serde::de::DeserializeOwned>(warp: &Value, key: &str) -> Read<T> {
+        fn part<T: serde::de::DeserializeOwned>(warp: &Value, key: &str) -> FileResult<T> {
             T::deserialize(&warp[key]).map_err(|e| format!("warp.{key} of /plan in result.h5: {e}"))
         }
         let bound = |key: &str| {
@@ -169,7 +170,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn draw(run: &Stored) -> Read<Option<Figure>> {
+pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
     let Some(modes) = Modes::of(run)? else {
         return Ok(None);
     };
@@ -196,7 +197,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn modes(run: &Stored) -> Read<Option<Figure>> {
+pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
     let Some(modes) = Modes::of(run)? else {
         return Ok(None);
     };
@@ -228,7 +229,7 @@ pub fn modes(run: &Stored) -> Read<Option<Figure>> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn plateau(run: &Stored) -> Read<Option<Figure>> {
+pub fn plateau(run: &Stored) -> FileResult<Option<Figure>> {
     if !run.has("plateau") {
         return Ok(None);
     }

@@ -1,13 +1,14 @@
 //! Estimates of a quantum computer's measurements with their bounds.
 
 use crate::quantum::readout::row::Estimator;
+use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
-use crate::results::pictures::stored::{Read, Stored};
+use crate::results::pictures::stored::Stored;
 use std::collections::BTreeSet;
 
-/// An estimate whose bound exceeds so many times the largest value is left out: it says nothing,
-/// and would hide the others.
+/// An estimate whose bound exceeds this many times the largest value is left out: it is useless, and
+/// would hide the others.
 const LARGEST_BOUND: f64 = 10.0;
 
 /// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was
@@ -15,7 +16,7 @@ const LARGEST_BOUND: f64 = 10.0;
 ///
 /// # Errors
 /// What the files lack.
-pub fn draw(run: &Stored) -> Read<Option<Figure>> {
+pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);
     }
@@ -64,7 +65,7 @@ struct Table {
 }
 
 impl Table {
-    fn read(run: &Stored) -> Read<Self> {
+    fn read(run: &Stored) -> FileResult<Self> {
         let column = |name: &str| run.list(&format!("readout/{name}"));
         let cell = column("cell")?;
         let fastest = |a: usize| {

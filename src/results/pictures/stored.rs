@@ -7,8 +7,10 @@ use crate::parallel::files::read_slab;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
+use crate::results::FileResult;
 use crate::results::dataset::RESULT;
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
+use crate::results::readback::PIECE;
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::summary;
 use hdf5::{Dataset, File, Location};
@@ -19,11 +21,6 @@ use std::path::{Path, PathBuf};
 
 /// Most cells of a map along an axis; finer grids are averaged.
 pub(crate) const FINEST: usize = 512;
-/// Numbers read at a time: 4 MiB.
-const PIECE: usize = 1 << 19;
-
-/// What reading a file gives; the reason where it does not.
-pub type Read<T> = std::result::Result<T, String>;
 
 /// `result.h5`, open for reading, with the values that are needed at once.
 pub struct Stored {
@@ -32,7 +29,7 @@ pub struct Stored {
     /// The grid.
     pub space: PhaseSpace,
     /// The case as this program understands it; why it does not, otherwise.
-    pub case: Read<Case>,
+    pub case: FileResult<Case>,
     /// The case file as it was read.
     pub text: String,
     /// The `--set` options applied to it.
@@ -44,7 +41,7 @@ pub struct Stored {
     /// Time of the fields.
     pub time: f64,
     /// `summary.json`; why it cannot be read.
-    pub summary: Read<Value>,
+    pub summary: FileResult<Value>,
     /// Seconds by step: of the summary, which knows all of them, or of the file.
     pub seconds: BTreeMap<String, f64>,
     file: File,
@@ -85,12 +82,12 @@ impl Stored {
     ///
     /// # Errors
     /// What is wrong with the file.
-    pub(crate) fn read(directory: &Path) -> Read<Self> {
+    pub(crate) fn read(directory: &Path) -> FileResult<Self> {
         let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
         Self::of(directory, file)
     }
 
-    fn of(directory: &Path, file: File) -> Read<Self> {
+    fn of(directory: &Path, file: File) -> FileResult<Self> {
         let said = |e: hdf5::Error| e.to_string();
         let mut provenance = BTreeMap::new();
         for name in file.attr_names().map_err(said)? {
@@ -167,7 +164,7 @@ impl Stored {
         exists(&self.file, name)
     }
 
-    fn dataset(&self, name: &str) -> Read<Dataset> {
+    fn dataset(&self, name: &str) -> FileResult<Dataset> {
         if !self.has(name) {
             return Err(format!("there is no /{name} in result.h5"));
         }
@@ -175,7 +172,7 @@ impl Stored {
     }
 
     /// A dataset, whole.
-    pub fn list(&self, name: &str) -> Read<Vec<f64>> {
+    pub fn list(&self, name: &str) -> FileResult<Vec<f64>> {
         let dataset = self.dataset(name)?;
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
     }
@@ -203,7 +200,7 @@ impl Stored {
     ///
     /// # Errors
     /// What the file lacks.
-    pub fn snapshots(&self) -> Read<Vec<Snapshot>> {
+    pub fn snapshots(&self) -> FileResult<Vec<Snapshot>> {
         let times = match self.has("axis/field_time") {
             true => self.list("axis/field_time")?,
             false => Vec::new(),
@@ -219,7 +216,7 @@ impl Stored {
         at: Snapshot,
         name: &str,
         ranges: &[std::ops::Range<usize>],
-    ) -> Read<Vec<f64>> {
+    ) -> FileResult<Vec<f64>> {
         let first = at.early.map(|k| k..k + 1);
         let ranges: Vec<_> = first.into_iter().chain(ranges.iter().cloned()).collect();
         self.slab(&at.dataset(name), &Slab::of(&ranges))
@@ -232,12 +229,12 @@ impl Stored {
         name: &str,
         plane: [usize; 2],
         cells: &[usize],
-    ) -> Read<Plane> {
+    ) -> FileResult<Plane> {
         self.plane(&at.dataset(name), at.early.as_slice(), plane, cells)
     }
 
     /// A scalar moment, as `density`, at a time, of all of space.
-    pub fn moment(&self, at: Snapshot, name: &str) -> Read<Vec<f64>> {
+    pub fn moment(&self, at: Snapshot, name: &str) -> FileResult<Vec<f64>> {
         match self.moment_time(at)? {
             None => self.list(name),
             Some(k) => {
@@ -255,7 +252,7 @@ impl Stored {
         name: &str,
         plane: [usize; 2],
         cells: &[usize],
-    ) -> Read<Plane> {
+    ) -> FileResult<Plane> {
         match self.moment_time(at)? {
             None => self.plane(name, &[], plane, cells),
             Some(k) => self.plane(&format!("history/{name}"), &[k], plane, cells),
@@ -263,7 +260,7 @@ impl Stored {
     }
 
     /// The index of a time in `/axis/time`; none of the end.
-    fn moment_time(&self, at: Snapshot) -> Read<Option<usize>> {
+    fn moment_time(&self, at: Snapshot) -> FileResult<Option<usize>> {
         if at.early.is_none() {
             return Ok(None);
         }
@@ -273,7 +270,7 @@ impl Stored {
     }
 
     /// A box of a dataset, row-major.
-    pub fn slab(&self, name: &str, slab: &Slab) -> Read<Vec<f64>> {
+    pub fn slab(&self, name: &str, slab: &Slab) -> FileResult<Vec<f64>> {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
@@ -286,7 +283,7 @@ impl Stored {
         first: &[usize],
         plane: [usize; 2],
         at: &[usize],
-    ) -> Read<Plane> {
+    ) -> FileResult<Plane> {
         let lengths = plane.map(|a| self.axis(a).cells);
         let field = name.rsplit('/').next().unwrap_or(name);
         let averaged = self.has_averaged_moments() && !["phi", "psi"].contains(&field);
@@ -368,8 +365,8 @@ fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
 }
 
 /// The grid from the centres of its cells, where the case is not understood.
-fn grid(file: &File) -> Read<PhaseSpace> {
-    let axis = |name: &str| -> Read<Axis> {
+fn grid(file: &File) -> FileResult<PhaseSpace> {
+    let axis = |name: &str| -> FileResult<Axis> {
         let dataset =
             file.dataset(&format!("axis/{name}")).map_err(|e| format!("/axis/{name}: {e}"))?;
         if let Some(axis) = by_elements(name, &dataset) {
@@ -393,7 +390,7 @@ fn grid(file: &File) -> Read<PhaseSpace> {
     let there = |name: &&&str| file.link_exists(&format!("axis/{name}"));
     let n = ["x", "y", "z"].iter().filter(there).count();
     let names = axis_names(n);
-    let axes: Read<Vec<Axis>> = names.iter().map(|name| axis(name)).collect();
+    let axes: FileResult<Vec<Axis>> = names.iter().map(|name| axis(name)).collect();
     let mut x = axes?;
     let v = x.split_off(n);
     if n == 0 {
@@ -412,7 +409,7 @@ fn exists(file: &File, name: &str) -> bool {
 }
 
 /// Refuses fields whose shape is not that of the axes.
-fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> Read<()> {
+fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
     let (cells, n) = (space.shape(), space.dimension());
     let after = |first: usize, rest: &[usize]| -> Vec<usize> {
         std::iter::once(first).chain(rest.iter().copied()).collect()
@@ -457,7 +454,7 @@ fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
 }
 
 /// `summary.json` of a directory.
-fn summary(directory: &Path) -> Read<Value> {
+fn summary(directory: &Path) -> FileResult<Value> {
     let path = directory.join(summary::NAME);
     let text = disk::read_text(&path).map_err(|e| e.to_string())?;
     serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))

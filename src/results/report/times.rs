@@ -4,10 +4,11 @@
 //! style sheet shows the one whose button is on; the buttons are the track below.
 
 use crate::base::text::short;
+use crate::results::FileResult;
 use crate::results::draw::raster::Palette;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Read, Snapshot, Stored};
+use crate::results::pictures::stored::{Snapshot, Stored};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -19,7 +20,7 @@ const MOST_LABELS: usize = 7;
 
 /// The pictures.
 pub struct Times {
-    frames: Vec<Frame>,
+    frames: Vec<TimePicture>,
     /// How many times are stored.
     stored: usize,
     /// Why there is no exact density, where the case names an exact solution.
@@ -27,7 +28,7 @@ pub struct Times {
 }
 
 /// A time and its picture.
-struct Frame {
+struct TimePicture {
     time: f64,
     /// PNG, in Base64.
     picture: String,
@@ -39,7 +40,7 @@ impl Times {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &Stored, cut: Option<Cut>) -> Read<Option<Self>> {
+    pub fn new(run: &Stored, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {
             return Ok(None);
@@ -53,7 +54,7 @@ impl Times {
         for k in 0..film.count() {
             let raster = film.frame(k)?.raster().map_err(|e| e.to_string())?;
             let png = palette.png(&raster)?;
-            frames.push(Frame { time: film.time(k), picture: STANDARD.encode(png) });
+            frames.push(TimePicture { time: film.time(k), picture: STANDARD.encode(png) });
         }
         Ok(Some(Self { frames, stored: all.len(), without_exact: film.without_exact }))
     }

@@ -8,7 +8,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
 
-/// What is found of one thing that matters.
+/// The mark of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
     /// As it should be.
@@ -19,7 +19,7 @@ enum Mark {
     Unknown,
 }
 
-/// One thing that matters.
+/// A finding: one of the things that the trust in a result rests on.
 struct Finding {
     what: String,
     mark: Mark,
@@ -169,8 +169,8 @@ fn ledger_of(summary: &Value) -> Option<Ledger> {
     Ledger::deserialize(&summary["ledger"]).ok().filter(|ledger| ledger.mass.end.is_some())
 }
 
-/// The warning that [`trust`] gives in full.
-pub fn said(summary: &Value) -> Option<String> {
+/// The warning that [`trust`] quotes in full, if any.
+pub fn main_warning(summary: &Value) -> Option<String> {
     ledger_of(summary)?.doubts().into_iter().next()
 }
 

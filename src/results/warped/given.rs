@@ -1,4 +1,4 @@
-//! A warped field in a file to start from.
+//! The file with a warped field that a run starts from (`initial.warped`).
 
 use crate::base::checksum::{self, Slab};
 use crate::base::error::{Error, Result};
@@ -7,6 +7,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, open, read_slab};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
+use crate::results::FileResult;
 use crate::results::untrusted::{self, Inspection};
 use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::schrodingerization::profile::series::Series;
@@ -19,18 +20,18 @@ use num_complex::Complex64;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
-/// By how much points of a file's axes may differ from those of the case, as a part of the axis:
-/// those of other programs may be in single precision. No more than [`OF_A_STEP`] at any rate.
+/// Largest difference of a point of a file's axis to that of the case, as a part of the axis: other
+/// programs may write single precision. [`OF_A_STEP`] bounds it, too.
 const SAME: f64 = 1e-6;
-/// The same as a part of a step.
+/// Largest such difference as a part of the axis's step.
 const OF_A_STEP: f64 = 0.05;
 
-/// Largest |p|: several times what the largest spectrum that is planned takes.
+/// Largest `|p|`: several times that of the largest spectrum that is planned.
 const FURTHEST: f64 = 1e7;
 
-/// What was read of a file, over all ranks.
+/// Properties of the field that was read, over all ranks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Read {
+pub struct ReadField {
     /// The checksum of `/w`.
     pub checksum: u64,
     /// The largest magnitude in it.
@@ -42,7 +43,7 @@ pub struct Read {
     pub unevenness: f64,
 }
 
-/// Where `e^p w` has to be flat: where information comes from to the place at which it is read.
+/// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Domain {
     /// `p◇`.
@@ -98,7 +99,7 @@ impl Flatness {
         }
     }
 
-    /// Looks at a cell: its values at all points, and half a step after each.
+    /// Takes in a cell: its values at all points, and half a step after each.
     fn look(&mut self, values: &[f64], between: &[f64]) {
         let u = values[self.reference / 2] / self.decay[self.reference - self.first];
         self.largest = self.largest.max(u.abs());
@@ -129,9 +130,9 @@ impl Between {
     }
 }
 
-/// A file to start from.
+/// A file with a warped field, and its points in `p`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct WarpedFile {
     /// Where it is.
     pub path: PathBuf,
     /// `[L, R]`: the first point, and one period further.
@@ -140,9 +141,8 @@ pub struct Given {
     pub points: usize,
 }
 
-impl Given {
-    /// Looks at the file: whether `/w` is a warped field on the grid of `case`, and on which
-    /// points. `key` is the file, line and key that names it. Collective over `world`.
+impl WarpedFile {
+    /// Checks that `/w` of the file is a warped field on the grid of `case`, and reads its points. `key` is the file, line and key that names it. Collective over `world`.
     ///
     /// # Errors
     /// [`Error::Input`], saying what is wrong with it.
@@ -173,7 +173,7 @@ impl Given {
         series: &Series,
         kept: &mut KeptModes,
         domain: Domain,
-    ) -> Result<Read> {
+    ) -> Result<ReadField> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -193,7 +193,7 @@ impl Given {
         series: &Series,
         kept: &mut KeptModes,
         domain: Domain,
-    ) -> Result<Read> {
+    ) -> Result<ReadField> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -241,7 +241,7 @@ impl Given {
             Ok(expected) if expected != sum => {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
-            _ => Ok(Read { checksum: sum, largest, unevenness }),
+            _ => Ok(ReadField { checksum: sum, largest, unevenness }),
         })
     }
 }
@@ -254,9 +254,6 @@ fn not_finite(values: &[f64], points: usize, slab: &Slab) -> Option<String> {
     let at = format!("the {cell}-th cell from {:?} and point {j}", slab.start);
     Some(format!("/w is {} at {at}", values[place]))
 }
-
-/// What a file holds, or what is wrong with it.
-type Found<T> = std::result::Result<T, String>;
 
 /// Largest accepted error of a point of an axis with that many steps.
 fn allowed(step: f64, count: usize) -> f64 {
@@ -274,7 +271,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 }
 
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
-fn look(path: &Path, space: &PhaseSpace) -> Found<([f64; 2], usize)> {
+fn look(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
     let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
     if !found.is_file() {
         return Err("is no file".to_owned());
@@ -306,14 +303,14 @@ fn missing(name: &str) -> String {
 }
 
 /// The points of an axis.
-fn axis(file: &File, name: &str) -> Found<Vec<f64>> {
+fn axis(file: &File, name: &str) -> FileResult<Vec<f64>> {
     let name = format!("axis/{name}");
     let dataset: Dataset = file.dataset(&name).map_err(|_| missing(&name))?;
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
 /// Whether the points `found` of an axis are the cell centres of `expected`.
-fn same_centres(name: &str, found: &[f64], expected: &Axis) -> Found<()> {
+fn same_centres(name: &str, found: &[f64], expected: &Axis) -> FileResult<()> {
     let centres = expected.centres();
     let other = || {
         let (lower, upper) = (expected.lower, expected.upper);
@@ -337,7 +334,7 @@ fn same_centres(name: &str, found: &[f64], expected: &Axis) -> Found<()> {
 }
 
 /// `[L, R]` and `N_p` of the points `p` of a field of so many.
-fn period(p: &[f64], points: usize) -> Found<([f64; 2], usize)> {
+fn period(p: &[f64], points: usize) -> FileResult<([f64; 2], usize)> {
     if p.len() != points {
         return Err(format!("/axis/p holds {} points, /w {points}", p.len()));
     }

@@ -7,14 +7,14 @@ use crate::problem::exact::Tracer;
 use crate::problem::formula::Expression;
 
 /// The exact solution of a case, at any points and times.
-pub enum Exactly<'a> {
+pub enum ExactValues<'a> {
     /// A formula.
     Given(&'a Expression),
     /// Characteristics, traced back.
     Traced(Box<Tracer<'a>>),
 }
 
-impl<'a> Exactly<'a> {
+impl<'a> ExactValues<'a> {
     /// The solution of `case` that `exact` names. Collective.
     ///
     /// # Errors
@@ -27,14 +27,14 @@ impl<'a> Exactly<'a> {
     ///
     /// # Errors
     /// Where `V` is not finite.
-    pub fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
+    fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
         Ok(match exact {
             Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
             Exact::Formula(formula) => Self::Given(formula),
         })
     }
 
-    /// Its values at a time.
+    /// The values at `points` `[x, y, z, vx, vy, vz]` at a time.
     pub fn values_at(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         match self {
             Self::Given(formula) => formula.at_points(points, time),

@@ -24,7 +24,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::run::exact::solution::Exactly;
+use crate::run::exact::solution::ExactValues;
 
 /// Points of a panel along an axis.
 const POINTS: usize = 5;
@@ -33,7 +33,7 @@ const BOOLE: [f64; POINTS] = [7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0,
 /// Simpson's rule at the same points.
 const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
-/// What integrals in a dimension may cost.
+/// Limits on the cost of integrals, for a dimension of space.
 struct Effort {
     /// Panels along an axis to begin with, ...
     panels: usize,
@@ -128,7 +128,7 @@ struct GridRule {
 
 /// The exact solution at a time, to be integrated over the velocity box.
 pub struct VelocityIntegrals<'a> {
-    exactly: &'a Exactly<'a>,
+    values_of: &'a ExactValues<'a>,
     time: f64,
     space: &'a PhaseSpace,
     /// Panels to begin with, by axis.
@@ -139,7 +139,7 @@ pub struct VelocityIntegrals<'a> {
     tolerance: f64,
     /// Points that an integral may take.
     most: usize,
-    /// The velocities of the grid, where they do.
+    /// The velocities of the grid, if sums over them are exact enough.
     grid_rule: Option<GridRule>,
 }
 
@@ -181,7 +181,8 @@ fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64)
     moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
 }
 
-/// Points that the averages over the cells of `case` begin with; more than an integer holds, maybe.
+/// Number of points that the averages over the cells of `case` begin with, as a float: it may exceed
+/// every integer.
 pub fn first_points(case: &Case) -> f64 {
     let places = case.space.x.iter().map(|axis| (across(case) * axis.cells) as f64);
     places.product::<f64>() * points_of(&panels_of(case)) as f64
@@ -192,7 +193,7 @@ impl<'a> VelocityIntegrals<'a> {
     /// Collective over `world` (the largest density).
     pub fn new(
         world: &Group,
-        exactly: &'a Exactly<'a>,
+        values_of: &'a ExactValues<'a>,
         case: &'a Case,
         time: f64,
         places: usize,
@@ -206,7 +207,7 @@ impl<'a> VelocityIntegrals<'a> {
             weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
         }
         let mut integrals = Self {
-            exactly,
+            values_of,
             time,
             space: &case.space,
             panels,
@@ -251,14 +252,19 @@ impl<'a> VelocityIntegrals<'a> {
         (error <= self.tolerance).then_some(GridRule { error, ..rule })
     }
 
-    /// Whether the sums over the velocities of the grid do; the largest error of a density then.
+    /// The largest error of a density by sums over the velocities of the grid, if these are used.
     pub fn grid_error(&self) -> Option<f64> {
         self.grid_rule.as_ref().map(|rule| rule.error)
     }
 
     /// The same at the nodes of the grid, or averaged over cells. Collective over `world`.
-    pub fn on_grid(world: &Group, exactly: &'a Exactly<'a>, case: &'a Case, time: f64) -> Self {
-        Self::new(world, exactly, case, time, case.space.space_cells())
+    pub fn on_grid(
+        world: &Group,
+        values_of: &'a ExactValues<'a>,
+        case: &'a Case,
+        time: f64,
+    ) -> Self {
+        Self::new(world, values_of, case, time, case.space.space_cells())
     }
 
     /// The largest density at up to `most` centres of elements along each axis. Collective.
@@ -338,7 +344,7 @@ impl<'a> VelocityIntegrals<'a> {
     fn by_rule(&self, rule: &GridRule, place: &[f64; MAX_DIMENSION]) -> Integral {
         let points: Vec<[f64; 6]> =
             rule.points.iter().map(|(velocity, _)| Self::point(place, *velocity)).collect();
-        let values = self.exactly.values_at(&points, self.time);
+        let values = self.values_of.values_at(&points, self.time);
         let mut moments = [0.0; MOMENTS];
         for (f, (velocity, weight)) in values.iter().zip(&rule.points) {
             add(&mut moments, velocity, weight * f);
@@ -425,7 +431,7 @@ impl<'a> VelocityIntegrals<'a> {
             }
             points.push(Self::point(place, velocity));
         });
-        let values = self.exactly.values_at(&points, self.time);
+        let values = self.values_of.values_at(&points, self.time);
         let mut panels = Vec::new();
         for_each_cell(&self.panels.iter().map(|&n| 0..n).collect::<Vec<_>>(), |j| {
             let (mut lower, mut width) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
@@ -483,7 +489,7 @@ impl<'a> VelocityIntegrals<'a> {
             let new = (0..self.weights.len()).filter(|&k| is_new(half, k));
             points.extend(new.map(|k| Self::point(place, self.velocity(half, k))));
         }
-        let mut new = self.exactly.values_at(&points, self.time).into_iter();
+        let mut new = self.values_of.values_at(&points, self.time).into_iter();
         let mut found = Vec::with_capacity(2 * panels.len());
         for (panel, halves) in panels.iter().zip(halves) {
             for (h, half) in halves.into_iter().enumerate() {

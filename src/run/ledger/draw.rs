@@ -105,7 +105,7 @@ impl Sequence {
     }
 }
 
-/// What draws particles of a case.
+/// The source of particles of a case.
 pub struct Drawer<'a> {
     /// The case.
     pub case: &'a Case,
@@ -212,8 +212,8 @@ fn keep(particle: Particle) -> Option<Particle> {
     (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
 }
 
-/// So `many` particles of the same mass in amount, in the place of `particles` whose masses they
-/// share: systematic resampling. They keep the sign.
+/// Systematic resampling: `many` particles of equal `|mass|`, whose sum is that of `particles`. They
+/// keep the signs.
 pub fn resampled(particles: &[Particle], many: usize) -> Vec<Particle> {
     let all: f64 = particles.iter().map(|p| p.mass.abs()).sum();
     let share = all / many as f64;

@@ -1,5 +1,5 @@
-//! Particles followed through the exact flow: what leaves through which end of the box, and what
-//! the `hat` interface makes of those that meet jumps.
+//! Particles followed through the exact flow: their outflow through each end of the box, and the
+//! mass that the `hat` interface adds at jumps.
 
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
@@ -17,18 +17,18 @@ pub struct Tally {
     pub absolute: f64,
     /// Mass outside of the velocity box from the start.
     pub outside: f64,
-    /// What the `hat` interface adds.
+    /// Mass that the `hat` interface adds.
     pub interface: f64,
     /// `½ v_a²` times the amount of mass, by axis.
     pub energy: [f64; MAX_DIMENSION],
-    /// What leaves, by [`end_index`].
+    /// Outflow, by [`end_index`].
     pub outflow: [f64; ENDS],
-    /// What a jump of `V` throws out of the velocity box, by the same.
+    /// Mass that a jump of `V` throws out of the velocity box, by [`end_index`].
     pub at_jumps: [f64; ENDS],
 }
 
 /// Ends of the `2n` axes at most.
-pub const ENDS: usize = 4 * MAX_DIMENSION;
+const ENDS: usize = 4 * MAX_DIMENSION;
 /// Numbers of a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
 
@@ -58,7 +58,7 @@ impl Tally {
     }
 }
 
-/// What follows particles.
+/// Follows particles.
 pub struct Flight<'a> {
     /// The exact flow, forward in time.
     pub tracer: Tracer<'a>,
@@ -112,8 +112,8 @@ impl Tally {
     }
 }
 
-/// What the law `hat` makes of mass at jumps: a cell's column of the scheme does not add up to what
-/// leaves the cell.
+/// The mass that the law `hat` creates or destroys at jumps: a cell's column of the scheme does not
+/// add up to the outflow of the cell.
 struct Gains<'a> {
     case: &'a Case,
     /// A factor for each velocity cell, by axis and bits of the rise.

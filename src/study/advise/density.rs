@@ -11,8 +11,8 @@ use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
-/// The density of a trial on all of space, averaged over equal cells, of which each element has as
-/// many as nodes along an axis. Collective.
+/// The density of a trial on all of space. It is averaged over equal cells; along an axis an element
+/// has as many of them as nodes. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] where it is zero everywhere, or not finite.
@@ -36,8 +36,8 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     Ok(apply_in_elements(&density, &axes))
 }
 
-/// `[m][n]`: the average over part `m` of an element, of as many equal ones as nodes, of the
-/// polynomial of node `n`.
+/// `[m][n]`: the average of the nodal polynomial of node `n` over part `m` of an element, which is
+/// cut into as many equal parts as it has nodes.
 fn part_averages(nodes: Nodes) -> Vec<Vec<f64>> {
     let count = nodes.count();
     if nodes.degree == 0 {
@@ -51,7 +51,7 @@ fn part_averages(nodes: Nodes) -> Vec<Vec<f64>> {
     (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect()
 }
 
-/// Refuses a density to which no error is relative.
+/// Refuses a density that is zero or not finite: no error relative to it is defined.
 fn refuse_zero(density: &[f64], space: &PhaseSpace) -> Result<()> {
     let size: f64 = density.iter().map(|rho| rho.abs()).sum();
     if size > 0.0 && size.is_finite() {
@@ -71,9 +71,9 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / size }
 }
 
-/// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box: at most by this factor is the
-/// relative L1 distance of densities larger than the relative l2 distance of fields (Cauchy and
-/// Schwarz). Collective.
+/// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box. By Cauchy and Schwarz the relative
+/// L1 distance of densities is at most this factor times the relative l2 distance of the fields.
+/// Collective.
 pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64]) -> f64 {
     let velocities: Vec<_> = space.v.iter().map(|axis| 0..axis.cells).collect();
     let n = space.dimension();
@@ -96,10 +96,10 @@ pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64])
     (box_volume * square).sqrt() / mass
 }
 
-/// [`averaged_density`], of which errors can be relative. Collective.
+/// [`averaged_density`], refused if it is zero. Collective.
 ///
 /// # Errors
-/// As there; where the density is zero everywhere.
+/// As there; [`Error::Input`] where the density is zero everywhere.
 pub fn exact_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     let density = averaged_density(group, case, exact)?;
     refuse_zero(&density, &case.space)?;

@@ -1,18 +1,18 @@
-//! How errors fall from grid to grid, and where they will be.
+//! The order of convergence that errors on a sequence of grids show.
 
 use serde::Serialize;
 
-/// An error that falls less than with this power of the cells' width does not fall.
-pub const LEAST: f64 = 0.1;
-/// Orders of one sequence that differ by a larger part are not settled.
+/// An error whose order in the width of the cells is below this does not count as falling.
+const LEAST: f64 = 0.1;
+/// Largest relative difference of the last two orders of a settled sequence.
 const SPREAD: f64 = 0.15;
 
 /// Orders that a scheme may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// That of a discontinuous solution: what is assumed where no two errors are known.
+    /// The order of a discontinuous solution; assumed if fewer than two errors are known.
     pub least: f64,
-    /// It is of no higher order for long.
+    /// The highest order that is trusted.
     pub most: f64,
 }
 
@@ -20,26 +20,26 @@ pub struct Range {
 /// one before.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Order {
-    /// From each grid to the next.
+    /// The order from each grid to the next.
     pub pairs: Vec<f64>,
-    /// The mean of the last two.
+    /// The mean of the last two orders.
     pub order: f64,
-    /// The lower of the last two, or that of a discontinuous solution where their mean is above it:
-    /// what is counted on.
+    /// The order that extrapolation uses: the lower of the last two, or that of a discontinuous
+    /// solution if their mean is above it.
     pub counted_on: f64,
     /// Whether the last two agree within 15 %, and none of the last three is negative.
     pub settled: bool,
 }
 
 impl Order {
-    /// That of `errors` of a scheme with orders in `range`, from the coarsest grid on, or of
-    /// distances between consecutive grids.
+    /// The order of `errors` of a scheme with orders in `range`, coarsest grid first. Distances
+    /// between consecutive grids have the same order and may stand for errors.
     pub fn of(errors: &[f64], range: Range) -> Self {
         let Range { least, most } = range;
         let pairs: Vec<f64> = (errors.windows(2)).map(|pair| (pair[0] / pair[1]).log2()).collect();
         let (mean, lower, settled) = match pairs[..] {
             [] => (least, least, false),
-            // What it may be next is not known.
+            // One pair does not show the next order.
             [only] => (only, only.min(1.0), false),
             [.., before, last] => (
                 0.5 * (before + last),
@@ -47,14 +47,14 @@ impl Order {
                 (before - last).abs() <= SPREAD * before.abs().max(last.abs()),
             ),
         };
-        // Nor where errors grew just before.
+        // An order is not settled while errors grow.
         let recent = &pairs[pairs.len().saturating_sub(3)..];
         let settled = settled && recent.iter().all(|&q| q >= 0.0);
         let known = |q: f64| {
             if q.is_finite() { q.min(most) } else { least }
         };
         let order = known(mean);
-        // A pair that hardly falls by itself says nothing of how those after it do.
+        // One pair of errors that hardly fall does not show how later ones do.
         let counted_on = known(lower).max(order.min(least));
         Self { pairs, order, counted_on, settled: settled && mean.is_finite() }
     }
@@ -64,12 +64,13 @@ impl Order {
         self.order >= LEAST
     }
 
-    /// The error of a grid from its distance to one twice as fine: `e − e 2^{−q} = d` (Richardson).
+    /// Richardson's estimate of the error of a grid from its distance `d` to a grid twice as fine:
+    /// `e − e 2^{−q} = d`.
     pub fn error(&self, distance: f64) -> f64 {
         distance / (1.0 - (-self.counted_on.max(LEAST)).exp2())
     }
 
-    /// How many times finer a grid must be than one whose error is `error`, for `wanted`.
+    /// The factor by which a grid of error `error` must be refined to have the error `wanted`.
     pub fn refinement(&self, error: f64, wanted: f64) -> f64 {
         (error / wanted).powf(1.0 / self.counted_on.max(LEAST))
     }

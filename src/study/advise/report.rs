@@ -1,19 +1,20 @@
-//! Advice as people read it.
+//! Advice as text.
 
-use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, quoted};
+use crate::base::text::seconds_text;
+use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, counted, quoted};
 use crate::problem::case::{Case, Method};
-use crate::study::advise::entry::{Advised, Entry, Parts};
+use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::order::Order;
-use crate::study::advise::reach::Known;
+use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
 use crate::study::advise::trials::cells;
 use crate::study::grids::shape_text;
-use crate::study::text::seconds_text;
 use std::fmt;
 
-/// Grids of more unknowns are not spelled out.
+/// Largest number of unknowns of a grid whose shape is printed.
 pub const MOST_SHOWN: f64 = 1e15;
 
-/// `128 x 128 = 1.638e4 cells`, of a degree above 0 `26 x 26 elements = 1.690e4 unknowns`.
+/// A grid as text: `128 x 128 = 1.638e4 cells`; of a degree above 0 `26 x 26 elements = 1.690e4
+/// unknowns`.
 pub fn grid_text(shape: &[usize], degree: usize) -> String {
     let all = cells(shape) * ((degree + 1) as f64).powi(shape.len() as i32);
     if all > MOST_SHOWN {
@@ -26,7 +27,7 @@ pub fn grid_text(shape: &[usize], degree: usize) -> String {
     }
 }
 
-/// Orders by pairs of grids, coarsest first.
+/// Orders by pairs of grids as text, coarsest first.
 fn pairs(order: &Order) -> String {
     if order.pairs.is_empty() {
         return "one pair of grids".to_owned();
@@ -35,12 +36,12 @@ fn pairs(order: &Order) -> String {
     pairs.join(", ")
 }
 
-/// What the user should know of `entries`.
-pub fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
+/// Warnings about the set-ups `entries`.
+pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
     let mut warnings = Vec::new();
     let can = || entries.iter().filter(|e| e.refused.is_none());
     let unsettled: Vec<String> = can()
-        .filter(|e| !e.order.settled && e.known == Known::Extrapolated)
+        .filter(|e| !e.order.settled && e.known == Evidence::Extrapolated)
         .map(|e| format!("{} ({})", e.name, pairs(&e.order)))
         .collect();
     if !unsettled.is_empty() {
@@ -70,18 +71,18 @@ pub fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
     warnings
 }
 
-fn known(known: Known) -> &'static str {
+fn evidence(known: Evidence) -> &'static str {
     match known {
-        Known::Measured => "measured",
-        Known::Estimated => "estimated from a grid twice as fine",
-        Known::Extrapolated => "extrapolated",
+        Evidence::Measured => "measured",
+        Evidence::Estimated => "estimated from a grid twice as fine",
+        Evidence::Extrapolated => "extrapolated",
     }
 }
 
-fn parts(parts: &Parts) -> String {
+fn parts(parts: &ErrorParts) -> String {
     let mut text = match parts.space.zip(parts.velocity) {
         Some((space, velocity)) => format!("{OF_GRID} in x {space:.1e}, in v {velocity:.1e}"),
-        None => format!("{OF_GRID} {:.1e} (x and v not told apart)", parts.discretisation),
+        None => format!("{OF_GRID} {:.1e} (x and v not measured apart)", parts.discretisation),
     };
     let others = [
         (OF_ALGORITHM, parts.schrodingerization),
@@ -96,17 +97,17 @@ fn parts(parts: &Parts) -> String {
     text
 }
 
-impl Entry {
-    /// What it is, its grid, its error, and the settings that lead to it.
+impl SetupReport {
+    /// Name, grid, error, and `--set` options, on two lines.
     pub fn summary(&self) -> String {
         let set: String =
             self.settings.iter().map(|set| format!(" --set {}", quoted(set))).collect();
-        let (grid, how) = (grid_text(&self.shape, self.degree), known(self.known));
+        let (grid, how) = (grid_text(&self.shape, self.degree), evidence(self.known));
         format!("{}, {grid}, error {:.1e} ({how})\n {set}", self.name, self.error)
     }
 }
 
-fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
+fn entry(f: &mut fmt::Formatter<'_>, entry: &SetupReport) -> fmt::Result {
     writeln!(f, "{}", entry.name)?;
     if let Some(reason) = &entry.refused {
         return writeln!(f, "  not advised: {reason}");
@@ -121,7 +122,13 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
     };
     let tolerance = entry.tolerance.map_or(String::new(), |t| format!(", tolerance {t:e}"));
     writeln!(f, "  grid    {}{computed}{tolerance}", grid_text(&entry.shape, entry.degree))?;
-    writeln!(f, "  error   {:.2e}, {}: {}", entry.error, known(entry.known), parts(&entry.parts))?;
+    writeln!(
+        f,
+        "  error   {:.2e}, {}: {}",
+        entry.error,
+        evidence(entry.known),
+        parts(&entry.parts)
+    )?;
     let settled = if entry.order.settled { "settled" } else { "not settled" };
     writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;
     let seconds = entry.seconds.map_or("unknown time".to_owned(), seconds_text);
@@ -135,7 +142,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
     writeln!(f, "  {}", entry.command)
 }
 
-impl fmt::Display for Advised {
+impl fmt::Display for AdviceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.title)?;
         let against = if self.exact {
@@ -147,10 +154,7 @@ impl fmt::Display for Advised {
             f,
             "Relative L1 error of the density at most {:e}, on {}; errors are {against}.",
             self.accuracy,
-            match self.ranks {
-                1 => "1 rank".to_owned(),
-                ranks => format!("{ranks} ranks"),
-            }
+            counted(self.ranks, "rank", "ranks")
         )?;
         if let Some(given) = &self.given {
             let grid = grid_text(&given.shape, given.degree);
@@ -159,7 +163,7 @@ impl fmt::Display for Advised {
                 f,
                 "  error   {:.2e}, {}: {}",
                 given.error,
-                known(given.known),
+                evidence(given.known),
                 parts(&given.parts)
             )?;
         }
@@ -195,9 +199,9 @@ mod tests {
     /// What is not known is not printed as two halves.
     #[test]
     fn parts_that_were_not_told_apart_are_said_to_be() {
-        let together = parts(&Parts::of_discretisation(0.026, None));
-        assert_eq!(together, "error of the grid 2.6e-2 (x and v not told apart)");
-        let apart = parts(&Parts::of_discretisation(0.026, Some(1.0)));
+        let together = parts(&ErrorParts::of_discretisation(0.026, None));
+        assert_eq!(together, "error of the grid 2.6e-2 (x and v not measured apart)");
+        let apart = parts(&ErrorParts::of_discretisation(0.026, Some(1.0)));
         assert_eq!(apart, "error of the grid in x 2.6e-2, in v 0.0e0");
     }
 }

@@ -9,13 +9,13 @@ use crate::study::treatment::Treatment;
 /// A semi-discrete scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Scheme {
-    /// Interface rows, of degree 0.
+    /// Interface law, of degree 0.
     pub interface: Interface,
-    /// Slopes, of degree 0.
+    /// Slope limiter, of degree 0.
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
-    /// Another flux between elements than the case has of that degree.
+    /// Flux between elements, if it is not the one that the case has with that degree.
     pub flux: Option<Flux>,
 }
 
@@ -48,7 +48,7 @@ impl Flux {
 const HIGHEST_DEGREE: usize = 4;
 
 impl Scheme {
-    /// That of `case`. Schrödingerization has no slopes.
+    /// The scheme of `case`; Schrödingerization has no slopes.
     pub fn of(case: &Case) -> Self {
         let limiter = match case.method {
             Method::Classical => case.limiter,
@@ -57,9 +57,8 @@ impl Scheme {
         Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
-    /// The schemes that are tried for `case`: its own first; other degrees; of the upwind scheme of
-    /// degree 0 other interfaces where `V` jumps, then slopes where the inflow does not depend on
-    /// time.
+    /// The schemes that are tried for `case`: its own; other degrees; with the upwind scheme of degree
+    /// 0 also other interface laws, if `V` jumps, and slopes, if the inflow does not depend on time.
     pub fn candidates(case: &Case, jumps: bool) -> Vec<Self> {
         let own = Self { limiter: Limiter::None, ..Self::of(case) };
         let mut schemes = vec![own];
@@ -92,8 +91,7 @@ impl Scheme {
         Range { least: (k + 1.0) / (k + 2.0), most }
     }
 
-    /// `case`, of this scheme's degree, on `shape` elements by this scheme, without
-    /// Schrödingerization.
+    /// `case`, which has this scheme's degree, by a classical run of this scheme on `shape` elements.
     pub fn classical(self, case: &Case, shape: &[usize]) -> Case {
         Case {
             method: Method::Classical,
@@ -106,21 +104,21 @@ impl Scheme {
         }
     }
 
-    /// `case`, of this scheme's degree, on `shape` elements by this scheme's interface and flux.
+    /// `case`, which has this scheme's degree, with its interface and flux on `shape` elements.
     pub fn schrodingerized(self, case: &Case, shape: &[usize]) -> Case {
         let flux = self.flux.map_or(case.flux, Flux::alpha);
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each other flux than that of `case`, which has its degree; none of degree
-    /// 0.
+    /// This scheme with each flux that `case`, which has its degree, does not have; of degree 0 there
+    /// are none.
     pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
         let (own, elements) = (case.flux, self.degree > 0);
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);
         fluxes.map(move |flux| Self { flux: Some(flux), ..self })
     }
 
-    /// The scheme by `method` in words; the interface where `V` jumps.
+    /// Name of the scheme by `method`; with the interface law, if `V` jumps.
     pub fn name(self, method: Method, jumps: bool) -> String {
         if self.degree > 0 {
             let by =

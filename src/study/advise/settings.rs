@@ -16,19 +16,20 @@ const DEFAULTS: [&str; 6] = [
     "output.warped_field=false",
 ];
 
-/// `case` by Schrödingerization as it is planned, with no output but the fields at its end.
+/// `case` by Schrödingerization with every choice planned, and no output but the final fields: the
+/// base of all trials.
 ///
 /// # Errors
 /// As [`Case::parse`].
-pub fn plain(case: &Case) -> Result<Case> {
+pub fn base_case(case: &Case) -> Result<Case> {
     let mut set = case.overrides.clone();
     set.extend(DEFAULTS.map(str::to_owned));
     let planned = Case::parse(&case.name, &case.text, &set)?.with_tables_of(case);
     Ok(Case { exact: None, ..final_fields_only(&planned) })
 }
 
-/// What `--set` takes to make `target` of `case`; `plain` is the case as it is planned.
-pub fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
+/// The `--set` options that make `target` of `case`. `base` is [`base_case`] of it.
+pub fn settings(case: &Case, base: &Case, target: &Case) -> Vec<String> {
     let mut set = knobs::settings(case, target);
     let limited = case.positive && !target.positive;
     let resets = match target.method {
@@ -42,8 +43,8 @@ pub fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
             let hidden = case.method == Method::Classical
                 && case.settings.keys().any(|key| key.starts_with("solver.warp"));
             [
-                ("solver.warp={}", hidden || case.warp != plain.warp),
-                ("solver.propagator={}", case.propagator != plain.propagator),
+                ("solver.warp={}", hidden || case.warp != base.warp),
+                ("solver.propagator={}", case.propagator != base.propagator),
                 ("output.positive=false", limited),
             ]
         }
@@ -87,23 +88,23 @@ mod tests {
         "#;
         let read = |set: &[String]| Case::parse("case.toml", text, set);
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
-        let plain = plain(&case).unwrap();
+        let base = base_case(&case).unwrap();
         for interface in Interface::ALL {
             let scheme = Scheme { interface, limiter: Limiter::None, degree: 0, flux: None };
-            let mut target = scheme.schrodingerized(&plain, &[40, 36]);
+            let mut target = scheme.schrodingerized(&base, &[40, 36]);
             target.tolerance = 3e-4;
-            let set = settings(&case, &plain, &target);
+            let set = settings(&case, &base, &target);
             let found = read(&set).unwrap();
             assert_eq!(found.space, target.space);
             assert_eq!((found.interface, found.tolerance), (interface, 3e-4));
-            assert_eq!((&found.warp, &found.propagator), (&plain.warp, &plain.propagator));
+            assert_eq!((&found.warp, &found.propagator), (&base.warp, &base.propagator));
             let command = command(&case, &set);
             assert!(command.contains("--set 'solver.warp={}'"), "{command}");
             assert!(!command.contains("cells=24"), "{command}");
         }
         let limiter = Limiter::VanLeer;
         let scheme = Scheme { interface: Interface::Hat, limiter, degree: 0, flux: None };
-        let found = read(&settings(&case, &plain, &scheme.classical(&plain, &[40, 36]))).unwrap();
+        let found = read(&settings(&case, &base, &scheme.classical(&base, &[40, 36]))).unwrap();
         assert_eq!(
             (found.method, found.limiter, found.integrator),
             (Method::Classical, Limiter::VanLeer, Integrator::SspRk3)

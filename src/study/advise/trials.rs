@@ -16,31 +16,33 @@ use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
 use std::collections::BTreeMap;
 
-/// An application of a mode counts as so much of an update: eight modes go through memory together.
+/// Updates that an application to one mode counts as an unknown: eight modes go through memory
+/// together.
 pub const MODE: f64 = 0.25;
-/// Points of an element's rule along an axis, more than nodes, at which exact values are taken.
+/// Points of the quadrature of exact values in an element, along an axis, beyond its nodes.
 const MORE_POINTS: usize = 4;
-/// Assembling a matrix and what else a run begins and ends with count as so many updates a cell.
+/// Updates a cell that everything in a run beside its steps counts as, such as assembling `A`.
 const PREPARING: f64 = 80.0;
-/// An exact value counts as so many updates: particles are traced back over slopes and jumps.
+/// Updates that an exact value counts as: a particle is traced back over slopes and jumps.
 const EXACT_VALUE: f64 = 200.0;
 
 /// The result of a trial.
-pub struct Found {
-    /// The density on all of space, averaged over equal cells: as many as unknowns.
+pub struct TrialResult {
+    /// The density on all of space, averaged over equal cells, as many as unknowns of space.
     pub density: Vec<f64>,
-    /// Of elements its relative L1 error, by integrals over them, where an exact solution is known.
+    /// Of degree 1 and more: relative L1 error by quadrature in the elements, if an exact solution
+    /// is known.
     error: Option<f64>,
-    /// Seconds it took, the longest of the ranks.
+    /// Seconds on the slowest rank.
     pub seconds: f64,
     /// See [`spread`].
     pub spread: f64,
 }
 
 /// The case with elements of one degree.
-pub struct Scene {
-    /// By Schrödingerization as it is planned, with no output but the fields at its end.
-    pub plain: Case,
+pub struct DegreeCase {
+    /// The base of its trials: Schrödingerized, everything planned, no output but the final fields.
+    pub base: Case,
     /// Grids over its box.
     pub grids: Grids,
 }
@@ -48,35 +50,36 @@ pub struct Scene {
 /// All trials of a case.
 pub struct Trials<'a> {
     world: &'a World,
-    /// By degree; that of the case's own degree is the case.
-    scenes: BTreeMap<usize, Scene>,
+    /// By degree.
+    degree_cases: BTreeMap<usize, DegreeCase>,
     own_degree: usize,
     exact: Option<Exact>,
-    /// The axes of the `2n` that runs merge to one cell.
+    /// Of each of the `2n` axes, whether runs merge it to one cell.
     merged: Vec<bool>,
-    /// The time of the study, counted in updates so that the same is tried on every machine and on
-    /// any ranks.
+    /// The time of the study. It is counted in updates, so that every machine and any number of
+    /// ranks makes the same trials.
     pub budget: Budget,
     cost: CostModel,
-    done: BTreeMap<(Scheme, Vec<usize>), Found>,
+    done: BTreeMap<(Scheme, Vec<usize>), TrialResult>,
     exact_densities: BTreeMap<Vec<usize>, Vec<f64>>,
 }
 
 impl<'a> Trials<'a> {
-    /// Of `plain`, compared with `exact`, for about so many seconds. Collective.
+    /// Without trials yet; `base` is the case's, and the budget is about this many seconds.
+    /// Collective.
     ///
     /// # Errors
     /// As [`reduced`].
-    pub fn new(world: &'a World, plain: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
+    pub fn new(world: &'a World, base: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
         let budget = Budget::new(world, seconds);
-        let needed = reduced(&world.group(), &plain)?;
+        let needed = reduced(&world.group(), &base)?;
         let is_merged = |axis: &Axis| matches!(axis.part, Part::Merged { .. });
         let merged: Vec<bool> = needed.space.axes().map(is_merged).collect();
-        let own_degree = plain.space.degree();
-        let grids = Grids::new(&plain).with_merged(merged.clone());
+        let own_degree = base.space.degree();
+        let grids = Grids::new(&base).with_merged(merged.clone());
         Ok(Self {
             world,
-            scenes: BTreeMap::from([(own_degree, Scene { plain, grids })]),
+            degree_cases: BTreeMap::from([(own_degree, DegreeCase { base, grids })]),
             own_degree,
             exact,
             merged,
@@ -92,27 +95,27 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`of_degree`].
     pub fn prepare(&mut self, degree: usize) -> Result<()> {
-        if !self.scenes.contains_key(&degree) {
-            let plain = of_degree(self.plain(), degree, &self.merged)?;
-            let grids = Grids::new(&plain).with_merged(self.merged.clone());
-            self.scenes.insert(degree, Scene { plain, grids });
+        if !self.degree_cases.contains_key(&degree) {
+            let base = of_degree(self.base(), degree, &self.merged)?;
+            let grids = Grids::new(&base).with_merged(self.merged.clone());
+            self.degree_cases.insert(degree, DegreeCase { base, grids });
         }
         Ok(())
     }
 
     /// Whether elements of `degree` were prepared.
     pub fn is_prepared(&self, degree: usize) -> bool {
-        self.scenes.contains_key(&degree)
+        self.degree_cases.contains_key(&degree)
     }
 
-    /// The case as its file has it, by Schrödingerization as it is planned.
-    pub fn plain(&self) -> &Case {
-        &self.scenes[&self.own_degree].plain
+    /// The base case of the case's own degree.
+    pub fn base(&self) -> &Case {
+        &self.degree_cases[&self.own_degree].base
     }
 
     /// The case with elements of the degree of `scheme`, which was prepared.
-    pub fn scene(&self, scheme: Scheme) -> &Scene {
-        &self.scenes[&scheme.degree]
+    pub fn degree_case(&self, scheme: Scheme) -> &DegreeCase {
+        &self.degree_cases[&scheme.degree]
     }
 
     /// `case` as its runs merge it: explicit steps keep the grid.
@@ -135,10 +138,10 @@ impl<'a> Trials<'a> {
         self.exact.is_some()
     }
 
-    /// Updates that `scheme` on `shape` counts as; infinitely many for a grid so large that one of
-    /// each of its cells is beyond the budget.
+    /// Updates that a classical run of `scheme` on `shape` counts as; infinite for a grid with more
+    /// cells than the budget has updates.
     fn updates(&mut self, scheme: Scheme, shape: &[usize]) -> Result<f64> {
-        let case = self.merged(&scheme.classical(&self.scene(scheme).plain, shape));
+        let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
         let cells = all_cells(&case);
         match self.budget.holds(cells, 1.0) {
             true => Ok((self.cost.work(&case)? + PREPARING) * cells),
@@ -146,9 +149,8 @@ impl<'a> Trials<'a> {
         }
     }
 
-    /// Updates that comparing a density on `shape` with the exact one counts as. Of degree 0 the
-    /// exact density is computed once a grid; of elements with each trial, at more points than
-    /// nodes.
+    /// Updates that a comparison with the exact density on `shape` counts as. Of degree 0 the exact
+    /// density is computed once a grid; of higher degrees with each trial, at more points than nodes.
     fn updates_to_compare(&self, scheme: Scheme, shape: &[usize]) -> f64 {
         if self.exact.is_none() {
             return 0.0;
@@ -157,7 +159,7 @@ impl<'a> Trials<'a> {
             return match self.exact_densities.contains_key(shape) {
                 true => 0.0,
                 false => {
-                    let case = scheme.schrodingerized(&self.scene(scheme).plain, shape);
+                    let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
                     EXACT_VALUE * first_points(&case)
                 }
             };
@@ -182,7 +184,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`CostModel::work`].
-    pub fn may(&mut self, scheme: Scheme, shape: &[usize], part: f64) -> Result<bool> {
+    pub fn affords(&mut self, scheme: Scheme, shape: &[usize], part: f64) -> Result<bool> {
         let mut updates = self.updates_to_compare(scheme, shape);
         if self.has_run(scheme, shape) {
             return Ok(updates == 0.0 || self.budget.allows(updates, part));
@@ -200,10 +202,10 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`Trials::measure`].
-    pub fn run(&mut self, scheme: Scheme, shape: &[usize]) -> Result<&Found> {
+    pub fn run(&mut self, scheme: Scheme, shape: &[usize]) -> Result<&TrialResult> {
         let key = (scheme, shape.to_vec());
         if !self.done.contains_key(&key) {
-            let case = scheme.classical(&self.scene(scheme).plain, shape);
+            let case = scheme.classical(&self.degree_case(scheme).base, shape);
             let merged = self.merged(&case);
             let mut updates = (self.cost.work(&merged)? + PREPARING) * all_cells(&merged);
             if scheme.degree > 0 {
@@ -219,7 +221,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`trial`] and [`density_of`].
-    pub fn measure(&mut self, case: &Case, updates: f64) -> Result<Found> {
+    pub fn measure(&mut self, case: &Case, updates: f64) -> Result<TrialResult> {
         self.budget.count(updates);
         let exact = self.exact.clone().filter(|_| case.space.degree() > 0);
         let found = trial(self.world, &Case { exact, ..case.clone() })?;
@@ -230,10 +232,10 @@ impl<'a> Trials<'a> {
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;
-        Ok(Found { density, error, seconds: result, spread })
+        Ok(TrialResult { density, error, seconds: result, spread })
     }
 
-    /// Seconds that a run of `case` as `plan` has it is expected to take, by the trials so far.
+    /// Predicted seconds of a run of `case` by `plan`, from the trials so far.
     pub fn seconds(&self, case: &Case, plan: &Plan) -> f64 {
         let merged = self.merged(case);
         self.cost.seconds(&merged, planned_work(&merged, plan))
@@ -253,14 +255,14 @@ impl<'a> Trials<'a> {
         self.error_of_cells(scheme, &density, shape)
     }
 
-    /// As [`error`](Self::error), of what was found on `shape`. Collective.
+    /// As [`error`](Self::error), of the trial `found` on `shape`. Collective.
     ///
     /// # Errors
     /// As [`exact_density`].
     pub fn error_of(
         &mut self,
         scheme: Scheme,
-        found: &Found,
+        found: &TrialResult,
         shape: &[usize],
     ) -> Result<Option<f64>> {
         match scheme.degree {
@@ -269,7 +271,7 @@ impl<'a> Trials<'a> {
         }
     }
 
-    /// The error of a density of degree 0. Collective.
+    /// The relative L1 error of a density of degree 0. Collective.
     fn error_of_cells(
         &mut self,
         scheme: Scheme,
@@ -280,7 +282,7 @@ impl<'a> Trials<'a> {
             return Ok(None);
         };
         if !self.exact_densities.contains_key(shape) {
-            let case = scheme.schrodingerized(&self.scene(scheme).plain, shape);
+            let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
             self.budget.count(self.updates_to_compare(scheme, shape));
             let found = exact_density(self.budget.group(), &case, exact)?;
             self.exact_densities.insert(shape.to_vec(), found);
@@ -294,7 +296,7 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`Trials::run`].
     pub fn distance(&mut self, scheme: Scheme, coarse: &[usize], fine: &[usize]) -> Result<f64> {
-        let space = &self.scene(scheme).plain.space;
+        let space = &self.degree_case(scheme).base.space;
         let cells = |shape: &[usize]| -> Vec<usize> {
             space.x.iter().zip(shape).map(|(axis, n)| n * axis.nodes.count()).collect()
         };
@@ -309,7 +311,7 @@ pub fn mode_updates(case: &Case, plan: &Plan) -> f64 {
     MODE * planned_updates(case, plan)
 }
 
-/// The product of `shape`; more than an integer holds, maybe.
+/// The product of `shape`, as a float: it may exceed every integer.
 pub fn cells(shape: &[usize]) -> f64 {
     shape.iter().map(|&n| n as f64).product()
 }

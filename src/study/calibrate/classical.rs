@@ -6,14 +6,14 @@ use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::limiter::Reconstruction;
 use crate::run::classical::{Integration, integrate};
 use crate::solve::prepared::Prepared;
-use crate::study::calibrate::timing::{Expected, PARTS, Timed, line};
+use crate::study::calibrate::timing::{PARTS, SolveTime, Timed, line};
 use std::time::Instant;
 
 /// What the classical steps take on the block of `prepared`. Collective.
 ///
 /// # Errors
 /// As [`Reconstruction::new`].
-pub fn expected(prepared: &mut Prepared) -> Result<Expected> {
+pub fn expected(prepared: &mut Prepared) -> Result<SolveTime> {
     let Prepared { case, plan, communicator, system, .. } = prepared;
     let (case, world) = (&*case, &communicator.world);
     let fields = case.fields.len();
@@ -39,7 +39,7 @@ pub fn expected(prepared: &mut Prepared) -> Result<Expected> {
     let line = line(&mut trial)?;
     let all = (fields * plan.classical_steps) as f64;
     let application = line.rate / case.integrator.stages() as f64;
-    Ok(Expected { solve: line.fixed + line.rate * all, application })
+    Ok(SolveTime { solve: line.fixed + line.rate * all, application })
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.

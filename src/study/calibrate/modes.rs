@@ -24,7 +24,9 @@ use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
 use crate::solve::stage::{Keeping, Task};
 use crate::solve::system::DiscreteSystem;
-use crate::study::calibrate::timing::{Expected, LONG_ENOUGH, Line, PARTS, Timed, line, repeated};
+use crate::study::calibrate::timing::{
+    LONG_ENOUGH, LinearCost, PARTS, SolveTime, Timed, line, repeated,
+};
 use num_complex::Complex64;
 use std::time::Instant;
 
@@ -36,7 +38,7 @@ const PIECES: usize = 3;
 ///
 /// # Errors
 /// As [`modes::run`].
-pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result<Expected> {
+pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result<SolveTime> {
     let given = GivenMode::new(prepared);
     let norms: Vec<f64> = match &given {
         Some(given) if given.norm > 0.0 => vec![given.norm; prepared.system.states.len()],
@@ -48,7 +50,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
     let DiscreteSystem { matrix, exchange, states, weights, schedule, terms, .. } = system;
     let rows = matrix.rows();
     let factors = VelocityFactors::new(&case.space);
-    let mut trials = Trials {
+    let mut trials = ModeTrials {
         case,
         plan,
         warp,
@@ -96,7 +98,7 @@ impl GivenMode {
 }
 
 /// Trials of the modes on a block.
-struct Trials<'a> {
+struct ModeTrials<'a> {
     case: &'a Case,
     plan: &'a Plan,
     warp: &'a WarpPlan,
@@ -112,8 +114,8 @@ struct Trials<'a> {
     coupling: BatchCoupling,
 }
 
-impl<'a> Trials<'a> {
-    fn expected(&mut self, whole: bool) -> Result<Expected> {
+impl<'a> ModeTrials<'a> {
+    fn expected(&mut self, whole: bool) -> Result<SolveTime> {
         let (plan, world) = (self.plan, &self.communicator.world);
         let groups = &plan.layout.groups;
         let mine = &groups[self.communicator.modes.rank() % groups.len()];
@@ -123,7 +125,7 @@ impl<'a> Trials<'a> {
         drop(world.agree(all.propagator(self.matrix))?);
         let making = world.max(making.elapsed().as_secs_f64());
         let nothing = repeated(&mut || self.trial(1, &[]))?.seconds;
-        let Line { rate, fixed } = line(&mut |part| self.trial(part, &tried))?;
+        let LinearCost { rate, fixed } = line(&mut |part| self.trial(part, &tried))?;
         // Pieces of the group with most to do.
         let tried = world.max(tried.len() as f64).max(1.0);
         let piece = ((fixed - nothing) / tried).max(0.0);
@@ -141,7 +143,7 @@ impl<'a> Trials<'a> {
             seconds = repeated(&mut || self.trial(PARTS, mine))?.seconds;
         }
         let application = rate / self.case.fields.len() as f64;
-        Ok(Expected { solve: making + seconds, application })
+        Ok(SolveTime { solve: making + seconds, application })
     }
 
     fn shortened(&self, part: usize) -> Shortened<'a> {

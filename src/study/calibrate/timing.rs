@@ -4,8 +4,8 @@ use crate::base::error::Result;
 
 /// Parts of the time; a power of two.
 pub const PARTS: usize = 64;
-/// A trial of so many seconds tells the rate; shorter ones are made longer while there is time left
-/// to run.
+/// Seconds of a trial that is long enough to measure a rate; shorter trials are repeated with more
+/// parts of the time.
 pub const LONG_ENOUGH: f64 = 0.25;
 /// Most times that a trial is repeated.
 const REPEATS: f64 = 9.0;
@@ -21,16 +21,16 @@ pub struct Timed {
 
 /// `seconds = fixed + rate · cost`.
 #[derive(Clone, Copy, Debug)]
-pub struct Line {
+pub struct LinearCost {
     /// Seconds at no cost.
     pub fixed: f64,
     /// Seconds a unit of cost.
     pub rate: f64,
 }
 
-/// What solving is expected to take.
+/// Predicted seconds to solve.
 #[derive(Clone, Copy, Debug)]
-pub struct Expected {
+pub struct SolveTime {
     /// Seconds in all.
     pub solve: f64,
     /// Seconds of an application.
@@ -42,7 +42,7 @@ pub struct Expected {
 ///
 /// # Errors
 /// Those of `trial`.
-pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<Line> {
+pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<LinearCost> {
     // The first of all also finds its way into the memory.
     trial(1)?;
     let (mut part, first) = (1, repeated(&mut || trial(1))?);
@@ -58,10 +58,10 @@ pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<Line> {
     let more = last.cost - first.cost;
     let rate = match more > 0.0 {
         true => ((last.seconds - first.seconds) / more).max(0.0),
-        // All there is to do was done.
+        // The whole work was measured.
         false => last.seconds / last.cost.max(1.0),
     };
-    Ok(Line { rate, fixed: (last.seconds - rate * last.cost).max(0.0) })
+    Ok(LinearCost { rate, fixed: (last.seconds - rate * last.cost).max(0.0) })
 }
 
 /// The mean of a trial that is repeated while that takes little: a run, too, has slow moments.

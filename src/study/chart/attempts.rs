@@ -4,6 +4,7 @@
 //! out costs two short messages; once the budget is used up, no messages are exchanged.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::time_text;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
@@ -18,15 +19,14 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::cost::{CostModel, Seconds};
 use crate::study::knobs::row_choices;
-use crate::study::text::time_text;
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
 /// Most of the budget that one trial may take, so that many methods are tried.
 const LARGEST_PART: f64 = 0.125;
-/// The same of the case as given.
+/// The same for the case as given.
 const GIVEN_PART: f64 = 0.25;
-/// A trial is begun where so many times its expected seconds are left.
+/// A trial is begun only if this many times its expected seconds are left.
 const MARGIN: f64 = 1.3;
 /// Methods are compared on the finest grid where the first trials of all profiles together take at
 /// most this part of the budget.
@@ -36,19 +36,19 @@ const QUICK: f64 = 5e-4;
 const REPEATS: usize = 3;
 /// Part of the budget that predictions may take.
 const PREDICTING: f64 = 0.1;
-/// Seconds a cell takes to reduce a grid, before that is measured.
+/// Seconds a cell that the reduction of a grid takes, before that is measured.
 const REDUCING: f64 = 1e-7;
-/// Shorter times than these seconds do not tell it.
+/// Shortest time in seconds that this rate is measured by.
 const MEASURABLE: f64 = 0.01;
 
-/// What the reduction of a case depends on.
+/// The properties of a case that its reduction depends on.
 #[derive(Clone, Debug, PartialEq)]
-struct SceneKey {
+struct ReductionKey {
     shape: Vec<usize>,
     scheme: String,
 }
 
-impl SceneKey {
+impl ReductionKey {
     fn of(case: &Case) -> Self {
         let slopes = case.limiter != Limiter::None;
         Self {
@@ -62,9 +62,9 @@ impl SceneKey {
     }
 }
 
-/// A scene on the cells that it needs.
-struct ReducedScene {
-    key: SceneKey,
+/// The grid of a case after its reduction.
+struct ReducedGrid {
+    key: ReductionKey,
     space: PhaseSpace,
     reductions: Reductions,
 }
@@ -77,22 +77,22 @@ struct ReducingRate {
 
 /// Expected seconds of a trial.
 #[derive(Clone, Copy)]
-struct Expected {
+struct ExpectedSeconds {
     seconds: f64,
     /// Whether they are only a lower bound.
     at_least: bool,
 }
 
-/// What became of a setting.
+/// The outcome of a setting.
 enum Outcome {
-    LeftOut(Expected),
+    LeftOut(ExpectedSeconds),
     Refused(String),
     Done(Box<Trial>, Seconds),
 }
 
 impl Outcome {
     fn longer_than(seconds: f64) -> Self {
-        Self::LeftOut(Expected { seconds, at_least: true })
+        Self::LeftOut(ExpectedSeconds { seconds, at_least: true })
     }
 }
 
@@ -102,7 +102,7 @@ pub(crate) struct Attempts<'a> {
     case: &'a Case,
     /// The case of other degrees.
     degrees: &'a [Case],
-    /// Whether `V` does.
+    /// Whether `V` jumps.
     jumps: bool,
     budget: Budget,
     /// Whether the budget is used up, on all ranks.
@@ -111,7 +111,7 @@ pub(crate) struct Attempts<'a> {
     predicting: f64,
     reducing: ReducingRate,
     cost: CostModel,
-    scenes: Vec<ReducedScene>,
+    reduced_grids: Vec<ReducedGrid>,
     tried: Vec<Setting>,
     /// One of each setting tried, in order.
     pub entries: Vec<Entry>,
@@ -122,7 +122,7 @@ pub(crate) struct Attempts<'a> {
 }
 
 impl<'a> Attempts<'a> {
-    /// None yet, within `budget`.
+    /// No attempts yet.
     pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: Budget) -> Self {
         Self {
             world,
@@ -134,7 +134,7 @@ impl<'a> Attempts<'a> {
             predicting: 0.0,
             reducing: ReducingRate { seconds_per_cell: REDUCING, cells: 0 },
             cost: CostModel::default(),
-            scenes: Vec::new(),
+            reduced_grids: Vec::new(),
             tried: Vec::new(),
             entries: Vec::new(),
             first_error: None,
@@ -189,7 +189,7 @@ impl<'a> Attempts<'a> {
             Outcome::Refused(reason) => {
                 Entry { reason: Some(reason), ..Entry::of(&case, Status::Refused) }
             }
-            Outcome::LeftOut(Expected { seconds, at_least }) => {
+            Outcome::LeftOut(ExpectedSeconds { seconds, at_least }) => {
                 let coarser = self.seconds_on_coarser(setting);
                 Entry {
                     expected_seconds: Some(seconds.max(coarser)),
@@ -206,7 +206,8 @@ impl<'a> Attempts<'a> {
         }
     }
 
-    /// What becomes of `setting`, whose `case` gets the interval of the paper's set-up. Collective.
+    /// Runs, refuses or leaves out `setting`; the `case` of a paper's set-up gets its interval.
+    /// Collective.
     ///
     /// # Errors
     /// Those of reducing, measuring and running the case.
@@ -218,7 +219,7 @@ impl<'a> Attempts<'a> {
         if self.is_over() {
             return Ok(Outcome::longer_than(self.least_seconds(case)));
         }
-        if self.known_scene(case).is_none() {
+        if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
             if self.budget.decide(self.too_late(case, setup, least)) {
                 return Ok(Outcome::longer_than(least));
@@ -289,8 +290,8 @@ impl<'a> Attempts<'a> {
     /// The least seconds of a trial, before its grid is reduced: for the part of the cells that was
     /// needed on another grid.
     fn least_seconds(&self, case: &Case) -> f64 {
-        let scheme = SceneKey::of(case).scheme;
-        let mut latest = self.scenes.iter().rev();
+        let scheme = ReductionKey::of(case).scheme;
+        let mut latest = self.reduced_grids.iter().rev();
         let part = (latest.find(|scene| scene.key.scheme == scheme))
             .map_or(1.0, |scene| scene.space.cells() as f64 / scene.key.cells() as f64);
         self.cost.overhead(case, part * case.space.cells() as f64)
@@ -300,7 +301,7 @@ impl<'a> Attempts<'a> {
     fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
         let seconds = self.reducing.seconds_per_cell * case.space.cells() as f64;
         // The coarsest grid is always reduced: without it only few methods are tried.
-        let fewest = self.scenes.iter().map(|scene| scene.key.cells()).min();
+        let fewest = self.reduced_grids.iter().map(|scene| scene.key.cells()).min();
         let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
         let spent = larger && self.predicting + seconds > PREDICTING * self.budget.limit();
         self.has_results() && (spent || !self.fits(setup, least + seconds))
@@ -308,9 +309,9 @@ impl<'a> Attempts<'a> {
 
     /// Expected seconds of a trial of `case`, and the error where it cannot be planned. Without
     /// time to plan it, or if it takes much too long anyway, a lower bound.
-    fn expect(&mut self, case: &Case) -> (Expected, Option<Error>) {
+    fn expect(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
-        let at_least = |seconds| Expected { seconds, at_least: true };
+        let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
         let limit = self.budget.limit();
         // Modes have a profile to be planned; classical steps are counted at once.
         let spent = case.method == Method::Schrodingerized && self.predicting > PREDICTING * limit;
@@ -322,7 +323,8 @@ impl<'a> Attempts<'a> {
         self.predicting += began.elapsed().as_secs_f64();
         match work {
             Ok(work) => {
-                let expected = Expected { seconds: self.cost.seconds(case, work), at_least: false };
+                let expected =
+                    ExpectedSeconds { seconds: self.cost.seconds(case, work), at_least: false };
                 (expected, None)
             }
             Err(error) => (at_least(least), Some(error)),
@@ -330,9 +332,9 @@ impl<'a> Attempts<'a> {
     }
 
     /// `case` on the cells that it needs, where these are known.
-    fn known_scene(&self, case: &Case) -> Option<Case> {
-        let key = SceneKey::of(case);
-        let scene = self.scenes.iter().find(|scene| scene.key == key)?;
+    fn with_known_reduction(&self, case: &Case) -> Option<Case> {
+        let key = ReductionKey::of(case);
+        let scene = self.reduced_grids.iter().find(|scene| scene.key == key)?;
         Some(Case {
             space: scene.space.clone(),
             reductions: scene.reductions.clone(),
@@ -342,7 +344,7 @@ impl<'a> Attempts<'a> {
 
     /// `case` on the cells that it needs. Collective.
     fn reduce(&mut self, case: &Case) -> Result<Case> {
-        if let Some(known) = self.known_scene(case) {
+        if let Some(known) = self.with_known_reduction(case) {
             return Ok(known);
         }
         let began = Instant::now();
@@ -354,8 +356,8 @@ impl<'a> Attempts<'a> {
             self.reducing = ReducingRate { seconds_per_cell: seconds / cells as f64, cells };
         }
         let found = found?;
-        self.scenes.push(ReducedScene {
-            key: SceneKey::of(case),
+        self.reduced_grids.push(ReducedGrid {
+            key: ReductionKey::of(case),
             space: found.space.clone(),
             reductions: found.reductions.clone(),
         });
@@ -428,7 +430,7 @@ impl<'a> Attempts<'a> {
                 (sum, bound) = (sum + overhead, "at least ");
                 break;
             }
-            let case = self.known_scene(&case).unwrap_or(case);
+            let case = self.with_known_reduction(&case).unwrap_or(case);
             // Refused settings cost nothing.
             if let Ok(work) = self.cost.work(&case) {
                 sum += self.cost.seconds(&case, work);

@@ -2,9 +2,9 @@
 
 use crate::base::error::Result;
 use crate::base::table::{Column, in_pieces};
-use crate::base::text::csv_field;
+use crate::base::text::{counted, csv_field};
 use crate::study::chart::entry::{Entry, Status};
-use crate::study::chart::picture;
+use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected;
 use crate::study::files::Files;
@@ -97,12 +97,12 @@ fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
-/// A column of the table on the terminal: its name, and its cell for an entry.
-type Told = (&'static str, fn(&Entry) -> String);
+/// A column of numbers on the terminal: its name, and the text of an entry.
+type NumberColumn = (&'static str, fn(&Entry) -> String);
 
 /// Columns of numbers.
 #[rustfmt::skip]
-const TABLE: [Told; 7] = [
+const TABLE: [NumberColumn; 7] = [
     ("exact", |e| error(e.error_exact)),
     ("semi-discrete", |e| error(e.error_semidiscrete)),
     ("seconds", |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}"))),
@@ -113,7 +113,7 @@ const TABLE: [Told; 7] = [
 ];
 
 fn mib_text(bytes: u64) -> String {
-    format!("{:.0}", bytes as f64 / 1048576.0)
+    format!("{:.0}", bytes as f64 / MIB)
 }
 
 /// A line of titles, then one an entry, and what the columns mean.
@@ -130,8 +130,8 @@ fn table(
         Column::of_words("method", of(&Entry::name)),
         Column::of_words("front", of(fronts)),
     ];
-    let told = TABLE.iter().map(|(name, text)| Column::new(name, of(text)));
-    let columns: Vec<Column> = words.into_iter().chain(told).collect();
+    let numbers_of = TABLE.iter().map(|(name, text)| Column::new(name, of(text)));
+    let columns: Vec<Column> = words.into_iter().chain(numbers_of).collect();
     writeln!(f, "{}", in_pieces(&Column::new("trial", numbers), &columns))?;
     writeln!(
         f,
@@ -147,7 +147,7 @@ fn table(
 }
 
 impl Chart {
-    /// How much was left out of each method; each setting is in `chart.csv` and `chart.json`.
+    /// Prints the number of settings left out, by method.
     fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut methods: Vec<(String, Vec<&Entry>)> = Vec::new();
         for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
@@ -162,10 +162,7 @@ impl Chart {
         }
         writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
         for (name, all) in methods {
-            let settings = match all.len() {
-                1 => "1 setting".to_owned(),
-                n => format!("{n} settings"),
-            };
+            let settings = counted(all.len(), "setting", "settings");
             writeln!(f, "  {name}: {settings}, {}", expected(&all))?;
         }
         Ok(())

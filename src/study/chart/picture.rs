@@ -20,9 +20,10 @@ type Point = fn(&Entry) -> Option<[f64; 2]>;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
 const APPLICATIONS: &str = "applications of the matrix";
-const MIB: f64 = 1048576.0;
+/// Bytes of a mebibyte.
+pub const MIB: f64 = 1048576.0;
 
-/// All panels, and the sentences below.
+/// The figure of a chart: all panels, with its sentences below.
 pub fn figure(chart: &Chart) -> Figure {
     let compared: Vec<&Entry> =
         (chart.entries.iter()).filter(|e| e.grid == chart.compared_on && !e.as_given).collect();
@@ -97,8 +98,8 @@ impl<'a> Plot<'a> {
     }
 }
 
-fn is(given: &Option<String>, wanted: &str) -> bool {
-    given.as_deref() == Some(wanted)
+fn is(setting: &Option<String>, value: &str) -> bool {
+    setting.as_deref() == Some(value)
 }
 
 /// Whether the entry is a run by modes, planned from a tolerance.

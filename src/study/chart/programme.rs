@@ -1,5 +1,6 @@
-//! The settings that are tried, in order: every method once on the coarsest grid, then grids and
-//! degrees, then the knobs of each method, then fluxes between elements, then all combinations.
+//! The settings that a chart tries, in order: every method once on the coarsest grid, then the
+//! case's own grid, then the choices of each method, then degrees, other grids and fluxes between
+//! elements, then all combinations.
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
@@ -23,15 +24,14 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
-/// The same of elements: slopes are not theirs, and no step of forward Euler keeps them from
-/// growing.
+/// The same of elements, without slopes, and without forward Euler, which grows at any step.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
 /// Grids of other degrees have about so many times the unknowns of the case along an axis.
 const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
 const FIRST: f64 = 1e-2;
-/// The second of elements, whose grids leave less.
+/// The second tolerance of elements, whose grids have smaller errors.
 const SECOND: f64 = 1e-4;
 /// Tolerances that are tried, the loosest first.
 pub const TOLERANCES: [f64; 5] = [FIRST, 1e-4, 1e-6, 1e-8, 1e-10];
@@ -43,17 +43,17 @@ const BELOW_STEPS: f64 = 1e-4;
 const PAPER_STEPS: usize = 50;
 /// `N_p` of the paper's set-up.
 const POINTS: [usize; 7] = [256, 512, 1024, 2048, 4096, 8192, 16384];
-/// Steps over the largest stable one, besides the default.
+/// CFL numbers below the default: the step over the largest stable one.
 const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
 
-/// A setup on a grid.
+/// A method with its settings, on a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     /// The grid.
     pub space: PhaseSpace,
     /// The method.
     pub setup: Setup,
-    /// Another flux between elements than that of the case.
+    /// Flux between elements, if it is not that of the case.
     pub flux: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! A method with its settings, and the case that it makes of a case file.
+//! A method with its settings, and the case to run with them.
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{

@@ -1,16 +1,16 @@
 //! Which method to take at which accuracy, in sentences that follow from the trials.
 
-use crate::base::text::{OF_ALGORITHM, OF_GRID, sentence};
+use crate::base::text::time_text;
+use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence};
 use crate::problem::case::Method;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::result::Chart;
-use crate::study::text::time_text;
 
 /// Accuracies that are asked for, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
 const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
 
-/// A number of few digits, as people write it.
+/// A number of few digits as text: `0.03`, `1e-5`.
 pub fn short(x: f64) -> String {
     if (0.001..1.0).contains(&x) { format!("{x}") } else { format!("{x:.0e}") }
 }
@@ -44,8 +44,8 @@ pub fn winners<'a>(
     (found, None)
 }
 
-/// The cheapest entries by accuracy, as a sentence.
-struct Ladder<'a> {
+/// The sentence on the cheapest entries at each of some accuracies.
+struct CheapestByAccuracy<'a> {
     entries: &'a [&'a Entry],
     accuracies: &'a [f64],
     /// Cost and error.
@@ -56,7 +56,7 @@ struct Ladder<'a> {
     left_out: fn(&Chart, &Entry) -> String,
 }
 
-impl Ladder<'_> {
+impl CheapestByAccuracy<'_> {
     /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no
     /// entry has an error.
     fn text(&self, chart: &Chart) -> Option<String> {
@@ -136,7 +136,7 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
         "f" => "solution",
         _ => "density",
     };
-    let ladder = Ladder {
+    let sentence_of = CheapestByAccuracy {
         entries,
         accuracies: &EXACT,
         point: |e| Some([e.seconds?, e.error_exact?]),
@@ -144,14 +144,14 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
         cost: seconds_text,
         left_out: left_out_anywhere,
     };
-    let text = ladder.text(chart)?;
+    let text = sentence_of.text(chart)?;
     let what = sentence(OF_GRID);
     Some(format!("{what} (relative L1 distance to the exact {of}), {kind}: {text}."))
 }
 
 /// By the error to the semi-discrete solution, on the grid where methods are compared.
 fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
-    let ladder = Ladder {
+    let sentence_of = CheapestByAccuracy {
         entries,
         accuracies: &SEMIDISCRETE,
         point: |e| Some([e.seconds?, e.error_semidiscrete?]),
@@ -164,7 +164,7 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
         let seconds = seconds_text(e);
         format!(" (the exponential is that solution to round-off: {seconds})")
     });
-    let (text, grid) = (ladder.text(chart)?, &chart.compared_on);
+    let (text, grid) = (sentence_of.text(chart)?, &chart.compared_on);
     let what = sentence(OF_ALGORITHM);
     Some(format!(
         "{what} (relative l2 distance to the semi-discrete solution on {grid}), {kind}{also}: \
@@ -174,7 +174,7 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
 
 /// A sentence on the cost until the field is measured.
 fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
-    let ladder = Ladder {
+    let sentence_of = CheapestByAccuracy {
         entries,
         accuracies: &SEMIDISCRETE,
         point: |e| Some([e.until_measured?, e.error_semidiscrete?]),
@@ -185,7 +185,7 @@ fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
         },
         left_out: left_out_there,
     };
-    let text = ladder.text(chart)?;
+    let text = sentence_of.text(chart)?;
     Some(format!(
         "On a quantum computer, by applications over the probability of measuring the field: \
          {text}."
@@ -258,14 +258,13 @@ pub fn ends(all: &[f64]) -> [f64; 2] {
     [least, all.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
-/// What was run and what was not.
+/// A sentence on the numbers of trials that ran, were refused, and were left out.
 fn account(chart: &Chart) -> String {
     let count = |status| chart.entries.iter().filter(|e| e.status == status).count();
     let mut text = format!(
-        "{} trials on {} {} took {:.1} s of a budget of {} s; refused: {}",
+        "{} trials on {} took {:.1} s of a budget of {} s; refused: {}",
         count(Status::Done),
-        chart.ranks,
-        if chart.ranks == 1 { "rank" } else { "ranks" },
+        counted(chart.ranks, "rank", "ranks"),
         chart.took_seconds,
         chart.budget_seconds,
         count(Status::Refused),

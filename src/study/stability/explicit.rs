@@ -22,9 +22,9 @@ use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
 use crate::study::stability::scene::{assembled, notes};
-use crate::study::stability::search::{Located, Search};
+use crate::study::stability::search::{Bisection, Located};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -32,46 +32,46 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which something has exploded or has not.
 const STEPS: usize = 200;
-/// What is measured: in `STEPS` steps.
+/// Label of the measured growth, which is that in [`STEPS`] steps.
 pub const GROWTH: &str = "growth in 200 steps";
-/// What a step may keep.
+/// Names of the quantities that a step may keep: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
 const NORM: &str = "norm";
-/// Steps in which a maximum that can be exceeded is.
+/// Steps after which a step that can exceed the maximum has done so.
 const FEW: usize = 8;
-/// Growth that is called an explosion.
-pub const EXPLODED: f64 = 1e6;
-/// Ranks ask each other for the largest value after so many steps.
+/// Growth in [`STEPS`] steps from which values are said to explode.
+const EXPLODED: f64 = 1e6;
+/// Steps between exchanges of the largest value over ranks.
 const BETWEEN: usize = 8;
-/// Growth at which a run is given up.
+/// Growth at which a trial is stopped.
 const FAR: f64 = 1e12;
-/// Growth that is round-off.
+/// Relative growth below which it is round-off.
 const ROUND_OFF: f64 = 1e-12;
 /// Halvings that find a border to six digits, and to three.
 const SHARP: usize = 20;
 const ROUGH: usize = 14;
-/// A border this far beyond theory's is another, relatively.
+/// Relative distance from which a measured border counts as beyond theory's.
 const SLACK: f64 = 1e-3;
-/// The largest number that is tried; of elements, whose rate is a bound that no grid reaches.
+/// Largest `cfl` that is tried; larger for elements, whose rate is a bound that no grid reaches.
 const LARGEST: f64 = 4.0;
 const LARGEST_OF_ELEMENTS: f64 = 32.0;
 const METHODS: [(&str, Integrator); 2] =
     [("forward Euler", Integrator::ForwardEuler), ("SSP-RK3", Integrator::SspRk3)];
 
-/// A number of steps from the first so many patterns.
+/// A trial of so many steps, from each of the first `patterns`.
 #[derive(Clone, Copy)]
-struct Test {
+struct StepTest {
     steps: usize,
     patterns: usize,
 }
 
 /// Shows whether a maximum is exceeded.
-const SHORT: Test = Test { steps: FEW, patterns: 2 };
+const SHORT: StepTest = StepTest { steps: FEW, patterns: 2 };
 /// Shows whether values explode.
-const LONG: Test = Test { steps: STEPS, patterns: 1 };
+const LONG: StepTest = StepTest { steps: STEPS, patterns: 1 };
 
 /// The matrix that is stepped, and its initial values.
-struct Steps<'a> {
+struct ExplicitSteps<'a> {
     found: &'a mut Prepared,
     /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and
     /// one minus in four.
@@ -81,7 +81,7 @@ struct Steps<'a> {
     of_norm: bool,
 }
 
-impl<'a> Steps<'a> {
+impl<'a> ExplicitSteps<'a> {
     fn new(case: &Case, found: &'a mut Prepared) -> Result<Self> {
         let (space, matrix) = (&case.space, &found.system.matrix);
         let scheme = found.communicator.world.agree(Scheme::new(case, &matrix.block.ranges))?;
@@ -104,7 +104,7 @@ impl<'a> Steps<'a> {
     }
 
     /// Largest value of a test, or norm, over that at the start; about [`FAR`] at most. Collective.
-    fn growth(&mut self, integrator: Integrator, cfl: f64, test: Test) -> f64 {
+    fn growth(&mut self, integrator: Integrator, cfl: f64, test: StepTest) -> f64 {
         let Prepared { communicator, system, .. } = &mut *self.found;
         let rows = system.matrix.rows();
         let mut classical = Classical::new(&system.matrix);
@@ -144,22 +144,27 @@ fn largest_rate(found: &Prepared) -> f64 {
     found.communicator.world.max(mine)
 }
 
+/// `|R(z)|`: the growth a step of an eigenvector whose eigenvalue times the step is `z`.
+fn amplification(integrator: Integrator, z: Complex64) -> f64 {
+    match integrator {
+        Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
+        _ => (1.0 + z).norm(),
+    }
+}
+
 /// Largest growth of a wave a step: `max_θ |R(c (e^{−iθ} − 1))|`.
-pub fn von_neumann(integrator: Integrator, c: f64) -> f64 {
+fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     const ANGLES: u32 = 720;
     let growth = |k: u32| {
         let theta = PI * f64::from(k) / f64::from(ANGLES);
         let z = c * (Complex64::cis(-theta) - 1.0);
-        match integrator {
-            Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
-            _ => (1.0 + z).norm(),
-        }
+        amplification(integrator, z)
     };
     (0..=ANGLES).map(growth).fold(0.0, f64::max)
 }
 
 /// Largest growth a step over the half disc `|z| ≤ c`, `Re z ≤ 0`: it is on the boundary.
-pub fn half_disc(integrator: Integrator, c: f64) -> f64 {
+fn half_disc(integrator: Integrator, c: f64) -> f64 {
     const POINTS: u32 = 720;
     match integrator {
         Integrator::SspRk3 if c <= 1.0 => 1.0,
@@ -169,29 +174,29 @@ pub fn half_disc(integrator: Integrator, c: f64) -> f64 {
                 let arc = c * Complex64::cis(0.5 * PI * (1.0 + part));
                 [arc, Complex64::new(0.0, c * part)]
             })
-            .map(|z| (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm())
+            .map(|z| amplification(integrator, z))
             .fold(0.0, f64::max),
         _ => c.hypot(1.0),
     }
 }
 
 /// A method and its borders.
-struct Limits {
+struct MethodLimits {
     name: &'static str,
     integrator: Integrator,
-    /// What is kept: the largest value, or the norm.
+    /// The quantity that a step may keep: the largest value, or the norm.
     what: &'static str,
-    /// The largest number at which the patterns keep it.
+    /// The largest `cfl` at which the patterns keep it.
     kept: Located,
-    /// The same for any data, by theory; of elements a bound from below, or none.
+    /// The same for any data, by theory: of elements a lower bound, or none.
     kept_by_theory: Option<f64>,
-    /// The largest number at which nothing explodes.
+    /// The largest `cfl` at which no value explodes.
     calm: Located,
     /// A lower bound on it.
     calm_bound: Located,
 }
 
-impl Limits {
+impl MethodLimits {
     fn verdict(&self) -> String {
         let Self { name, what, kept, kept_by_theory: limit, calm, calm_bound, .. } = self;
         let theory = limit
@@ -223,46 +228,46 @@ impl Limits {
     }
 }
 
-/// A bound on the growth in `STEPS` steps where the largest rate is `reach` times its bound.
-fn growth_bound(integrator: Integrator, cfl: f64, reach: f64, of_norm: bool) -> f64 {
+/// A bound on the growth in `STEPS` steps where the largest rate is `rate_ratio` times its bound.
+fn growth_bound(integrator: Integrator, cfl: f64, rate_ratio: f64, of_norm: bool) -> f64 {
     let step = if of_norm { half_disc } else { von_neumann };
-    step(integrator, cfl * reach).max(1.0).powi(STEPS as i32).min(FAR)
+    step(integrator, cfl * rate_ratio).max(1.0).powi(STEPS as i32).min(FAR)
 }
 
 /// The panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep { world, case: whole, budget } = *sweep;
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    let PanelTask { world, case: whole, budget } = *task;
     let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
     let mut found = assembled(world, &case)?;
     let of_norm = case.is_galerkin();
     // The bound on the rate may not be reached; that on the norm is taken as it is.
     let largest = largest_rate(&found) / found.bounds.rate;
-    let reach = if of_norm && largest > 0.0 { 1.0 } else { largest };
-    if reach <= 0.0 {
+    let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
+    if rate_ratio <= 0.0 {
         return Err("nothing moves: no velocity cell but v = 0".into());
     }
-    let mut steps = Steps::new(&case, &mut found)?;
+    let mut steps = ExplicitSteps::new(&case, &mut found)?;
     let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };
-    let search = |halvings| Search { low: 0.25, high, halvings };
+    let search = |halvings| Bisection { low: 0.25, high, halvings };
     // Borders first: curves may end early.
     let all = METHODS.map(|(name, integrator)| {
         let is_over = || budget.is_over();
         let mut growth = |cfl, test| steps.growth(integrator, cfl, test);
-        let bound = |cfl| growth_bound(integrator, cfl, reach, of_norm);
-        Limits {
+        let bound = |cfl| growth_bound(integrator, cfl, rate_ratio, of_norm);
+        MethodLimits {
             name,
             integrator,
             kept: search(SHARP).last(is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
             what: if of_norm { NORM } else { LARGEST_VALUE },
             kept_by_theory: match integrator {
                 Integrator::ForwardEuler if of_norm => None,
-                _ => Some(1.0 / reach),
+                _ => Some(1.0 / rate_ratio),
             },
             calm: search(ROUGH).last(is_over, |cfl| growth(cfl, LONG) < EXPLODED),
-            // Takes no time to speak of.
+            // A formula: no budget is needed.
             calm_bound: search(ROUGH).last(|| false, |cfl| bound(cfl) < EXPLODED),
         }
     });
@@ -273,17 +278,17 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
                 true => f64::NAN,
                 false => steps.growth(integrator, x, LONG),
             };
-            Point { x, measured, theory: growth_bound(integrator, x, reach, of_norm) }
+            Point { x, measured, theory: growth_bound(integrator, x, rate_ratio, of_norm) }
         });
         Curve::bounded(name, points.collect())
     });
-    let verdicts: String = all.iter().map(Limits::verdict).collect();
+    let verdicts: String = all.iter().map(MethodLimits::verdict).collect();
     let mut notes = notes(whole, &case);
-    sweep.is_over(&mut notes);
+    task.is_over(&mut notes);
     Ok(Findings {
         shape: case.space.elements(),
         curves: curves.into(),
-        borders: all.iter().flat_map(Limits::borders).collect(),
+        borders: all.iter().flat_map(MethodLimits::borders).collect(),
         verdict: verdicts + "Runs refuse solver.classical.cfl above 1.",
         notes,
     })

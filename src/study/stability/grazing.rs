@@ -32,7 +32,7 @@ use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
 use crate::study::stability::scene::{
     assembled, growth, notes, refuse_elements, with_potential_times,
 };
@@ -45,13 +45,13 @@ const CELLS: usize = 4096;
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
-/// Spikes that are measured, and those that theory refines.
+/// Number of spikes that are measured, and of those that theory refines.
 const SPIKES: usize = 3;
 const REFINED: usize = 12;
-/// Slow sources whose spikes are looked for.
+/// Number of slowest sources whose spikes are located.
 const SLOWEST: usize = 2;
 
-/// What a long chain answers at its end, `E(λ, d)`.
+/// `E(λ, d)`: the response of a long chain at its end.
 fn chain(lambda: f64, d: f64) -> f64 {
     let sum = lambda + d;
     0.5 * (sum + (lambda * (sum + d)).sqrt())
@@ -90,8 +90,8 @@ fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     Ok((0..case.space.dimension()).map(|a| jumps(case, &potential, a)).collect())
 }
 
-/// What theory says of `λ⁺` of rows without weights: the largest over all targets behind all jumps;
-/// none where `V` does not jump.
+/// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps; none if
+/// `V` does not jump.
 ///
 /// # Errors
 /// As [`Potential::whole`].
@@ -180,8 +180,8 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep { world, case: whole, budget } = *sweep;
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    let PanelTask { world, case: whole, budget } = *task;
     refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {

@@ -5,15 +5,17 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
 use crate::study::stability::grazing::expected_growth;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
+use crate::study::stability::panel::{
+    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+};
 use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
 
-/// Cells that the sweep begins with.
+/// Cells of the coarsest grid.
 const FEWEST: usize = 256;
-/// Cells that are not exceeded.
+/// Largest number of cells.
 const MOST: usize = 1 << 17;
-/// What they are multiplied by along every axis.
+/// Factors of refinement along every axis.
 const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 
 /// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose
@@ -47,7 +49,7 @@ fn trend(points: &[Point]) -> &'static str {
 
 /// The verdict on a curve: on its finest grid, which is that of the borders, and over all grids.
 fn sentence(curve: &Curve) -> String {
-    /// No more than 1.
+    /// Relative round-off of an amplification of 1.
     const ROUND_OFF: f64 = 1e-9;
     let (name, points) = (&curve.name, &curve.points);
     let most = (points.iter()).max_by(|a, b| a.measured.total_cmp(&b.measured));
@@ -75,7 +77,7 @@ fn sentence(curve: &Curve) -> String {
     )
 }
 
-/// Measured growth of a treatment on a grid, beside what theory says.
+/// The growth `λ⁺` of a treatment on a grid, measured and by theory.
 struct Growth {
     measured: f64,
     theory: f64,
@@ -83,8 +85,8 @@ struct Growth {
 
 impl Growth {
     /// The growth of `case` with this treatment. Collective.
-    fn of(sweep: &Sweep<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
-        let mut found = assembled(sweep.world, case)?;
+    fn of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
+        let mut found = assembled(task.world, case)?;
         let measured = growth(&mut found)?;
         let theory = match treatment {
             // S ≤ 0.
@@ -101,10 +103,10 @@ impl Growth {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    refuse_elements(sweep.case)?;
-    let start = coarsened(&sweep.case.without_inflow(), FEWEST);
-    if !Bounds::new(&start)?.jumps && !Bounds::new(sweep.case)?.jumps {
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    refuse_elements(task.case)?;
+    let start = coarsened(&task.case.without_inflow(), FEWEST);
+    if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
         return Err(why.into());
     }
@@ -117,7 +119,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     let mut shape = start.space.elements();
     for factor in FACTORS {
         let grid = refined(&start, factor);
-        if grid.space.cells() > MOST || sweep.budget.is_over() {
+        if grid.space.cells() > MOST || task.budget.is_over() {
             notes.push("finer grids take too long here".to_owned());
             break;
         }
@@ -126,7 +128,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
-            let Growth { measured, theory } = Growth::of(sweep, &case, *treatment)?;
+            let Growth { measured, theory } = Growth::of(task, &case, *treatment)?;
             let [measured_factor, by_theory] =
                 [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(Point { x, measured: measured_factor, theory: by_theory });

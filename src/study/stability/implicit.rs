@@ -3,7 +3,9 @@
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::grids::coarsened;
 use crate::study::knobs::implicit_propagators;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
+use crate::study::stability::panel::{
+    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+};
 use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
 
@@ -11,11 +13,11 @@ use crate::study::trial::{plan_series, propagation};
 const CELLS: usize = 256;
 /// The tolerance of everything but the steps, at most.
 const TOLERANCE: f64 = 1e-6;
-/// Steps over the whole time: powers of two from …
+/// Fewest steps over the whole time, as a power of two.
 const FEWEST: u32 = 4;
-/// … to.
+/// Most steps, as a power of two.
 const MOST: u32 = 12;
-/// The error at which measured and expected steps are compared: both can tell there.
+/// Error at which measured and predicted steps are compared: both are accurate there.
 const COMPARED: f64 = 1e-3;
 
 /// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is
@@ -48,7 +50,7 @@ fn crossing(points: &[Point], level: f64, of: fn(&Point) -> f64) -> Option<f64> 
 }
 
 /// The trials of one method.
-struct Steps {
+struct ImplicitSteps {
     name: &'static str,
     method: PropagatorMethod,
     /// Points by rising step.
@@ -59,14 +61,19 @@ struct Steps {
     fewer: Option<u32>,
 }
 
-impl Steps {
+impl ImplicitSteps {
     /// Tries `method` with ever shorter steps. Collective.
-    fn tried(sweep: &Sweep<'_>, case: &Case, name: &'static str, method: PropagatorMethod) -> Self {
+    fn tried(
+        task: &PanelTask<'_>,
+        case: &Case,
+        name: &'static str,
+        method: PropagatorMethod,
+    ) -> Self {
         let mut found = Self { name, method, points: Vec::new(), refused: None, fewer: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
             case.propagator = propagation(&case, method, Some(steps as usize));
-            let Some(tried) = sweep.trial(&case) else {
+            let Some(tried) = task.trial(&case) else {
                 found.fewer = Some(steps / 2);
                 break;
             };
@@ -133,34 +140,34 @@ impl Steps {
 ///
 /// # Errors
 /// None but those of the trials, which are left out.
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    if sweep.case.varies() {
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    if task.case.varies() {
         let why = "what enters depends on time: modes are stepped by a commutator-free scheme";
         return Err(why.into());
     }
-    let mut case = coarsened(sweep.case, CELLS);
+    let mut case = coarsened(task.case, CELLS);
     (case.tolerance, case.verify) = (TOLERANCE, true);
     plan_series(&mut case);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
-    let all: Vec<Steps> = implicit_propagators()
-        .map(|(name, method)| Steps::tried(sweep, &case, name, method))
+    let all: Vec<ImplicitSteps> = implicit_propagators()
+        .map(|(name, method)| ImplicitSteps::tried(task, &case, name, method))
         .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
         let none = || "no step could be tried within the budget".to_owned();
         return Err(Reason(refused.unwrap_or_else(none)));
     }
-    let mut notes = notes(sweep.case, &case);
+    let mut notes = notes(task.case, &case);
     notes.extend(all.iter().filter_map(|steps| {
         let most = steps.fewer?;
         Some(format!("{}: {most} steps at most", steps.name))
     }));
     notes.extend(refused);
-    let verdicts: String = all.iter().map(Steps::verdict).collect();
+    let verdicts: String = all.iter().map(ImplicitSteps::verdict).collect();
     let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
     Ok(Findings {
         shape: case.space.elements(),
-        borders: all.iter().flat_map(Steps::borders).collect(),
+        borders: all.iter().flat_map(ImplicitSteps::borders).collect(),
         curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),
         verdict: verdicts + last,
         notes,

@@ -4,15 +4,15 @@
 //! A row `i` and its unknown have the block `(−d_i, κ_i/2; κ_i/2, 0)` of `S`, so
 //! `λ⁺ ≥ ½(√(d_i² + κ_i²) − d_i)`, `κ_i = b_i/δ`; the certificate `γ` of the weights and the row's
 //! draw bound it from above ([`crate::matrix::block_matrix`]). The tolerance of the state is that
-//! of the field times `‖f(T)‖/‖ũ(0)‖`. What is lost by both is `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`: the factor
-//! by which round-off and everything left out appear in the field.
+//! of the field times `‖f(T)‖/‖ũ(0)‖`. Both together lose the factor `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`, by
+//! which round-off and truncation errors appear in the field.
 
 use crate::base::error::Result;
 use crate::matrix::inflow::Inflow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
 use crate::study::stability::scene::{assembled, growth, notes};
 
 /// Cells that are enough.
@@ -56,15 +56,15 @@ impl Loss {
     }
 }
 
-/// Curves over `δ`.
+/// LossCurves over `δ`.
 #[derive(Default)]
-struct Curves {
+struct LossCurves {
     total: Vec<Point>,
     growth: Vec<Point>,
     state: Vec<Point>,
 }
 
-impl Curves {
+impl LossCurves {
     fn push(&mut self, delta: f64, loss: &Loss, bound: f64) {
         let point = |measured: f64, theory: f64| Point { x: delta, measured, theory };
         self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
@@ -83,8 +83,8 @@ impl Curves {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep { world, case: whole, .. } = *sweep;
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    let PanelTask { world, case: whole, .. } = *task;
     if !whole.enters() {
         return Err("nothing enters".into());
     }
@@ -104,9 +104,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         return Err("what enters is zero on this grid".into());
     }
     let chosen = Loss::of(&mut planned, case.duration())?.total();
-    let (mut notes, mut curves) = (notes(whole, &case), Curves::default());
+    let (mut notes, mut curves) = (notes(whole, &case), LossCurves::default());
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
-        if sweep.is_over(&mut notes) {
+        if task.is_over(&mut notes) {
             break;
         }
         let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));

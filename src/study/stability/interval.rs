@@ -8,12 +8,12 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::Shape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
 use crate::study::stability::reading::{
-    Extent, LEVEL, Switched, expected, plateau, refuse_varying,
+    LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
+use crate::study::stability::reference::ReferenceProblem;
 use crate::study::stability::scene::notes;
-use crate::study::stability::yardstick::Yardstick;
 use crate::study::trial::trial;
 
 /// Cells that are enough: a series is propagated for every interval.
@@ -30,18 +30,18 @@ fn points(profile: &Gaussian, period: f64) -> usize {
 
 /// The problem, its profile, and the intervals that are tried.
 struct Intervals {
-    yardstick: Yardstick,
-    extent: Extent,
+    reference: ReferenceProblem,
+    extent: SpectrumExtent,
     profile: Gaussian,
     /// A right end that is far enough: `e^{−p}` is small there beside [`LEVEL`].
     far: f64,
-    /// Length to the left that theory asks for.
+    /// Length of the interval below `p = 0` by theory.
     needed: f64,
 }
 
 /// Errors by either end of the interval.
 #[derive(Default)]
-struct Errors {
+struct IntervalErrors {
     left: Vec<Point>,
     right: Vec<Point>,
     /// Intervals that took too long.
@@ -51,18 +51,18 @@ struct Errors {
 }
 
 /// The shortest interval that a run accepts.
-struct Shortest {
+struct ShortestInterval {
     left_end: f64,
     error: f64,
 }
 
 impl Intervals {
-    fn new(sweep: &Sweep<'_>, case: &Case) -> Result<Self> {
-        let mut yardstick = Yardstick::new(sweep.world, case)?;
-        let extent = Extent::measured(&mut yardstick, case.duration())?;
-        let Switched { profile, room } = Switched::new();
+    fn new(task: &PanelTask<'_>, case: &Case) -> Result<Self> {
+        let mut reference = ReferenceProblem::new(task.world, case)?;
+        let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
+        let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
         Ok(Self {
-            yardstick,
+            reference,
             extent,
             profile,
             far: -libm::log(1e-3 * LEVEL),
@@ -70,37 +70,37 @@ impl Intervals {
         })
     }
 
-    /// The error on the interval `ends`; none where it takes too long. Collective.
-    fn error(&mut self, sweep: &Sweep<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
-        let Self { yardstick, extent, profile, .. } = self;
+    /// The error with the interval `ends`, as a point at `x`; none if it takes too long. Collective.
+    fn error(&mut self, task: &PanelTask<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
+        let Self { reference, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);
         let series = Series::sampled(ends, points, |p| profile.value(p));
-        if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
+        if !task.budget.holds(reference.updates(&series)?, 1.0) {
             return Ok(None);
         }
-        let errors = yardstick.errors(&series, &[0.0])?;
+        let errors = reference.errors(&series, &[0.0])?;
         Ok(Some(Point {
             x,
             measured: errors.first().copied().unwrap_or(f64::NAN),
-            theory: expected(&series, 0.0, *extent, yardstick.ratio),
+            theory: expected(&series, 0.0, *extent, reference.ratio),
         }))
     }
 
-    /// Errors of all intervals, each end from one that is needed to one that is far too short.
+    /// Errors of all intervals: each end is moved from far enough to far too close.
     /// Collective.
-    fn errors(&mut self, sweep: &Sweep<'_>) -> Result<Errors> {
-        let mut errors = Errors::default();
+    fn errors(&mut self, task: &PanelTask<'_>) -> Result<IntervalErrors> {
+        let mut errors = IntervalErrors::default();
         let (far, longest) = (self.far, 1.25 * self.needed);
         for k in 0..=LENGTHS {
-            if sweep.budget.is_over() {
+            if task.budget.is_over() {
                 errors.ended = true;
                 break;
             }
             let part = f64::from(k) / f64::from(LENGTHS);
             let lower = -longest + part * (longest - 1.0);
             let upper = 1.0 + part * (far - 1.0);
-            let left = self.error(sweep, [lower, far], lower)?;
-            let right = self.error(sweep, [-longest, upper], upper)?;
+            let left = self.error(task, [lower, far], lower)?;
+            let right = self.error(task, [-longest, upper], upper)?;
             errors.skipped += [left, right].iter().filter(|error| error.is_none()).count();
             errors.left.extend(left);
             errors.right.extend(right);
@@ -110,21 +110,21 @@ impl Intervals {
 
     /// The shortest interval that a run of `case` accepts with the profile that it plans, and the
     /// error there. Collective.
-    fn shortest(&self, sweep: &Sweep<'_>, mut case: Case) -> Result<Option<Shortest>> {
-        let (far, ratio, bounds) = (self.far, self.yardstick.ratio, self.yardstick.bounds());
+    fn shortest(&self, task: &PanelTask<'_>, mut case: Case) -> Result<Option<ShortestInterval>> {
+        let (far, ratio, bounds) = (self.far, self.reference.ratio, self.reference.bounds());
         let accepts = |case: &mut Case, length: f64| {
             case.warp.interval = Some([far - length, far]);
             WarpPlan::modes_of(case, bounds, ratio).is_ok()
         };
         let longest = 4.0 * (self.needed + far);
-        if !accepts(&mut case, longest) || sweep.budget.is_over() {
+        if !accepts(&mut case, longest) || task.budget.is_over() {
             return Ok(None);
         }
         let [_, enough] = bisect(1.0, longest, HALVINGS, |length| !accepts(&mut case, length));
         case.warp.interval = Some([far - enough, far]);
-        let error = trial(sweep.world, &case)?.summary.error_semidiscrete;
+        let error = trial(task.world, &case)?.summary.error_semidiscrete;
         let left_end = far - enough;
-        Ok(error.map(|error| Shortest { left_end, error }))
+        Ok(error.map(|error| ShortestInterval { left_end, error }))
     }
 }
 
@@ -138,7 +138,7 @@ fn sampled(mut case: Case, ratio: f64) -> Case {
     case
 }
 
-impl Errors {
+impl IntervalErrors {
     /// Where the error begins to exceed `level` at either end, measured or by theory.
     fn borders(&self, level: f64, of: fn(&Point) -> f64) -> [Option<f64>; 2] {
         let [_, left] = plateau(&self.left, level, of);
@@ -158,14 +158,14 @@ impl Errors {
 /// The panel. Collective.
 ///
 /// # Errors
-/// As [`Yardstick::new`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    refuse_varying(sweep.case)?;
-    let mut case = coarsened(sweep.case, CELLS);
+/// As [`ReferenceProblem::new`].
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    refuse_varying(task.case)?;
+    let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;
-    let mut notes = notes(sweep.case, &case);
-    let mut intervals = Intervals::new(sweep, &case)?;
-    let errors = intervals.errors(sweep)?;
+    let mut notes = notes(task.case, &case);
+    let mut intervals = Intervals::new(task, &case)?;
+    let errors = intervals.errors(task)?;
     if errors.ended {
         notes.push("curves end where the budget did".to_owned());
     }
@@ -176,17 +176,17 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         let skipped = errors.skipped;
         notes.push(format!("{skipped} intervals took too many modes to be tried"));
     }
-    let ratio = intervals.yardstick.ratio;
-    // Twice what the profile itself leaves.
+    let ratio = intervals.reference.ratio;
+    // Twice the error of the profile itself.
     let level = 4.0 * LEVEL * ratio;
     let [left, right] = errors.borders(level, |p| p.measured);
     let [left_theory, right_theory] = errors.borders(level, |p| p.theory);
     let run = sampled(case.clone(), ratio);
     let tolerance = run.tolerance;
-    let shortest = intervals.shortest(sweep, run)?;
+    let shortest = intervals.shortest(task, run)?;
     let number = |x: Option<f64>| x.map_or(errors.unknown().to_owned(), |x| format!("{x:.2}"));
     let refused = match &shortest {
-        Some(Shortest { left_end, .. }) => format!(", here L above {left_end:.2}."),
+        Some(ShortestInterval { left_end, .. }) => format!(", here L above {left_end:.2}."),
         None => "; from which L on was not located.".to_owned(),
     };
     let verdict = format!(

@@ -9,22 +9,22 @@ use crate::study::cost::planned_updates;
 use crate::study::trial::{Trial, ranks, trial};
 use serde::Serialize;
 
-/// The arguments of a panel.
-pub struct Sweep<'a> {
+/// The task of measuring a panel.
+pub struct PanelTask<'a> {
     /// All ranks.
     pub world: &'a World,
     /// The case on its own grid.
     pub case: &'a Case,
-    /// The time there is.
+    /// The time that the panel may take.
     pub budget: &'a Budget,
 }
 
-/// Why a case does not have a panel.
+/// Why a case does not have a panel, in words.
 #[derive(Debug)]
 pub struct Reason(pub String);
 
 impl Reason {
-    /// The budget ended before anything was tried.
+    /// The reason that the budget ended before anything was tried.
     pub fn nothing_tried() -> Self {
         "nothing could be tried within the budget".into()
     }
@@ -42,9 +42,9 @@ impl From<Error> for Reason {
     }
 }
 
-/// What a panel shows; its name, title and axes are those of its line in the table of panels.
+/// The contents of a panel. Its name, title and axes are in the table of panels.
 pub struct Findings {
-    /// Cells along each axis that it was measured on.
+    /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
     /// The curves.
     pub curves: Vec<Curve>,
@@ -52,14 +52,14 @@ pub struct Findings {
     pub borders: Vec<Border>,
     /// Conclusions, in a sentence or two.
     pub verdict: String,
-    /// What was left out or changed, and why.
+    /// Changes to the case and trials left out, each with the reason.
     pub notes: Vec<String>,
 }
 
-/// What a panel shows, or why a case does not have it.
-pub type Found = std::result::Result<Findings, Reason>;
+/// The contents of a panel, or why a case does not have it.
+pub type PanelResult = std::result::Result<Findings, Reason>;
 
-impl Sweep<'_> {
+impl PanelTask<'_> {
     /// Whether the time of the panel is over: `notes` then say so. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
         let over = self.budget.is_over();
@@ -90,18 +90,18 @@ impl Sweep<'_> {
 /// A point of a curve; NaN where there is no number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// What is varied.
+    /// The varied quantity.
     pub x: f64,
-    /// What was measured.
+    /// The measured value.
     pub measured: f64,
-    /// What theory says.
+    /// The value by theory, or a bound by theory.
     pub theory: f64,
 }
 
 /// A series of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Curve {
-    /// What the curve shows.
+    /// Name of the curve.
     pub name: String,
     /// Points by rising `x`.
     pub points: Vec<Point>,
@@ -112,13 +112,13 @@ pub struct Curve {
 /// Where a method begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
-    /// What the border belongs to.
+    /// Name of the border.
     pub name: String,
-    /// Where it was found; none where it was not.
+    /// The measured place; none if it was not located.
     pub measured: Option<f64>,
-    /// Where theory has it.
+    /// The place by theory.
     pub theory: Option<f64>,
-    /// Measured over theory, where that is not about zero.
+    /// Measured over theory, unless theory is zero.
     pub ratio: Option<f64>,
     /// Whether theory is only a bound on the measured place.
     pub bound: bool,
@@ -128,19 +128,19 @@ pub struct Border {
 }
 
 impl Curve {
-    /// With values by theory.
+    /// A curve whose theory is exact.
     pub fn new(name: impl Into<String>, points: Vec<Point>) -> Self {
         Self { name: name.into(), points, bound: false }
     }
 
-    /// With values that theory only bounds.
+    /// A curve whose theory is a bound.
     pub fn bounded(name: impl Into<String>, points: Vec<Point>) -> Self {
         Self { bound: true, ..Self::new(name, points) }
     }
 }
 
 impl Border {
-    /// Where it was found, beside theory.
+    /// A border at the `measured` place, and by `theory`.
     pub fn new(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         let [measured, theory] = [measured, theory].map(|x| x.filter(|x| x.is_finite()));
         let both = measured.zip(theory).filter(|(_, theory)| *theory != 0.0);
@@ -159,51 +159,51 @@ impl Border {
         Self { ratio: None, ..Self::new(name, measured, theory) }
     }
 
-    /// Theory only bounds it.
+    /// The border, with its theory as a bound.
     pub fn bounded(self) -> Self {
         Self { bound: true, ..self }
     }
 
-    /// Drawn at the theory's value.
+    /// The border, drawn at the theory's value with this label.
     pub fn drawn(self, label: impl Into<String>) -> Self {
         Self { line: Some(label.into()), ..self }
     }
 }
 
-/// What a quantity is drawn on.
+/// An axis of a panel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Scale {
-    /// What it is.
+pub struct AxisScale {
+    /// Its label.
     pub label: &'static str,
     /// Whether its axis is logarithmic.
     pub logarithmic: bool,
 }
 
-impl Scale {
-    /// In proportion.
+impl AxisScale {
+    /// A linear axis.
     pub const fn linear(label: &'static str) -> Self {
         Self { label, logarithmic: false }
     }
 
-    /// A logarithmic scale.
+    /// A logarithmic axis.
     pub const fn log(label: &'static str) -> Self {
         Self { label, logarithmic: true }
     }
 }
 
-/// One thing varied.
+/// A panel: measurements over one varied quantity.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Panel {
-    /// As `--only` calls it.
-    pub name: Name,
-    /// For people.
+    /// Its name for `--only`.
+    pub name: PanelName,
+    /// Its title.
     pub title: &'static str,
     /// Cells along each axis that it was measured on.
     pub shape: Vec<usize>,
-    /// What is varied.
-    pub x: Scale,
-    /// What is measured.
-    pub y: Scale,
+    /// The axis of the varied quantity.
+    pub x: AxisScale,
+    /// The axis of the measured quantity.
+    pub y: AxisScale,
     /// The curves.
     pub curves: Vec<Curve>,
     /// The borders.
@@ -214,10 +214,10 @@ pub struct Panel {
     pub notes: Vec<String>,
 }
 
-/// The panels.
+/// Names of the panels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
-pub enum Name {
+pub enum PanelName {
     /// Step of the explicit methods.
     Cfl,
     /// Growth against refinement.
@@ -240,7 +240,7 @@ pub enum Name {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeftOut {
     /// Name of the panel.
-    pub name: Name,
+    pub name: PanelName,
     /// Why.
     pub reason: String,
 }

@@ -9,8 +9,8 @@
 //!                    +  ε_machine e^{p◇} Σ|c_l| )
 //! ```
 //!
-//! in which everything shows: below `λ⁺T` what comes from where `g` is not `e^{−p}`, the ends of
-//! the interval, modes left out, and round-off. (`K` does not commute with `S` and mixes the
+//! It contains the error of a reading below `λ⁺T`, where `g` is not `e^{−p}`; of the ends of the
+//! interval; of the truncated series; and round-off. (`K` does not commute with `S` and mixes the
 //! components; they stay within the same bounds.)
 
 use crate::base::error::Result;
@@ -19,30 +19,30 @@ use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
 use crate::study::stability::panel::{Point, Reason};
+use crate::study::stability::reference::ReferenceProblem;
 use crate::study::stability::scene::LANCZOS;
-use crate::study::stability::yardstick::Yardstick;
 
 /// The profile equals `e^{−p}` for `p ≥ 0` to within this.
 pub const LEVEL: f64 = 1e-8;
-/// Width of its switch.
+/// Width of the switch of the profile near `p = 0`.
 const SIGMA: f64 = 1.0;
 
-/// The reach of the spectrum of `S`, times `T`.
+/// The ends of the spectrum of `S`, times `T`.
 #[derive(Clone, Copy, Debug)]
-pub struct Extent {
+pub struct SpectrumExtent {
     /// `λ⁺T`.
     pub growth: f64,
     /// `λ⁻T`.
     pub decay: f64,
 }
 
-impl Extent {
-    /// As measured. Collective.
+impl SpectrumExtent {
+    /// By Lanczos' method. Collective.
     ///
     /// # Errors
     /// As [`spectrum::of`].
-    pub fn measured(yardstick: &mut Yardstick, time: f64) -> Result<Self> {
-        let (problem, communicator) = yardstick.parts();
+    pub fn measured(reference: &mut ReferenceProblem, time: f64) -> Result<Self> {
+        let (problem, communicator) = reference.parts();
         let (found, _) = spectrum::of(problem, &communicator.space, LANCZOS)?;
         Ok(Self { growth: found.highest.value * time, decay: -found.lowest.value * time })
     }
@@ -53,15 +53,15 @@ impl Extent {
     }
 }
 
-/// The Gaussian that switches on below zero.
-pub struct Switched {
+/// A Gaussian profile that switches on below `p = 0`.
+pub struct SwitchedGaussian {
     /// The profile.
     pub profile: Gaussian,
-    /// The interval that it takes to be small at its left end.
+    /// Length of the interval below `p = 0` at whose left end the profile is small.
     pub room: f64,
 }
 
-impl Switched {
+impl SwitchedGaussian {
     /// With [`LEVEL`] and [`SIGMA`].
     pub(crate) fn new() -> Self {
         let offset = -normal_quantile(LEVEL) * SIGMA;
@@ -80,9 +80,9 @@ impl Switched {
 }
 
 /// The error of a reading at `p`, by theory, for a state that is `ratio` times the field.
-pub fn expected(series: &Series, p: f64, extent: Extent, ratio: f64) -> f64 {
+pub fn expected(series: &Series, p: f64, extent: SpectrumExtent, ratio: f64) -> f64 {
     const SAMPLES: u32 = 400;
-    let Extent { growth, decay } = extent;
+    let SpectrumExtent { growth, decay } = extent;
     let error = |s: f64| (p.exp() * series.value(p + s) - (-s).exp()).abs();
     let all = |from: f64, to: f64| {
         (0..=SAMPLES).map(move |k| from + (to - from) * f64::from(k) / f64::from(SAMPLES))
@@ -108,7 +108,7 @@ pub fn plateau(points: &[Point], level: f64, of: fn(&Point) -> f64) -> [Option<f
     [first, last].map(|pair| pair.and_then(|w| between(&w[0], &w[1])))
 }
 
-/// Refuses a case that has no panel about `p`.
+/// Refuses a case whose inflow depends on time, for panels about `p`.
 ///
 /// # Errors
 /// Where what enters depends on time.

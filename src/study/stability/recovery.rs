@@ -6,17 +6,19 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::Shape;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
-use crate::study::stability::reading::{
-    Extent, LEVEL, Switched, expected, plateau, refuse_varying,
+use crate::study::stability::panel::{
+    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
 };
+use crate::study::stability::reading::{
+    LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
+};
+use crate::study::stability::reference::ReferenceProblem;
 use crate::study::stability::scene::notes;
-use crate::study::stability::yardstick::Yardstick;
 use crate::study::treatment::Treatment;
 
 /// Cells that are enough: the growth shows on finer grids.
 const CELLS: usize = 4096;
-/// Readings: the first, the last, and how far apart.
+/// Points `p` of the readings: the first, the last, and their distance.
 const FROM: f64 = -4.0;
 const TO: f64 = 22.0;
 const APART: f64 = 0.5;
@@ -38,7 +40,7 @@ fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
 struct Readings {
     name: String,
     points: Vec<Point>,
-    extent: Extent,
+    extent: SpectrumExtent,
     /// The bound of a run on `λ⁺T`.
     growth_bound: f64,
     /// The error on the plateau.
@@ -84,25 +86,25 @@ impl Readings {
 /// Reads one kind at every point; none where the budget does not hold it, as `notes` then say.
 /// Collective.
 fn read(
-    sweep: &Sweep<'_>,
+    task: &PanelTask<'_>,
     name: String,
     case: &Case,
     notes: &mut Vec<String>,
 ) -> Result<Option<Readings>> {
-    let Switched { profile, room } = Switched::new();
+    let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
-    let mut yardstick = Yardstick::new(sweep.world, case)?;
-    let extent = Extent::measured(&mut yardstick, case.duration())?;
+    let mut reference = ReferenceProblem::new(task.world, case)?;
+    let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
     let period = extent.length() + TO + room;
     let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
     let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
-    if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
+    if !task.budget.holds(reference.updates(&series)?, 1.0) {
         notes.push(format!("{name}: {modes} modes take too long here"));
         return Ok(None);
     }
-    let ratio = yardstick.ratio;
-    let errors = yardstick.errors(&series, &at)?;
+    let ratio = reference.ratio;
+    let errors = reference.errors(&series, &at)?;
     let point = |(&x, &measured): (&f64, &f64)| Point {
         x,
         measured,
@@ -112,8 +114,8 @@ fn read(
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
-        growth_bound: yardstick.bounds().growth * case.duration(),
-        // What the profile's own error becomes in the field.
+        growth_bound: reference.bounds().growth * case.duration(),
+        // Twice the error of the profile, amplified into the field.
         level: LEVEL * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))
 }
@@ -121,19 +123,19 @@ fn read(
 /// The panel. Collective.
 ///
 /// # Errors
-/// As [`Yardstick::new`].
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    refuse_varying(sweep.case)?;
-    let coarse = coarsened(sweep.case, CELLS);
+/// As [`ReferenceProblem::new`].
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    refuse_varying(task.case)?;
+    let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;
-    let mut notes = notes(sweep.case, &coarse);
+    let mut notes = notes(task.case, &coarse);
     let mut all: Vec<Readings> = Vec::new();
     for (name, case) in kinds(&coarse, jumps) {
-        if sweep.budget.is_over() {
+        if task.budget.is_over() {
             notes.push(format!("{name}: the budget is used up"));
             break;
         }
-        all.extend(read(sweep, name, &case, &mut notes)?);
+        all.extend(read(task, name, &case, &mut notes)?);
     }
     if all.is_empty() {
         return Err(Reason::nothing_tried());

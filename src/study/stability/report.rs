@@ -6,15 +6,17 @@ use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure};
 use crate::study::files::Files;
 use crate::study::grids::shape_text;
-use crate::study::stability::panel::{Border, Curve, Name, Panel, Point, Scale, Stability};
+use crate::study::stability::panel::{
+    AxisScale, Border, Curve, Panel, PanelName, Point, Stability,
+};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Columns of the names in the table, so that its lines fit a terminal.
+/// Largest width of a name in the table, in columns.
 const WIDEST_NAME: usize = 53;
 
 /// A name as `--only` takes it.
-fn word(name: Name) -> String {
+fn word(name: PanelName) -> String {
     crate::base::text::word(&name)
 }
 
@@ -41,7 +43,7 @@ impl Stability {
         }
     }
 
-    /// For people: the borders and the verdicts.
+    /// The borders and the verdicts as text.
     pub fn table(&self) -> String {
         let mut text =
             format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
@@ -133,7 +135,7 @@ impl Stability {
 }
 
 /// An axis of a panel.
-fn axis(scale: &Scale) -> Axis {
+fn axis(scale: &AxisScale) -> Axis {
     if scale.logarithmic { Axis::log(scale.label) } else { Axis::linear(scale.label) }
 }
 
@@ -150,7 +152,7 @@ fn drawn(panel: &Panel) -> figure::Panel {
     for (k, curve) in panel.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
-    // Above, where it would be hidden.
+    // Theory is drawn above the markers, which would hide it.
     let mut labels = [kind(false), kind(true)];
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
     for curve in &panel.curves {
@@ -180,11 +182,11 @@ mod tests {
             Curve::new(name, vec![Point { x: 1.0, measured, theory: f64::NAN }])
         };
         let panel = Panel {
-            name: Name::Step,
+            name: PanelName::Step,
             title: "steps",
             shape: vec![4, 4],
-            x: Scale::log("step"),
-            y: Scale::log("error"),
+            x: AxisScale::log("step"),
+            y: AxisScale::log("error"),
             curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
             borders: Vec::new(),
             verdict: String::new(),

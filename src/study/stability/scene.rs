@@ -46,7 +46,7 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
     case
 }
 
-/// Refuses a case that has no panel about growth at jumps.
+/// Refuses a case whose growth at jumps is zero by construction.
 ///
 /// # Errors
 /// Of elements, and with partial reflection.

@@ -1,6 +1,6 @@
 //! The search for a border by halving an interval.
 
-/// The result of a search.
+/// The place of a border.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Located {
     /// The last number at which the condition holds.
@@ -14,7 +14,7 @@ pub enum Located {
 }
 
 impl Located {
-    /// Where it is, if it was found.
+    /// The place, if it was located.
     pub fn at(self) -> Option<f64> {
         match self {
             Self::At(x) => Some(x),
@@ -36,16 +36,16 @@ impl std::fmt::Display for Located {
 
 /// An interval to search.
 #[derive(Clone, Copy, Debug)]
-pub struct Search {
-    /// Where the condition should hold.
+pub struct Bisection {
+    /// The lower end, at which the condition should hold.
     pub low: f64,
-    /// Where it should not.
+    /// The upper end, at which it should not hold.
     pub high: f64,
     /// Number of halvings.
     pub halvings: usize,
 }
 
-impl Search {
+impl Bisection {
     /// The last number at which `holds`. Before each evaluation `is_over` tells whether to stop;
     /// both must be the same on all ranks. Collective.
     pub fn last(self, is_over: impl Fn() -> bool, mut holds: impl FnMut(f64) -> bool) -> Located {

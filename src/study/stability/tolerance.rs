@@ -8,22 +8,24 @@ use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::knobs::PROFILES;
-use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
+use crate::study::stability::panel::{
+    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+};
 use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
 
 /// Cells that are enough.
 const CELLS: usize = 1024;
-/// Tolerances; the last ones are below what profiles give.
+/// Tolerances that are tried; no profile meets the last ones.
 const ASKED: [f64; 8] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14];
-/// More modes than this take long.
+/// Largest number of modes of which a plan is made.
 const MOST_MODES: usize = 1 << 13;
 /// Below every error.
 const NONE: f64 = 1e-16;
 
 /// The trials of one profile.
 #[derive(Default)]
-struct Errors {
+struct ToleranceErrors {
     name: &'static str,
     /// Points by falling tolerance.
     points: Vec<Point>,
@@ -35,12 +37,12 @@ struct Errors {
     refused: Option<String>,
 }
 
-impl Errors {
+impl ToleranceErrors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
-    fn tried(sweep: &Sweep<'_>, name: &'static str, mut case: Case) -> Result<Self> {
+    fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
         case.tolerance = NONE;
-        found.smallest = match planning::plan(sweep.world, &case, &ranks(sweep.world)) {
+        found.smallest = match planning::plan(task.world, &case, &ranks(task.world)) {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(NONE),
             Err(error) => {
@@ -53,7 +55,7 @@ impl Errors {
         let asked: Vec<f64> = (ASKED.into_iter().filter(larger)).chain(found.smallest).collect();
         for tolerance in asked {
             case.tolerance = tolerance;
-            let Some(tried) = trial_within(sweep, &case)? else {
+            let Some(tried) = trial_within(task, &case)? else {
                 found.too_long = true;
                 break;
             };
@@ -84,7 +86,7 @@ impl Errors {
     }
 
     fn border(&self) -> Border {
-        // What ended for its cost has not come to the smallest.
+        // Trials that ended for their cost do not show the smallest error.
         let complete = !self.too_long && (self.missed().is_some() || self.last() == self.smallest);
         let errors = self.measured().map(|p| p.measured);
         let reached = errors.filter(|_| complete).reduce(f64::min);
@@ -95,17 +97,17 @@ impl Errors {
 }
 
 /// A trial of `case`; none where the budget does not hold it. Collective.
-fn trial_within(sweep: &Sweep<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
+fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
     // With very many modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
     Ok(match modes.is_ok_and(|modes| modes > MOST_MODES) {
         true => None,
-        false => sweep.trial(case),
+        false => task.trial(case),
     })
 }
 
 /// A sentence on the tolerances that were reached, missed, and not tried.
-fn verdict(all: &[Errors], borders: &[Border]) -> String {
+fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
     let (mut reached, mut missed, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     for errors in all {
         let (name, last) = (errors.name, errors.last());
@@ -146,8 +148,8 @@ fn verdict(all: &[Errors], borders: &[Border]) -> String {
 ///
 /// # Errors
 /// As [`Bounds::new`]; errors of the trials are left out.
-pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let mut case = coarsened(sweep.case, CELLS);
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    let mut case = coarsened(task.case, CELLS);
     case.verify = true;
     plan_series(&mut case);
     case.warp.weights = true;
@@ -156,9 +158,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     for (name, profile) in &PROFILES {
         let mut case = case.clone();
         case.warp.profile = profile.clone();
-        all.push(Errors::tried(sweep, name, case)?);
+        all.push(ToleranceErrors::tried(task, name, case)?);
     }
-    let borders: Vec<Border> = all.iter().map(Errors::border).collect();
+    let borders: Vec<Border> = all.iter().map(ToleranceErrors::border).collect();
     let verdict = verdict(&all, &borders);
     let refused = all.iter().rev().find_map(|errors| errors.refused.clone());
     let curves: Vec<Curve> = (all.into_iter())
@@ -173,6 +175,6 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         curves,
         borders,
         verdict,
-        notes: notes(sweep.case, &case),
+        notes: notes(task.case, &case),
     })
 }

@@ -1,4 +1,4 @@
-//! From a few coarse grids to the coarsest one whose density is as exact as asked for.
+//! The search for the coarsest grid on which a scheme meets an accuracy, from a few coarse grids.
 
 use crate::base::error::Result;
 use crate::study::advise::order::{Order, Range};
@@ -7,23 +7,23 @@ use crate::study::advise::trials::{Trials, cells};
 use crate::study::grids::Grids;
 use serde::Serialize;
 
-/// Part of the accuracy for the discretisation; the rest is for Schrödingerization.
+/// Part of the accuracy for the error of the discretisation; the rest is for Schrödingerization.
 pub const DISCRETISATION: f64 = 0.9;
-/// Most grids, each twice as fine as the one before.
+/// Largest number of grids in a sequence, each twice as fine as the one before.
 const MOST_LEVELS: usize = 12;
-/// Most grids tried between two of them.
+/// Largest number of grids tried between two of the sequence, or beyond it.
 const MOST_CANDIDATES: usize = 4;
-/// Space is made at most so many times finer or coarser against velocities than in the case.
+/// Largest factor by which space is refined against velocities, or velocities against space.
 const MOST_STRETCH: f64 = 4.0;
-/// So many grids are tried where they are cheap, needed or not: the order follows from them.
+/// Cheap grids are tried up to this number even if fewer reach the accuracy: they show the order.
 const ENOUGH_LEVELS: usize = 5;
-/// What is cheap, as a part of what the scheme has.
+/// A grid is cheap if its trial takes at most this part of the scheme's share of the budget.
 const CHEAP: f64 = 0.02;
-/// Part of the budget for the grids that orders are found on; the rest is for grids that follow.
+/// Part of the scheme's share for the sequence of grids; the rest is for grids that follow from it.
 const FOR_LEVELS: f64 = 0.6;
-/// Parts of the elements along the axes of space, or of velocity, that are tried instead of all.
+/// Factors on the elements along the axes of space, or of velocity, when a grid is trimmed.
 const FEWER: [f64; 2] = [0.5, 0.75];
-/// Part of the budget for balancing space against velocities on a coarse grid.
+/// Part of the scheme's share for balancing space against velocities on a coarse grid.
 const FOR_BALANCE: f64 = 0.3;
 
 /// A grid and the error of the density on it.
@@ -35,60 +35,61 @@ pub struct Level {
     pub error: f64,
 }
 
-/// How the error on the grid that is advised is known.
+/// The evidence for an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Known {
-    /// By comparison with the exact solution.
+pub enum Evidence {
+    /// Compared with the exact solution.
     Measured,
-    /// By comparison with a grid twice as fine, and the order.
+    /// Compared with a grid twice as fine, by Richardson's estimate.
     Estimated,
-    /// From coarser grids and the order.
+    /// Extrapolated from coarser grids by the order.
     Extrapolated,
 }
 
 /// The coarsest grid on which a scheme reaches the accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Reach {
-    /// Cells along each axis.
+pub struct ReachedGrid {
+    /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density on it.
     pub error: f64,
-    /// How that is known.
-    pub known: Known,
-    /// What the grids show.
+    /// The evidence for that error.
+    pub known: Evidence,
+    /// The order that `levels` show.
     pub order: Order,
-    /// The grids that show it.
+    /// The sequence of grids.
     pub levels: Vec<Level>,
-    /// Part of the discretisation in space in the error, the rest being that in velocity: by the
-    /// changes that grids make which are twice as fine along these axes alone. None where the
-    /// budget does not hold these grids, or nothing changes.
+    /// The part of the error that is due to space, between 0 and 1; the rest is due to velocity. It
+    /// is measured by the changes on grids that are twice as fine along the axes of one of them;
+    /// none if the budget does not hold these grids, or nothing changes.
     pub part_of_space: Option<f64>,
 }
 
-impl Reach {
-    /// The error on another grid by the order, each part by the cells of its own axes; none without
-    /// a grid that was tried.
-    pub fn extrapolated(&self, shape: &[usize]) -> Option<KnownError> {
+impl ReachedGrid {
+    /// The error on another grid, extrapolated by the order: the parts of space and velocity each by
+    /// the elements along their own axes. None if no grid was tried.
+    pub fn extrapolated(&self, shape: &[usize]) -> Option<DensityError> {
         let level = self.levels.last()?;
-        // Where the grid itself was tried its parts are known.
+        // The finest grid that was tried.
         let (tried, error) = match self.known {
-            Known::Extrapolated => (&level.shape, level.error),
+            Evidence::Extrapolated => (&level.shape, level.error),
             _ => (&self.shape, self.error),
         };
         let [space, velocity] = self.parts(tried, shape, self.part_of_space.unwrap_or(0.5));
         let ratio = space + velocity;
-        Some(KnownError { error: error * ratio, known: Known::Extrapolated })
+        Some(DensityError { error: error * ratio, known: Evidence::Extrapolated })
     }
 
-    /// The part of space in the error on another grid, by the order.
+    /// The part of the error on another grid that is due to space, by the order.
     pub fn part_of_space_on(&self, shape: &[usize]) -> Option<f64> {
         let [space, velocity] = self.parts(&self.shape, shape, self.part_of_space?);
         Some(space / (space + velocity))
     }
 
-    /// What space and velocity add to the error on the grid `to`, beside that on the grid `from`,
-    /// where space has the given part of it: each falls with the cells of its own axes.
+    /// The errors due to space and to velocity on the grid `to`, relative to the whole error on the
+    /// grid `from`, of which `part_of_space` is due to space: each falls with the elements along its
+    /// own axes.
     fn parts(&self, from: &[usize], to: &[usize], part_of_space: f64) -> [f64; 2] {
         let n = to.len() / 2;
         let finer = |axes: std::ops::Range<usize>| {
@@ -100,41 +101,42 @@ impl Reach {
     }
 }
 
-/// An error, and how it is known.
+/// An error of the density, and the evidence for it.
 #[derive(Clone, Copy, Debug)]
-pub struct KnownError {
+pub struct DensityError {
     /// Relative L1 error of the density.
     pub error: f64,
-    /// How it is known.
-    pub known: Known,
+    /// The evidence for it.
+    pub known: Evidence,
 }
 
-/// What is looked for.
+/// The goal of a grid search.
 #[derive(Clone, Copy)]
 pub struct Goal<'a> {
     /// The scheme.
     pub scheme: Scheme,
-    /// The coarse grid to begin with.
+    /// Shape of the coarse grid to begin with.
     pub start: &'a [usize],
-    /// The case's own grid.
+    /// Shape of the case's own grid.
     pub own: &'a [usize],
-    /// The accuracy of the density.
+    /// Relative L1 error of the density, at most.
     pub accuracy: f64,
-    /// Part of the budget that may be used.
+    /// Part of the whole budget up to which trials are made.
     pub share: f64,
 }
 
-/// Errors from grid to grid: against the exact solution, or by Richardson's extrapolation.
-struct Ladder {
+/// Errors on a sequence of grids: against the exact solution, or by Richardson's extrapolation.
+struct ErrorSequence {
     shapes: Vec<Vec<usize>>,
-    /// Against the exact solution, of each; or each but the last from the next.
+    /// The error of each grid against the exact solution; or, without one, the distance of each grid
+    /// but the last to the next.
     found: Vec<f64>,
     exact: bool,
     /// Orders that the scheme may have.
     orders: Range,
 }
 
-impl Ladder {
+impl ErrorSequence {
     fn order(&self) -> Order {
         Order::of(&self.found, self.orders)
     }
@@ -149,53 +151,59 @@ impl Ladder {
     }
 }
 
-/// The coarsest grid on which the density by the goal's scheme is as exact as wanted. Collective.
+/// The coarsest grid on which the goal's scheme meets the accuracy, or the grid that comes closest.
+/// Collective.
 ///
 /// # Errors
 /// As [`Trials::run`].
-pub fn reach(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<Reach> {
+pub fn coarsest_grid(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<ReachedGrid> {
     let used = trials.budget.used().min(goal.share);
-    Search { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.reach()
+    GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.coarsest_grid()
 }
 
-/// The grid of a scheme that differs by its flux from that of `known`, near the grid found there.
-/// Its order and its levels are those found there. None where the budget does not hold what tells
-/// that it reaches the accuracy. Collective.
+/// A grid near `known`, which another flux of the same scheme needs, that meets the accuracy with
+/// the goal's flux. Order and levels are those of `known`. None if the budget does not hold the
+/// trials that show it. Collective.
 ///
 /// # Errors
 /// As [`Trials::run`].
-pub fn near(trials: &mut Trials<'_>, goal: Goal<'_>, known: &Reach) -> Result<Option<Reach>> {
+pub fn grid_near(
+    trials: &mut Trials<'_>,
+    goal: Goal<'_>,
+    known: &ReachedGrid,
+) -> Result<Option<ReachedGrid>> {
     let used = trials.budget.used().min(goal.share);
-    Search { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.near(known)
+    GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.grid_near(known)
 }
 
-/// The error of `scheme` on `shape`, where this part of the budget allows to find out; without an
-/// exact solution from a grid twice as fine. Collective.
+/// The error of `scheme` on `shape`, without an exact solution by a grid twice as fine; none if the
+/// trials do not fit into this part of the budget. Collective.
 ///
 /// # Errors
 /// As [`Trials::run`].
-pub fn look(
+pub fn error_on(
     trials: &mut Trials<'_>,
     scheme: Scheme,
     shape: &[usize],
     order: &Order,
     share: f64,
-) -> Result<Option<KnownError>> {
-    if !trials.may(scheme, shape, share)? {
+) -> Result<Option<DensityError>> {
+    if !trials.affords(scheme, shape, share)? {
         return Ok(None);
     }
     if let Some(error) = trials.error(scheme, shape)? {
-        return Ok(Some(KnownError { error, known: Known::Measured }));
+        return Ok(Some(DensityError { error, known: Evidence::Measured }));
     }
-    let twice = trials.scene(scheme).grids.twice(shape);
-    if !trials.may(scheme, &twice, share)? {
+    let twice = trials.degree_case(scheme).grids.twice(shape);
+    if !trials.affords(scheme, &twice, share)? {
         return Ok(None);
     }
     let error = order.error(trials.distance(scheme, shape, &twice)?);
-    Ok(Some(KnownError { error, known: Known::Estimated }))
+    Ok(Some(DensityError { error, known: Evidence::Estimated }))
 }
 
-/// How many times finer space should be against velocities where its part of the error is `part`.
+/// The factor by which space should be refined against velocities if its part of the error is
+/// `part`.
 ///
 /// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
 /// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = k + 1` is assumed of degree `k`, and
@@ -208,17 +216,17 @@ fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
 }
 
 /// The search for the coarsest grid.
-struct Search<'t, 'a> {
+struct GridSearch<'t, 'a> {
     trials: &'t mut Trials<'a>,
     goal: Goal<'t>,
-    /// Part of the budget that was used before.
+    /// Part of the whole budget that was used before the search.
     used: f64,
-    /// Error of the discretisation.
+    /// Error of the discretisation, at most.
     wanted: f64,
 }
 
-impl Search<'_, '_> {
-    fn reach(mut self) -> Result<Reach> {
+impl GridSearch<'_, '_> {
+    fn coarsest_grid(mut self) -> Result<ReachedGrid> {
         let Goal { scheme, start, share, .. } = self.goal;
         let second = self.grids().twice(start);
         let part = self.part_of_space(&second, self.share(FOR_BALANCE))?;
@@ -229,17 +237,17 @@ impl Search<'_, '_> {
             }
             None => start.to_vec(),
         };
-        let ladder = self.climb(first)?;
-        let mut result = Reach {
-            shape: ladder.shapes[0].clone(),
+        let sequence = self.climb(first)?;
+        let mut result = ReachedGrid {
+            shape: sequence.shapes[0].clone(),
             error: f64::NAN,
-            known: Known::Extrapolated,
-            order: ladder.order(),
-            levels: ladder.levels(),
+            known: Evidence::Extrapolated,
+            order: sequence.order(),
+            levels: sequence.levels(),
             part_of_space: part,
         };
         let Some(finest) = result.levels.last().cloned() else {
-            // One grid and nothing to compare it with.
+            // One grid, and none to compare it with.
             return Ok(result);
         };
         (result.shape, result.error) = (finest.shape.clone(), finest.error);
@@ -251,13 +259,13 @@ impl Search<'_, '_> {
             // No finer grid reaches it.
             return self.or_own_grid(result);
         }
-        result.known = if ladder.exact { Known::Measured } else { Known::Estimated };
+        result.known = if sequence.exact { Evidence::Measured } else { Evidence::Estimated };
         if let Some(pair) = pair {
             self.between(&pair, &mut result)?;
         } else if finest.error > wanted {
             self.beyond(&finest, &mut result)?;
         } else if let Some(coarsest) = result.levels.iter().find(|level| level.error <= wanted) {
-            // No grid is too coarse.
+            // Every grid of the sequence reaches it.
             (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
         }
         result = self.or_own_grid(result)?;
@@ -268,42 +276,42 @@ impl Search<'_, '_> {
         Ok(result)
     }
 
-    fn near(mut self, known: &Reach) -> Result<Option<Reach>> {
-        let Some(found) = self.look(&known.shape, &known.order)? else {
+    fn grid_near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
+        let Some(found) = self.error_on(&known.shape, &known.order)? else {
             return Ok(None);
         };
-        let mut result = Reach { error: found.error, known: found.known, ..known.clone() };
+        let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
             self.beyond(&Level { shape: known.shape.clone(), error: found.error }, &mut result)?;
         }
         self.trim(&mut result)?;
-        let reaches = result.known != Known::Extrapolated && result.error <= self.wanted;
+        let reaches = result.known != Evidence::Extrapolated && result.error <= self.wanted;
         Ok(reaches.then_some(result))
     }
 
-    /// The part of the budget at which this part of what the scheme has is used.
+    /// The part of the whole budget at which this `part` of the scheme's share is used.
     fn share(&self, part: f64) -> f64 {
         self.used + part * (self.goal.share - self.used)
     }
 
     fn grids(&self) -> &Grids {
-        &self.trials.scene(self.goal.scheme).grids
+        &self.trials.degree_case(self.goal.scheme).grids
     }
 
     fn distance(&mut self, coarse: &[usize], fine: &[usize]) -> Result<f64> {
         self.trials.distance(self.goal.scheme, coarse, fine)
     }
 
-    fn look(&mut self, shape: &[usize], order: &Order) -> Result<Option<KnownError>> {
-        look(self.trials, self.goal.scheme, shape, order, self.goal.share)
+    fn error_on(&mut self, shape: &[usize], order: &Order) -> Result<Option<DensityError>> {
+        error_on(self.trials, self.goal.scheme, shape, order, self.goal.share)
     }
 
-    /// Part of space in the changes that grids make which are twice as fine along space, and along
-    /// velocities; none where the budget does not allow them. Collective.
+    /// The part of space in the change of the density on grids that are twice as fine along space
+    /// alone, and along velocities alone; none if the budget does not hold these grids. Collective.
     fn part_of_space(&mut self, shape: &[usize], share: f64) -> Result<Option<f64>> {
         let finer = [true, false].map(|of_space| self.grids().doubled(shape, of_space));
         for shape in &finer {
-            if !self.trials.may(self.goal.scheme, shape, share)? {
+            if !self.trials.affords(self.goal.scheme, shape, share)? {
                 return Ok(None);
             }
         }
@@ -314,55 +322,56 @@ impl Search<'_, '_> {
 
     /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while
     /// they reach it too. Collective.
-    fn climb(&mut self, first: Vec<usize>) -> Result<Ladder> {
+    fn climb(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
         let scheme = self.goal.scheme;
         let share = self.share(FOR_LEVELS);
         let cheap = CHEAP * (share - self.used);
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
-        let mut ladder = Ladder { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
-        ladder.found.extend(self.trials.error(scheme, &first)?);
-        while ladder.shapes.len() < MOST_LEVELS {
-            let reached = ladder.levels().last().is_some_and(|level| level.error <= self.wanted);
-            let last = ladder.shapes[ladder.shapes.len() - 1].clone();
+        let mut sequence =
+            ErrorSequence { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
+        sequence.found.extend(self.trials.error(scheme, &first)?);
+        while sequence.shapes.len() < MOST_LEVELS {
+            let reached = sequence.levels().last().is_some_and(|level| level.error <= self.wanted);
+            let last = sequence.shapes[sequence.shapes.len() - 1].clone();
             let next = self.grids().twice(&last);
             if next == last {
                 // Nothing varies along any axis.
                 if !exact {
-                    ladder.found.push(0.0);
+                    sequence.found.push(0.0);
                 }
                 break;
             }
-            let enough = ladder.found.len() >= ENOUGH_LEVELS;
-            // Whether orders are settled takes two.
-            let more = ladder.found.len() < 3 || self.trials.is_cheap(scheme, &next, cheap)?;
-            if (reached && (enough || !more)) || !self.trials.may(scheme, &next, share)? {
+            let enough = sequence.found.len() >= ENOUGH_LEVELS;
+            // Two orders show whether they have settled: three errors.
+            let more = sequence.found.len() < 3 || self.trials.is_cheap(scheme, &next, cheap)?;
+            if (reached && (enough || !more)) || !self.trials.affords(scheme, &next, share)? {
                 break;
             }
             match exact {
-                true => ladder.found.extend(self.trials.error(scheme, &next)?),
-                false => ladder.found.push(self.distance(&last, &next)?),
+                true => sequence.found.extend(self.trials.error(scheme, &next)?),
+                false => sequence.found.push(self.distance(&last, &next)?),
             }
-            ladder.shapes.push(next);
+            sequence.shapes.push(next);
         }
-        while ladder.shapes.len() < MOST_LEVELS
-            && ladder.levels().first().is_some_and(|level| level.error <= self.wanted)
-            && let Some(half) = self.grids().halved(&ladder.shapes[0])
+        while sequence.shapes.len() < MOST_LEVELS
+            && sequence.levels().first().is_some_and(|level| level.error <= self.wanted)
+            && let Some(half) = self.grids().halved(&sequence.shapes[0])
         {
             let found = match self.trials.error(scheme, &half)? {
                 Some(error) => error,
-                None => self.distance(&half, &ladder.shapes[0])?,
+                None => self.distance(&half, &sequence.shapes[0])?,
             };
-            ladder.shapes.insert(0, half);
-            ladder.found.insert(0, found);
+            sequence.shapes.insert(0, half);
+            sequence.found.insert(0, found);
         }
-        Ok(ladder)
+        Ok(sequence)
     }
 
     /// The coarsest grid that reaches the wanted error between a coarse one that does not and a
     /// fine one that does, by the order that these two show. Collective.
-    fn between(&mut self, [coarse, fine]: &[Level; 2], result: &mut Reach) -> Result<()> {
+    fn between(&mut self, [coarse, fine]: &[Level; 2], result: &mut ReachedGrid) -> Result<()> {
         let wanted = self.wanted;
-        // All finer grids reach it too, not one by chance.
+        // Begin with the fine grid, which reaches it.
         (result.shape, result.error) = (fine.shape.clone(), fine.error);
         let slope = (coarse.error / fine.error).log2();
         let mut scale = (coarse.error / wanted).log2() / slope;
@@ -371,7 +380,7 @@ impl Search<'_, '_> {
             if cells(&shape) >= cells(&fine.shape) {
                 break;
             }
-            let Some(found) = self.look(&shape, &result.order)? else {
+            let Some(found) = self.error_on(&shape, &result.order)? else {
                 break;
             };
             if found.error <= wanted {
@@ -385,12 +394,12 @@ impl Search<'_, '_> {
 
     /// A grid beyond the `finest` one tried that reaches the wanted error: as the order predicts,
     /// and tried where the budget allows. Collective.
-    fn beyond(&mut self, finest: &Level, result: &mut Reach) -> Result<()> {
+    fn beyond(&mut self, finest: &Level, result: &mut ReachedGrid) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
             result.shape = self.grids().scaled(&finest.shape, scale);
-            (result.error, result.known) = (self.wanted, Known::Extrapolated);
-            let Some(found) = self.look(&result.shape, &result.order)? else {
+            (result.error, result.known) = (self.wanted, Evidence::Extrapolated);
+            let Some(found) = self.error_on(&result.shape, &result.order)? else {
                 break;
             };
             (result.error, result.known) = (found.error, found.known);
@@ -402,19 +411,19 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// Fewer elements along the velocities alone, and along space alone, as long as the wanted
-    /// error is reached: what balances both on a coarse grid need not on a fine one. Collective.
-    fn trim(&mut self, result: &mut Reach) -> Result<()> {
-        // What has the smaller part of the error first.
+    /// Takes fewer elements along the velocities alone, and along space alone, as long as the wanted
+    /// error is reached: the balance of both on a coarse grid is not that on a fine one. Collective.
+    fn trim(&mut self, result: &mut ReachedGrid) -> Result<()> {
+        // The axes with the smaller part of the error first.
         let space_first = result.part_of_space.is_some_and(|part| part < 0.5);
         for part in FEWER {
             for of_space in [space_first, !space_first] {
-                while result.known != Known::Extrapolated && result.error <= self.wanted {
+                while result.known != Evidence::Extrapolated && result.error <= self.wanted {
                     let shape = self.grids().fewer(&result.shape, of_space, part);
                     if cells(&shape) >= cells(&result.shape) {
                         break;
                     }
-                    let Some(found) = self.look(&shape, &result.order)? else {
+                    let Some(found) = self.error_on(&shape, &result.order)? else {
                         break;
                     };
                     if found.error > self.wanted {
@@ -427,9 +436,9 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// The case's own grid instead, where it was tried and reaches the wanted error, if it has
-    /// fewer cells or nothing else reaches it. Collective.
-    fn or_own_grid(&mut self, mut found: Reach) -> Result<Reach> {
+    /// The case's own grid in the place of `found`, if it was tried and reaches the wanted error, and
+    /// has fewer cells or `found` does not reach it. Collective.
+    fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
         let Goal { scheme, own, .. } = self.goal;
         let better = found.error > self.wanted || cells(own) < cells(&found.shape);
         if better
@@ -437,7 +446,7 @@ impl Search<'_, '_> {
             && let Some(error) = self.trials.error(scheme, own)?
             && error <= self.wanted
         {
-            (found.shape, found.error, found.known) = (own.to_vec(), error, Known::Measured);
+            (found.shape, found.error, found.known) = (own.to_vec(), error, Evidence::Measured);
         }
         Ok(found)
     }

@@ -1,4 +1,4 @@
-//! Parts of the stated problem that the scheme does not resolve, and settings without effect.
+//! Warnings of parts of the case that the scheme does not resolve, and of keys without effect.
 
 use crate::base::text::{counted, percent, place, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
@@ -7,15 +7,15 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
 use crate::problem::potential::written::{Unresolved, unresolved};
+use crate::run::ledger::MOST_SPACE_CELLS;
 
-/// Most space cells of a case whose jumps are looked at.
-const MOST_SPACE_CELLS: usize = 1 << 18;
-/// A table may be constant beyond an end of it over this part of an axis.
+/// Largest part of an axis beyond the end of a table, over which the table is constant, without a
+/// warning.
 const BEYOND: f64 = 0.1;
 
-/// Warnings of `V` between the points of the scheme, of edges that are not along the axes, of keys
-/// that settle nothing and of tables that end early.
-pub(super) fn unseen(case: &Case) -> Vec<String> {
+/// Warnings of values of `V` between the points of the scheme, of edges that are not along the axes,
+/// of keys without effect, and of tables that end early.
+pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
     let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));
     of_formulas
@@ -99,13 +99,13 @@ fn idle_reflections(case: &Case) -> Vec<String> {
         axes.flat_map(|a| potential.jump_kinds(a).filter_map(|kind| kind.higher)).collect();
     let idle = case.potential.iter().enumerate();
     let idle = idle.filter(|(i, region)| reflects(region) && !higher.contains(i));
-    let said = |(i, _): (usize, &Region)| {
+    let warning = |(i, _): (usize, &Region)| {
         format!(
             "potential.{i}.reflection has no effect: no jump of V goes down from this region; it \
              is that of the higher side"
         )
     };
-    idle.map(said).collect()
+    idle.map(warning).collect()
 }
 
 /// Tables that are constant over much of an axis, as they end before it does.

@@ -1,5 +1,5 @@
-//! A discrete problem and its exact solution `exp(AT) f(0)`, against which any series in `p` is
-//! held, planned or not.
+//! A semi-discrete problem with its exact solution `exp(AT) f(0)`, to which readings from any series
+//! in `p` are compared, planned or not.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
@@ -17,13 +17,13 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
 use crate::study::trial::plan_series;
 
-/// Relative error that a mode is allowed: small beside everything that is looked for.
+/// Relative error of a mode: far below every error that a panel shows.
 const MODE_TOLERANCE: f64 = 1e-16;
-/// What the process mesh is planned for; any that can be met does.
+/// Tolerance of the plan that the process mesh is from; its value does not matter.
 const TOLERANCE: f64 = 1e-6;
 
-/// The problem on this rank, with what its fields are at `T`.
-pub struct Yardstick {
+/// The problem on this rank, and its exact fields at `T`.
+pub struct ReferenceProblem {
     prepared: Prepared,
     resources: Resources,
     /// `f(T)` of each field, on this rank's share.
@@ -32,7 +32,7 @@ pub struct Yardstick {
     pub ratio: f64,
 }
 
-impl Yardstick {
+impl ReferenceProblem {
     /// Of `case`, by Schrödingerization, with its weights, interface and inflow, which must not
     /// depend on time; its choices about `p` are ignored. Collective.
     ///
@@ -52,9 +52,9 @@ impl Yardstick {
         let resources =
             Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
         prepared.plan.bounds = prepared.bounds.clone();
-        let mut yardstick = Self { prepared, resources, exact: Vec::new(), ratio: 0.0 };
-        yardstick.propagate(case.duration());
-        Ok(yardstick)
+        let mut reference = Self { prepared, resources, exact: Vec::new(), ratio: 0.0 };
+        reference.propagate(case.duration());
+        Ok(reference)
     }
 
     /// Finds `f(T)` of each field and the largest ratio. Collective.
@@ -74,17 +74,17 @@ impl Yardstick {
         }
     }
 
-    /// Bounds on the generator, with the growth that was found.
+    /// Bounds on the generator, with the measured growth.
     pub fn bounds(&self) -> &Bounds {
         &self.prepared.bounds
     }
 
-    /// The problem, and the ranks as they share it.
+    /// The semi-discrete system, and its communicator.
     pub fn parts(&mut self) -> (&mut DiscreteSystem, &Communicator) {
         (&mut self.prepared.system, &self.prepared.communicator)
     }
 
-    /// Numbers that propagating `series` would update: applications times unknowns.
+    /// Updates of unknowns that propagating `series` takes: applications times unknowns.
     ///
     /// # Errors
     /// As [`Plan::with_series`].

@@ -1,33 +1,33 @@
-//! What is advised: set-ups, each with its grid, its error and how that is known, its cost and its
-//! command.
+//! The result of `advise`: set-ups, each with its grid, its error and the evidence for it, its cost
+//! and its command.
 
 use crate::problem::case::{Interface, Limiter, Method};
+use crate::study::advise::grid_search::{Evidence, Level};
 use crate::study::advise::order::Order;
-use crate::study::advise::reach::{Known, Level};
 use crate::study::advise::trials::MODE;
 use crate::study::cost::application_weight;
 use serde::Serialize;
 
-/// Parts of the error of the density, each relative to it in L1.
+/// Parts of the relative L1 error of the density.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Parts {
+pub struct ErrorParts {
     /// Discretisation in space and velocity together.
     pub discretisation: f64,
-    /// That in space, where the two were told apart.
+    /// Discretisation in space, if the two were measured apart.
     pub space: Option<f64>,
-    /// That in velocity.
+    /// Discretisation in velocity, likewise.
     pub velocity: Option<f64>,
-    /// Schrödingerization, as measured on a coarse grid or guaranteed by the tolerance, whichever
-    /// is known and larger.
+    /// Schrödingerization: the larger of the error measured on a coarse grid and the bound by the
+    /// tolerance.
     pub schrodingerization: Option<f64>,
-    /// The step of an implicit propagator.
+    /// Time step of an implicit propagator.
     pub step: Option<f64>,
-    /// What `readout.accuracy` leaves, were all cells read.
+    /// Readout of all cells to `readout.accuracy`.
     pub readout: Option<f64>,
 }
 
-impl Parts {
-    /// The error of the discretisation by its two parts, where they are known.
+impl ErrorParts {
+    /// An error of the discretisation alone; its two parts, if that of space is known.
     pub fn of_discretisation(error: f64, part_of_space: Option<f64>) -> Self {
         Self {
             discretisation: error,
@@ -42,65 +42,65 @@ impl Parts {
 
 /// A set-up on the coarsest grid that reaches the accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Entry {
-    /// What it is, in words.
+pub struct SetupReport {
+    /// Name of method and scheme.
     pub name: String,
     /// Schrödingerized or classical.
     pub method: Method,
-    /// Interface rows.
+    /// Interface law.
     pub interface: Interface,
-    /// Slopes.
+    /// Slope limiter.
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
-    /// Flux between them; none of the upwind scheme of degree 0.
+    /// Flux parameter `α` between elements; the upwind scheme of degree 0 has none.
     pub flux: Option<f64>,
     /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,
-    /// All unknowns.
+    /// Number of unknowns.
     pub cells: f64,
-    /// Those that are left to compute on, where the case has more than it needs.
+    /// Number of unknowns that are computed, after the reduction of the case.
     pub computed_cells: f64,
     /// `solver.tolerance`.
     pub tolerance: Option<f64>,
     /// Relative L1 error of the density.
     pub error: f64,
-    /// How it is known.
-    pub known: Known,
-    /// What it is made of.
-    pub parts: Parts,
+    /// The evidence for the error.
+    pub known: Evidence,
+    /// Parts of the error.
+    pub parts: ErrorParts,
     /// Order by pairs of grids.
     pub order: Order,
-    /// The grids behind it.
+    /// The grids that the order is from.
     pub levels: Vec<Level>,
     /// Space axes, counted from 0, on which no grid nearby has faces on all edges of `V`.
     pub moved_edges: Vec<usize>,
     /// Applications of a mode's Hamiltonian, or of `A`.
     pub applications: f64,
-    /// Planned bytes a rank.
+    /// Planned memory of a rank, in bytes.
     pub memory_bytes_per_rank: f64,
-    /// Seconds on as many ranks as this.
+    /// Seconds of a run on the ranks that ran the study.
     pub seconds: Option<f64>,
-    /// Whether they were measured on this grid, or follow from trials.
+    /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
-    /// What forbids it, in words; absent where it can be run.
+    /// Why the set-up is refused; absent if it can be run.
     pub refused: Option<String>,
-    /// Why this is an estimate and no advice, in words; absent where it is advice.
+    /// Why the set-up is only an estimate; absent if it is advice.
     pub estimate: Option<String>,
-    /// What `--set` takes.
+    /// `--set` options that make this set-up of the case.
     pub settings: Vec<String>,
     /// The whole command.
     pub command: String,
 }
 
-impl Entry {
-    /// Its work, which no clock counts: updates of unknowns.
+impl SetupReport {
+    /// Work of a run: updates of unknowns, the same on every machine.
     pub fn work(&self) -> f64 {
         let each = application_weight(self.degree, self.limiter) as f64;
         self.applications * self.computed_cells * each
     }
 
-    /// Updates that a run of it counts as in the budget of trials.
+    /// Updates that a run counts as in the budget of trials.
     pub fn updates(&self) -> f64 {
         match self.method {
             Method::Schrodingerized => MODE * self.work(),
@@ -108,22 +108,22 @@ impl Entry {
         }
     }
 
-    /// Where the grid follows from orders that are not settled, what begins the reason why it is
-    /// not advised: a longer budget may find a smaller one.
+    /// First words of the reason of a refusal, if the grid is extrapolated by an order that has not
+    /// settled: a longer budget may find a smaller grid. Empty otherwise.
     pub fn not_settled_yet(&self) -> &'static str {
-        match self.known == Known::Extrapolated && !self.order.settled {
+        match self.known == Evidence::Extrapolated && !self.order.settled {
             true => "not settled yet, a longer --budget may settle it; by the orders so far ",
             false => "",
         }
     }
 
-    /// Why it is an estimate and no advice, if it is: from one pair of grids, or of more seconds
-    /// than `longest`.
+    /// Why the set-up is only an estimate, if it is: its order is from one pair of grids, or it
+    /// takes more than `longest` seconds.
     pub fn not_settled(&self, longest: f64) -> Option<String> {
         let open = "not settled within this budget; ";
         if self.refused.is_some() {
             None
-        } else if self.known == Known::Extrapolated && self.order.pairs.len() < 2 {
+        } else if self.known == Evidence::Extrapolated && self.order.pairs.len() < 2 {
             Some(format!("{open}a longer --budget may settle it"))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
             Some(format!("{open}it is expected to take more than 30 days on these ranks"))
@@ -133,19 +133,19 @@ impl Entry {
     }
 }
 
-/// An extrapolated set-up whose order is not settled is no advice where it takes more than so many
-/// times the work of another set-up that may do.
-const DEAREST: f64 = 100.0;
+/// An extrapolated set-up whose order has not settled is only an estimate if it takes more than
+/// this many times the work of another set-up.
+const MOST_WORK_RATIO: f64 = 100.0;
 
-/// Marks set-ups as estimates whose grids follow from orders that are not settled, and which take
-/// far more work than another one.
-pub fn doubt_the_dearest(entries: &mut [Entry]) {
+/// Marks extrapolated set-ups as estimates if their orders have not settled and they take more than
+/// [`MOST_WORK_RATIO`] times the work of another one.
+pub fn mark_unsettled_expensive(entries: &mut [SetupReport]) {
     let possible = entries.iter().filter(|e| e.refused.is_none());
     let Some(least) = possible.min_by(|a, b| a.work().total_cmp(&b.work())) else { return };
     let (name, least) = (least.name.clone(), least.work());
     for entry in entries {
-        let open = entry.known == Known::Extrapolated && !entry.order.settled;
-        if open && entry.refused.is_none() && entry.work() > DEAREST * least {
+        let open = entry.known == Evidence::Extrapolated && !entry.order.settled;
+        if open && entry.refused.is_none() && entry.work() > MOST_WORK_RATIO * least {
             entry.estimate.get_or_insert_with(|| {
                 format!(
                     "not settled within this budget; {name} may take less than a hundredth of its \
@@ -156,50 +156,50 @@ pub fn doubt_the_dearest(entries: &mut [Entry]) {
     }
 }
 
-/// The case as it stands.
+/// The case as its file has it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Given {
+pub struct GivenCase {
     /// Degree of the elements.
     pub degree: usize,
     /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density, all parts together.
     pub error: f64,
-    /// How the discretisation's part is known.
-    pub known: Known,
-    /// What it is made of.
-    pub parts: Parts,
+    /// The evidence for the error of the discretisation.
+    pub known: Evidence,
+    /// Parts of the error.
+    pub parts: ErrorParts,
 }
 
-/// What `phasewarp advise` says.
+/// The result of `phasewarp advise`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Advised {
+pub struct AdviceReport {
     /// Title of the case.
     pub title: String,
-    /// What was asked for: the relative L1 error of the density.
+    /// Relative L1 error of the density that was asked for.
     pub accuracy: f64,
-    /// Ranks that seconds and memory are for.
+    /// Number of ranks, to which seconds and memory belong.
     pub ranks: usize,
     /// Whether errors are against the exact solution; otherwise they are by Richardson's
     /// extrapolation.
     pub exact: bool,
-    /// The case as it stands.
-    pub given: Option<Given>,
-    /// The Schrödingerized set-up of least work that is no mere estimate, by position in `entries`.
+    /// The case as its file has it, if its error could be told.
+    pub given: Option<GivenCase>,
+    /// Index in `entries` of the Schrödingerized set-up of least work, estimates left aside.
     pub best: Option<usize>,
-    /// The same of the classical ones.
+    /// The same of the classical set-ups.
     pub best_classical: Option<usize>,
-    /// What reaches the accuracy, quickest first; then what cannot be run.
-    pub entries: Vec<Entry>,
-    /// What was not tried, and why.
+    /// The set-ups that reach the accuracy, quickest first; then those that are refused.
+    pub entries: Vec<SetupReport>,
+    /// Names of what was not tried, each with the reason.
     pub left_out: Vec<String>,
-    /// What the user should know.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
 }
 
-impl Advised {
+impl AdviceReport {
     /// The set-up of least work by `method`, if one is advised.
-    pub fn best_of(&self, method: Method) -> Option<&Entry> {
+    pub fn best_of(&self, method: Method) -> Option<&SetupReport> {
         let best = match method {
             Method::Schrodingerized => self.best,
             Method::Classical => self.best_classical,
@@ -220,9 +220,9 @@ mod tests {
     use super::*;
 
     /// A set-up of so many applications, extrapolated by orders that are settled or not.
-    fn entry(applications: f64, settled: bool) -> Entry {
+    fn entry(applications: f64, settled: bool) -> SetupReport {
         let order = Order { pairs: vec![0.6, 1.1], order: 0.85, counted_on: 0.6, settled };
-        Entry {
+        SetupReport {
             name: format!("{applications}"),
             method: Method::Classical,
             interface: Interface::Conservative,
@@ -234,8 +234,8 @@ mod tests {
             computed_cells: 100.0,
             tolerance: None,
             error: 0.01,
-            known: Known::Extrapolated,
-            parts: Parts::of_discretisation(0.01, Some(0.5)),
+            known: Evidence::Extrapolated,
+            parts: ErrorParts::of_discretisation(0.01, Some(0.5)),
             order,
             levels: Vec::new(),
             moved_edges: Vec::new(),
@@ -251,16 +251,16 @@ mod tests {
     }
 
     #[test]
-    fn what_is_open_and_far_dearer_than_another_is_an_estimate() {
+    fn unsettled_set_ups_of_far_more_work_than_another_are_estimates() {
         let mut entries = [
             entry(1.0, false),
             entry(99.0, false),
             entry(101.0, false),
             entry(1e6, true),
-            Entry { known: Known::Estimated, ..entry(1e6, false) },
-            Entry { refused: Some("no".into()), ..entry(1e-6, false) },
+            SetupReport { known: Evidence::Estimated, ..entry(1e6, false) },
+            SetupReport { refused: Some("no".into()), ..entry(1e-6, false) },
         ];
-        doubt_the_dearest(&mut entries);
+        mark_unsettled_expensive(&mut entries);
         let doubted = entries.each_ref().map(|e| e.estimate.is_some());
         assert_eq!(doubted, [false, false, true, false, false, false]);
         assert!(entries[2].estimate.as_deref().is_some_and(|why| why.contains("; 1 may take")));

@@ -1,7 +1,7 @@
-//! Results on a reduced grid, put onto the grid on which they are shown.
+//! Results on the reduced grid, expanded to the grid of the results.
 //!
-//! Velocities are never split among ranks, and an axis of one cell is not either: each rank does so
-//! with what it has.
+//! Velocities and axes of one cell are never split among ranks, so that each rank expands its own
+//! share.
 
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::Communicator;
@@ -9,21 +9,21 @@ use crate::parallel::partition::Block;
 use crate::plan::Plan;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, Part, PhaseSpace};
-use crate::results::dataset::Early;
+use crate::results::dataset::EarlyResult;
 use crate::scheme::reduce::grid;
 use crate::solve::place::Place;
 use std::ops::Range;
 
-/// A case on the grid on which its results are shown: the case's velocities; with `output.expand`
-/// all of its cells.
-pub struct Shown {
+/// A case on the grid of its results: the reduced grid with all velocities of the case; with
+/// `output.expand` the whole grid of the case.
+pub struct ResultGrid {
     /// The case on that grid.
     pub case: Case,
     from: PhaseSpace,
 }
 
-impl Shown {
-    /// The part of the shown grid that belongs to `place`.
+impl ResultGrid {
+    /// The part of the result grid that belongs to `place`.
     pub(crate) fn place(&self, place: &Place, plan: &Plan, communicator: &Communicator) -> Place {
         let mesh = &plan.layout.mesh;
         let block = Block::new(&self.case.space, mesh, communicator.space.rank());
@@ -34,7 +34,7 @@ impl Shown {
         Place { mine: from(share[0].start)..from(share[0].end), ranges: Vec::new(), share, block }
     }
 
-    /// Where the results of `case`, which may have been reduced, are shown.
+    /// The result grid of `case`, which may have been reduced.
     pub fn new(case: &Case) -> Self {
         let space = grid(case);
         Self { case: Case { space, ..case.clone() }, from: case.space.clone() }
@@ -51,7 +51,7 @@ impl Shown {
             .collect()
     }
 
-    /// A field on the reduced grid's `share`, put onto [`share`](Self::share): repeated where cells
+    /// A field on the reduced grid's `share`, expanded to [`share`](Self::share): repeated where cells
     /// were merged, zero at velocities that were left out.
     pub fn field(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let velocities = self.from.v.iter().map(|v| 0..v.cells);
@@ -60,18 +60,17 @@ impl Shown {
         put(&axes, &ranges, values)
     }
 
-    /// The same for values at points of space.
+    /// Values at points of space, expanded likewise.
     fn points(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let axes: Vec<(&Axis, &Axis)> = self.from.x.iter().zip(&self.case.space.x).collect();
         put(&axes, share, values)
     }
 
-    /// What was found at an earlier time on the reduced grid's `share`, put onto
-    /// [`share`](Self::share).
-    pub fn early(&self, share: &[Range<usize>], early: Early) -> Early {
+    /// Results at an earlier time on the reduced grid's `share`, expanded to [`share`](Self::share).
+    pub fn early(&self, share: &[Range<usize>], early: EarlyResult) -> EarlyResult {
         let points = |values| self.points(share, values);
         let Moments { density, momentum, velocity, kinetic } = early.moments;
-        Early {
+        EarlyResult {
             moments: Moments {
                 density: points(density),
                 momentum: momentum.into_iter().map(points).collect(),
@@ -84,7 +83,7 @@ impl Shown {
     }
 }
 
-/// `values` over the cells `ranges` of the first of each pair of axes, row-major, put onto the
+/// `values` over the cells `ranges` of the first of each pair of axes, row-major, expanded to the
 /// second.
 fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
     if axes.iter().all(|(from, to)| from == to) || values.is_empty() {
