@@ -1,4 +1,6 @@
 //! The subcommands: each has a file that reads its options, calls the rooms below and prints.
+//!
+//! Uses: every room. Only the program uses commands.
 
 pub mod accuracy;
 pub mod advise;

@@ -9,6 +9,8 @@
 //! weighted state and its auxiliary unknowns; what is asked for is relative to `‖f(T)‖`. So the
 //! profile is planned for `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe
 //! when running (see [`crate::run`]); the plan alone assumes [`ASSUMED_RATIO`].
+//!
+//! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base.
 
 pub mod advice;
 pub mod balance;

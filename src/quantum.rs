@@ -18,6 +18,8 @@
 //!
 //! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
 //! [`figure::Figure`].
+//!
+//! Uses: solve, and every room below.
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;

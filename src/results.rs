@@ -1,5 +1,7 @@
 //! The results of a run: `result.h5`, written by all ranks, `summary.json`, and views of the
 //! grids for other programs (`fields.xdmf`, a file for each grid).
+//!
+//! Uses: quantum, solve, and every room below.
 
 pub mod averages;
 pub mod dataset;

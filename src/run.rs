@@ -309,8 +309,8 @@ fn prepare(
     Ok(prepared)
 }
 
-/// `prepared` with its modes planned, for the ratio of norms that the probe measures; refused if the
-/// disk has no room for the warped field. Collective.
+/// `prepared` with its modes planned, for the ratio of norms that the probe measures; refused if
+/// the disk has no room for the warped field. Collective.
 fn plan_modes(
     world: &World,
     mut prepared: Prepared,

@@ -12,8 +12,8 @@ pub fn say(text: &str) {
     say_unwrapped(&wrapped(&visible(text)));
 }
 
-/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; any other
-/// reason why they are not written is kept for [`unwritten`].
+/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; any
+/// other reason why they are not written is kept for [`unwritten`].
 pub(crate) fn say_unwrapped(text: &str) {
     let mut output = std::io::stdout().lock();
     let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());

@@ -95,8 +95,8 @@ pub fn stop_flag() -> Arc<AtomicBool> {
 }
 
 /// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
-/// the process at once. A signal that is ignored stays so. `message` is written to standard error as
-/// soon as the first one comes.
+/// the process at once. A signal that is ignored stays so. `message` is written to standard error
+/// as soon as the first one comes.
 pub fn stop_when_terminated(message: &'static str) {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {

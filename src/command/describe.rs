@@ -168,8 +168,8 @@ fn method(case: &Case, bounds: &Bounds) -> String {
     common + &settings
 }
 
-/// The parts of the case that make `S` nonzero, so that `A` is not skew and needs Schrödingerization,
-/// each with a bound on its part of the norm of `S`.
+/// The parts of the case that make `S` nonzero, so that `A` is not skew and needs
+/// Schrödingerization, each with a bound on its part of the norm of `S`.
 fn schrodingerized(bounds: &Bounds) -> String {
     let most = format!("norm of S at most {}", short(bounds.dissipation));
     if bounds.lines.is_empty() {

@@ -153,8 +153,8 @@ fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Valu
 /// Stands for `|` in a cell of a table.
 const BAR: &str = "\u{1}";
 
-/// The descriptions in the tables of the document, by key; `N` stands for the number of a table in a
-/// list.
+/// The descriptions in the tables of the document, by key; `N` stands for the number of a table in
+/// a list.
 fn descriptions() -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let section = DOCUMENT.split("\n## ").find(|part| part.starts_with("The case file"));

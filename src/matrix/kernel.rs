@@ -148,7 +148,8 @@ fn step_nodes<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
             step_nodes_of::<V, ROWS, WHOLE, MOST_NODES, R>(matrix, lines, constants, vectors)
         }
         // Lines of one row are in the other loop.
-        _ => {}
+        1 => {}
+        nodes => unreachable!("an element has at most {MOST_NODES} nodes, not {nodes}"),
     }
 }
 

@@ -27,6 +27,7 @@
 pub mod circuit;
 pub mod complete;
 pub mod numpy;
+mod reading;
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -43,9 +44,9 @@ use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::circuit::formats::qasm;
 use crate::quantum::export::complete::{About, Complete, Task};
+use crate::quantum::export::reading::{PointGrid, Reading, Registers, norm, real};
 use crate::quantum::planned_modes;
-use crate::schrodingerization::profile::series::{Series, points};
-use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::schrodingerization::profile::series::Series;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
@@ -54,8 +55,6 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Most qubits that are exported.
-pub const MOST_QUBITS: usize = 12;
 /// Relative error that the propagation of a mode may have.
 const TOLERANCE: f64 = 1e-14;
 
@@ -185,153 +184,12 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
     (0..points).map(amplitude).collect()
 }
 
-fn norm(x: &[Complex64]) -> f64 {
-    x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt()
-}
-
-/// `Re(x)` and the largest `|Im(x)|`.
-fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
-    let largest = x.iter().fold(0.0, |m: f64, x| m.max(x.im.abs()));
-    (x.iter().map(|x| x.re).collect(), largest)
-}
-
-/// Qubits of each register.
-struct Registers {
-    p: usize,
-    /// Qubits of each axis, `(x1..xn, v1..vn)`.
-    phase_space: Vec<usize>,
-    /// 1 where something enters.
-    label: usize,
-}
-
-impl Registers {
-    /// The registers of `case` with `points` points in `p` and `rows` unknowns.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits.
-    fn new(case: &Case, points: usize, rows: usize) -> Result<Self> {
-        let bits = |count: usize| count.trailing_zeros() as usize;
-        let registers = Self {
-            p: bits(points),
-            phase_space: case.space.axes().map(|a| bits(a.cells)).collect(),
-            label: usize::from(rows > case.space.cells()),
-        };
-        if registers.total() > MOST_QUBITS {
-            let Self { p, phase_space, label } = &registers;
-            return Err(Error::Input(format!(
-                "{}: {} qubits ({p} of p, {phase_space:?} of the axes, {label} for what enters); \
-                 at most {MOST_QUBITS} are exported: fewer cells, a shorter time.end or a larger \
-                 solver.tolerance take less",
-                case.name,
-                registers.total()
-            )));
-        }
-        Ok(registers)
-    }
-
-    /// All of them.
-    fn total(&self) -> usize {
-        self.p + self.phase_space.iter().sum::<usize>() + self.label
-    }
-}
-
-/// The grid in `p`: `p_k = lower + k · period/points`.
-struct PointGrid {
-    points: usize,
-    lower: f64,
-    period: f64,
-    /// `k◇`.
-    recovery_index: usize,
-    /// `p◇`.
-    recovery: f64,
-}
-
-impl PointGrid {
-    /// The grid of `warp`, with a point at `p◇`; of sampled coefficients the grid that is given.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a given number of points that is no power of two.
-    fn new(case: &Case, warp: &WarpPlan) -> Result<Self> {
-        let series = &warp.series;
-        let given = points(series);
-        let points = given.next_power_of_two();
-        if series.alone && given != points {
-            return Err(Error::Input(format!(
-                "{}: {given} points in p; a register of qubits takes a power of two: \
-                 solver.warp.points = {points}",
-                case.name
-            )));
-        }
-        let (point, period) = (warp.readings[0].point, series.period);
-        let width = period / points as f64;
-        let steps = (point - warp.interval[0]) / width;
-        let (lower, index) = match series.alone {
-            true => (warp.interval[0], (steps - 1e-9).ceil()),
-            false => (point - steps.floor() * width, steps.floor()),
-        };
-        // Whole periods are free, and e^{p◇} is that of p◇ itself, not of an image.
-        let lower = lower + (index / points as f64).floor() * period;
-        let recovery_index = index.rem_euclid(points as f64) as usize;
-        let recovery = lower + recovery_index as f64 * width;
-        Ok(Self { points, lower, period, recovery_index, recovery })
-    }
-}
-
-/// The field that a measurement of the final state leaves, and its probabilities.
-struct Reading {
-    /// `√π f/C_w e^{−p◇}`: the real part of the state at `p◇`, in the block of `f`.
-    block: Vec<f64>,
-    /// Norm of that block with its imaginary part, squared.
-    in_block: f64,
-    /// Norm of the state at `p◇`, squared: `P_p`.
-    in_slice: f64,
-    /// `√π`.
-    weights: Vec<f64>,
-    /// `f(T)`.
-    field: Vec<f64>,
-}
-
-impl Reading {
-    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the
-    /// cells.
-    fn new(state: &[Complex64], grid: &PointGrid, pi: &[f64], norm_of_state: f64) -> Self {
-        let slice: Vec<Complex64> =
-            state.iter().skip(grid.recovery_index).step_by(grid.points).copied().collect();
-        let cells = pi.len();
-        let square = |x: &[Complex64]| norm(x).powi(2);
-        let weights: Vec<f64> = pi.iter().map(|pi| pi.sqrt()).collect();
-        let (block, _) = real(&slice[..cells]);
-        let scale = grid.recovery.exp() * norm_of_state;
-        let field = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
-        Self { in_block: square(&slice[..cells]), in_slice: square(&slice), block, weights, field }
-    }
-
-    /// Real parts of the overlaps with the moment states, of density and momenta by space cell.
-    fn overlaps(&self, factors: &VelocityFactors, dimension: usize) -> Vec<Vec<f64>> {
-        let (velocities, size) = (factors.cells(), self.in_block.sqrt());
-        let of = |k: usize| {
-            let blocks = self.block.chunks_exact(velocities);
-            let cells = blocks.zip(self.weights.chunks_exact(velocities));
-            let overlap = |(v, d): (&[f64], &[f64])| {
-                let (mut product, mut square) = (0.0, 0.0);
-                for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {
-                    product += q[k] / d * v;
-                    square += (q[k] / d).powi(2);
-                }
-                product / (square.sqrt() * size)
-            };
-            cells.map(overlap).collect()
-        };
-        (0..=dimension).map(of).collect()
-    }
-}
-
 impl Export {
     /// The export of a case whose whole grid is on this rank; with so many qubits of amplitude
     /// estimation, if a complete circuit is asked for.
     ///
     /// # Errors
-    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power
+    /// [`Error::Input`] for more than 12 qubits, a number of points that is no power
     /// of two, or a start that is zero; as [`Complete::new`].
     pub fn new(prepared: &mut Prepared, estimate: Option<usize>) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
@@ -345,7 +203,7 @@ impl Export {
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
         let norm_of_state = norm(&initial);
         if norm_of_state == 0.0 {
-            let what = "the state at the start is zero, and no amplitudes of anything";
+            let what = "the state at the start is zero or underflows: f(0), or g(p) on these points";
             return Err(Error::Input(format!("{}: {what}", case.name)));
         }
         let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };

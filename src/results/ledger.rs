@@ -82,7 +82,8 @@ pub struct BoxEnd {
     pub end: String,
     /// Mass that leaves here by its motion or, along a velocity axis, pushed by slopes of `V`.
     pub outflow: f64,
-    /// Mass that leaves because a jump of `V` gives it a velocity beyond this end; 0 along space axes.
+    /// Mass that leaves because a jump of `V` gives it a velocity beyond this end; 0 along space
+    /// axes.
     pub outflow_at_jumps: f64,
     /// Mass that enters.
     pub inflow: f64,

@@ -12,7 +12,8 @@
 //! | `time` | seconds by step | `history` |
 //!
 //! A picture that does not apply to a run is not drawn, such as the profile of a classical run. A
-//! picture whose data the files lack is left out with a message. A second run on the same grid can be drawn beside the first.
+//! picture whose data the files lack is left out with a message. A second run on the same grid can
+//! be drawn beside the first.
 
 pub mod cut;
 pub mod film;

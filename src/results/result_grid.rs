@@ -51,8 +51,8 @@ impl ResultGrid {
             .collect()
     }
 
-    /// A field on the reduced grid's `share`, expanded to [`share`](Self::share): repeated where cells
-    /// were merged, zero at velocities that were left out.
+    /// A field on the reduced grid's `share`, expanded to [`share`](Self::share): repeated where
+    /// cells were merged, zero at velocities that were left out.
     pub fn field(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let velocities = self.from.v.iter().map(|v| 0..v.cells);
         let ranges: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
@@ -66,7 +66,8 @@ impl ResultGrid {
         put(&axes, share, values)
     }
 
-    /// Results at an earlier time on the reduced grid's `share`, expanded to [`share`](Self::share).
+    /// Results at an earlier time on the reduced grid's `share`, expanded to
+    /// [`share`](Self::share).
     pub fn early(&self, share: &[Range<usize>], early: EarlyResult) -> EarlyResult {
         let points = |values| self.points(share, values);
         let Moments { density, momentum, velocity, kinetic } = early.moments;

@@ -66,8 +66,8 @@ pub struct GridErrors {
     pub momentum: Option<ErrorNorms>,
 }
 
-/// The errors of a run: of the algorithm, to the semi-discrete solution, and of the grid, from there
-/// to the exact solution.
+/// The errors of a run: of the algorithm, to the semi-discrete solution, and of the grid, from
+/// there to the exact solution.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     /// `solver.tolerance`; none of the classical method.
@@ -204,7 +204,7 @@ impl Accuracy {
         let then = if !is_large {
             let enough = rounded_down(self.worst() / DOMINANT);
             format!("; with this grid solver.tolerance = {enough:e} would do")
-        } else if is_start {
+        } else if is_start && self.goal.is_none() {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
         } else {
             String::new()

@@ -214,9 +214,9 @@ fn exact_semidiscrete(
     ends
 }
 
-/// The error that a run inherits from the result that it continues. The difference `e` of two solutions
-/// with the same inflow obeys `e' = A e`: in the weighted norm it grows by `e^{growth t}` at most,
-/// and the weights differ by their spread at most. Collective.
+/// The error that a run inherits from the result that it continues. The difference `e` of two
+/// solutions with the same inflow obeys `e' = A e`: in the weighted norm it grows by `e^{growth t}`
+/// at most, and the weights differ by their spread at most. Collective.
 pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;

@@ -3,14 +3,14 @@
 //! **Axes of degree 0**: the leading error is what the scheme adds to transport,
 //! `‖e‖ ≈ T ‖D f(T)‖` (its modified equation). `D` is the difference to the flux of third order: of
 //! the upwind scheme mostly its dissipation, of slopes the part that the limiter cuts off. If other
-//! axes have a higher degree, errors are integrals, and the variation of `f` over a cell counts, too.
+//! axes have a higher degree, errors are integrals, and the variation of `f` over a cell counts,
+//! too.
 //!
 //! **Axes of a higher degree**: the error is of the size of the Legendre coefficients beyond the
 //! highest one of each element. At fronts that is the highest one itself; where coefficients fall
 //! fast, as those of smooth data, it is smaller by how fast they fall. Beside `f` the error of the
 //! density is of the order of the square of that of `f`: what is smeared at a front of width `w` is
-//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel. A third of that square is in
-//! the middle of what is measured.
+//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
 //!
 //! How far all of it may be trusted is in docs/limits.md, and tested in tests/cli/accuracy.rs.
 
@@ -36,8 +36,6 @@ const OF_COEFFICIENTS: f64 = 3.0;
 const OF_FRONTS: f64 = 0.5;
 /// The ratio that is assumed for degree 1, whose coefficients do not show one.
 const OF_DEGREE_1: f64 = 0.5;
-/// Error of a density of elements beside the square of that of `f`.
-const OF_SQUARE: f64 = 1.0 / 3.0;
 
 /// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run;
 /// none for measure-valued data, and where `V` jumps nearly everywhere. Collective.
@@ -57,7 +55,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     if with_elements {
         let more = by_coefficients(prepared, f);
         let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
-        found = [field, f64::hypot(density, OF_SQUARE * field * field)];
+        found = [field, f64::hypot(density, field * field)];
     }
     // A field that is zero has no relative error.
     Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))

@@ -24,8 +24,8 @@ pub(crate) struct Files<'a> {
     pub checkpointing: Option<&'a mut Checkpointing>,
 }
 
-/// The fields that either method solves for, on this rank's share. The `History` of the output times
-/// before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
+/// The fields that either method solves for, on this rank's share. The `History` of the output
+/// times before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
 pub(crate) struct Solved<History> {
     /// Every field at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
@@ -39,8 +39,8 @@ pub(crate) struct Solved<History> {
     pub warning: Option<String>,
 }
 
-/// The state `ũ` at the end of each leg but the last, or its sums over velocities where only moments
-/// are asked for: `[field][leg]`.
+/// The state `ũ` at the end of each leg but the last, or its sums over velocities where only
+/// moments are asked for: `[field][leg]`.
 pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
 
 /// The fields that were solved for, with moments and fields at the output times before the end.

@@ -357,8 +357,8 @@ fn refuse_uneven(
 /// Reads the modes that the run starts from. Collective.
 ///
 /// # Errors
-/// As [`WarpedFile::read`] and [`refuse_uneven`]; [`Error::Magnitude`] for values whose squares overflow or
-/// vanish.
+/// As [`WarpedFile::read`] and [`refuse_uneven`]; [`Error::Magnitude`] for values whose squares
+/// overflow or vanish.
 fn read_start(
     start: &WarpedStart,
     plan: &Plan,

@@ -13,8 +13,8 @@ use crate::run::ledger::MOST_SPACE_CELLS;
 /// warning.
 const BEYOND: f64 = 0.1;
 
-/// Warnings of values of `V` between the points of the scheme, of edges that are not along the axes,
-/// of keys without effect, and of tables that end early.
+/// Warnings of values of `V` between the points of the scheme, of edges that are not along the
+/// axes, of keys without effect, and of tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
     let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));

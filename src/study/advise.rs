@@ -272,8 +272,9 @@ impl<'a> Study<'a> {
         self.reached_grids(found)
     }
 
-    /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over to
-    /// these schemes one by one, fewest expected unknowns first, until one reaches it. Collective.
+    /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over
+    /// to these schemes one by one, fewest expected unknowns first, until one reaches it.
+    /// Collective.
     fn spend_rest_on_modes(&mut self, found: &mut [(Scheme, SearchResult)]) -> Result<()> {
         let by_modes = |scheme: &Scheme| scheme.limiter == Limiter::None;
         if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
@@ -534,8 +535,8 @@ impl<'a> Study<'a> {
         Ok(coarsest.clone())
     }
 
-    /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the accuracy
-    /// to the error on the grid `coarse`. Collective.
+    /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the
+    /// accuracy to the error on the grid `coarse`. Collective.
     fn tolerance(&mut self, scheme: Scheme, coarse: &[usize]) -> Result<ToleranceTrial> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
         let reference = self.trials.run(scheme, coarse)?;

@@ -3,8 +3,8 @@
 //! The methods are run on one case over a range of their choices (`programme`) within a budget of
 //! time: breadth first, each trial only where its expected time fits (`attempts`,
 //! [`crate::study::cost`]). What ran, what was refused and what was left out are the `entry`s. From
-//! these follow Pareto fronts (`result`), sentences that say which method to take (`verdict`), files
-//! (`files`) and the picture (`picture`).
+//! these follow Pareto fronts (`result`), sentences that say which method to take (`verdict`),
+//! files (`files`) and the picture (`picture`).
 //!
 //! There are two errors: the distance to the exact solution, where one is named, which is mostly
 //! the grid's; and the distance to the exact solution of the semi-discrete system, which is the

@@ -33,7 +33,8 @@ const START_UP: f64 = 0.2;
 const SLOPES: usize = 8;
 
 /// Cost of an application to elements of `degree`, an unknown, in applications of degree 0: by the
-/// entries of a row, of which those of one element are contiguous. With slopes: of a stage of a step.
+/// entries of a row, of which those of one element are contiguous. With slopes: of a stage of a
+/// step.
 pub fn application_weight(degree: usize, limiter: Limiter) -> usize {
     if limiter == Limiter::None { 1 + degree.div_ceil(2) } else { SLOPES }
 }

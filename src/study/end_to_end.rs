@@ -623,7 +623,7 @@ impl fmt::Display for EndToEnd {
                 )?;
             }
             if let (Some(order), Some(grid)) = (way.order, way.grids.last()) {
-                writeln!(f, "  {:<24}needed, by the order {order:.2}", shape_text(grid))?;
+                writeln!(f, "  {:<24}needed (order of the error: {order:.2})", shape_text(grid))?;
             }
             for (name, figure) in [
                 ("probability", &way.probability),

@@ -46,8 +46,8 @@ struct Said {
 
 const OF_CELLS: Said = Said { field: [0.5, 2.5], density: [0.35, 2.5] };
 const OF_SLOPES: Said = Said { field: [0.35, 12.0], density: [0.2, 5.0] };
-const OF_ELEMENTS: Said = Said { field: [0.4, 9.0], density: [0.35, 10.0] };
-const OF_MIXED: Said = Said { field: [0.35, 8.0], density: [0.25, 30.0] };
+const OF_ELEMENTS: Said = Said { field: [0.4, 9.0], density: [0.15, 30.0] };
+const OF_MIXED: Said = Said { field: [0.35, 8.0], density: [0.15, 30.0] };
 
 /// A case, settings of its grid, and what is said of its estimates.
 type EstimateRow = (&'static str, Vec<String>, &'static Said);

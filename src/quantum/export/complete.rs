@@ -25,7 +25,7 @@ use crate::quantum::circuit::scene::{self, Bins, Scene};
 use crate::quantum::circuit::transport::{Levels, Modes, Transport};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::export::circuit::phi;
-use crate::quantum::export::{PointGrid, Reading, Registers};
+use crate::quantum::export::reading::{PointGrid, Reading, Registers};
 use crate::quantum::phases::Phases;
 use num_complex::Complex64;
 use serde::Serialize;

@@ -7,8 +7,8 @@ use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::stored::Stored;
 use std::collections::BTreeSet;
 
-/// An estimate whose bound exceeds this many times the largest value is left out: it is useless, and
-/// would hide the others.
+/// An estimate whose bound exceeds this many times the largest value is left out: it is useless,
+/// and would hide the others.
 const LARGEST_BOUND: f64 = 10.0;
 
 /// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was

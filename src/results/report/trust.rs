@@ -152,7 +152,13 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         }
         (None, Some(goal)) => {
             text += &format!("; the accuracy {} of the density was asked for", short(goal));
-            Mark::Good
+            match accuracy.goal_error {
+                Some(_) => Mark::Good,
+                None => {
+                    text += ", and its error was not measured";
+                    if accuracy.is_coarse() { Mark::Bad } else { Mark::Unknown }
+                }
+            }
         }
         (None, None) if accuracy.is_coarse() => Mark::Bad,
         (None, None) => Mark::Good,
@@ -239,13 +245,18 @@ mod tests {
     /// An accuracy that was asked for decides, whatever the tolerance.
     #[test]
     fn a_goal_is_met_or_missed() {
-        for (sentence, mark) in [(None, Mark::Good), (Some("accuracy MISSED"), Mark::Bad)] {
-            let accuracy = Accuracy { goal: Some(0.3), ..Accuracy::default() };
-            let accuracy = accuracy.with_grid([Some(0.25), None], [None; 2]);
+        let missed = Some("accuracy MISSED");
+        for (goal_error, error, sentence, mark, words) in [
+            (Some(0.2), 0.25, None, Mark::Good, "0.3 of the density"),
+            (Some(0.4), 0.25, missed, Mark::Bad, "MISSED"),
+            (None, 0.25, None, Mark::Bad, "not measured"),
+            (None, 0.05, None, Mark::Unknown, "not measured"),
+        ] {
+            let accuracy = Accuracy { goal: Some(0.3), goal_error, ..Accuracy::default() };
+            let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
             let missed = Missed { accuracy: sentence.map(str::to_owned), tolerance: None };
             let found = grid(Some(&accuracy), Some(&missed));
-            assert_eq!(found.mark, mark);
-            let words = if mark == Mark::Good { "0.3 of the density" } else { "MISSED" };
+            assert_eq!(found.mark, mark, "{}", found.text);
             assert!(found.text.contains(words), "{}", found.text);
         }
     }

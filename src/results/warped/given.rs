@@ -142,7 +142,8 @@ pub struct WarpedFile {
 }
 
 impl WarpedFile {
-    /// Checks that `/w` of the file is a warped field on the grid of `case`, and reads its points. `key` is the file, line and key that names it. Collective over `world`.
+    /// Checks that `/w` of the file is a warped field on the grid of `case`, and reads its points.
+    /// `key` is the file, line and key that names it. Collective over `world`.
     ///
     /// # Errors
     /// [`Error::Input`], saying what is wrong with it.

@@ -181,8 +181,8 @@ fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64)
     moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
 }
 
-/// Number of points that the averages over the cells of `case` begin with, as a float: it may exceed
-/// every integer.
+/// Number of points that the averages over the cells of `case` begin with, as a float: it may
+/// exceed every integer.
 pub fn first_points(case: &Case) -> f64 {
     let places = case.space.x.iter().map(|axis| (across(case) * axis.cells) as f64);
     places.product::<f64>() * points_of(&panels_of(case)) as f64

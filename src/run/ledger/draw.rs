@@ -212,8 +212,8 @@ fn keep(particle: Particle) -> Option<Particle> {
     (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
 }
 
-/// Systematic resampling: `many` particles of equal `|mass|`, whose sum is that of `particles`. They
-/// keep the signs.
+/// Systematic resampling: `many` particles of equal `|mass|`, whose sum is that of `particles`.
+/// They keep the signs.
 pub fn resampled(particles: &[Particle], many: usize) -> Vec<Particle> {
     let all: f64 = particles.iter().map(|p| p.mass.abs()).sum();
     let share = all / many as f64;

@@ -11,8 +11,8 @@ use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
-/// The density of a trial on all of space. It is averaged over equal cells; along an axis an element
-/// has as many of them as nodes. Collective.
+/// The density of a trial on all of space. It is averaged over equal cells; along an axis an
+/// element has as many of them as nodes. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] where it is zero everywhere, or not finite.
@@ -71,9 +71,9 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / size }
 }
 
-/// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box. By Cauchy and Schwarz the relative
-/// L1 distance of densities is at most this factor times the relative l2 distance of the fields.
-/// Collective.
+/// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box. By Cauchy and Schwarz the
+/// relative L1 distance of densities is at most this factor times the relative l2 distance of the
+/// fields. Collective.
 pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64]) -> f64 {
     let velocities: Vec<_> = space.v.iter().map(|axis| 0..axis.cells).collect();
     let n = space.dimension();

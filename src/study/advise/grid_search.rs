@@ -67,8 +67,8 @@ pub struct ReachedGrid {
 }
 
 impl ReachedGrid {
-    /// The error on another grid, extrapolated by the order: the parts of space and velocity each by
-    /// the elements along their own axes. None if no grid was tried.
+    /// The error on another grid, extrapolated by the order: the parts of space and velocity each
+    /// by the elements along their own axes. None if no grid was tried.
     pub fn extrapolated(&self, shape: &[usize]) -> Option<DensityError> {
         let level = self.levels.last()?;
         // The finest grid that was tried.
@@ -88,8 +88,8 @@ impl ReachedGrid {
     }
 
     /// The errors due to space and to velocity on the grid `to`, relative to the whole error on the
-    /// grid `from`, of which `part_of_space` is due to space: each falls with the elements along its
-    /// own axes.
+    /// grid `from`, of which `part_of_space` is due to space: each falls with the elements along
+    /// its own axes.
     fn parts(&self, from: &[usize], to: &[usize], part_of_space: f64) -> [f64; 2] {
         let n = to.len() / 2;
         let finer = |axes: std::ops::Range<usize>| {
@@ -128,8 +128,8 @@ pub struct Goal<'a> {
 /// Errors on a sequence of grids: against the exact solution, or by Richardson's extrapolation.
 struct ErrorSequence {
     shapes: Vec<Vec<usize>>,
-    /// The error of each grid against the exact solution; or, without one, the distance of each grid
-    /// but the last to the next.
+    /// The error of each grid against the exact solution; or, without one, the distance of each
+    /// grid but the last to the next.
     found: Vec<f64>,
     exact: bool,
     /// Orders that the scheme may have.
@@ -411,8 +411,9 @@ impl GridSearch<'_, '_> {
         Ok(())
     }
 
-    /// Takes fewer elements along the velocities alone, and along space alone, as long as the wanted
-    /// error is reached: the balance of both on a coarse grid is not that on a fine one. Collective.
+    /// Takes fewer elements along the velocities alone, and along space alone, as long as the
+    /// wanted error is reached: the balance of both on a coarse grid is not that on a fine one.
+    /// Collective.
     fn trim(&mut self, result: &mut ReachedGrid) -> Result<()> {
         // The axes with the smaller part of the error first.
         let space_first = result.part_of_space.is_some_and(|part| part < 0.5);
@@ -436,8 +437,8 @@ impl GridSearch<'_, '_> {
         Ok(())
     }
 
-    /// The case's own grid in the place of `found`, if it was tried and reaches the wanted error, and
-    /// has fewer cells or `found` does not reach it. Collective.
+    /// The case's own grid in the place of `found`, if it was tried and reaches the wanted error,
+    /// and has fewer cells or `found` does not reach it. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
         let Goal { scheme, own, .. } = self.goal;
         let better = found.error > self.wanted || cells(own) < cells(&found.shape);

@@ -57,8 +57,9 @@ impl Scheme {
         Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
-    /// The schemes that are tried for `case`: its own; other degrees; with the upwind scheme of degree
-    /// 0 also other interface laws, if `V` jumps, and slopes, if the inflow does not depend on time.
+    /// The schemes that are tried for `case`: its own; other degrees; with the upwind scheme of
+    /// degree 0 also other interface laws, if `V` jumps, and slopes, if the inflow does not depend
+    /// on time.
     pub fn candidates(case: &Case, jumps: bool) -> Vec<Self> {
         let own = Self { limiter: Limiter::None, ..Self::of(case) };
         let mut schemes = vec![own];
@@ -91,7 +92,8 @@ impl Scheme {
         Range { least: (k + 1.0) / (k + 2.0), most }
     }
 
-    /// `case`, which has this scheme's degree, by a classical run of this scheme on `shape` elements.
+    /// `case`, which has this scheme's degree, by a classical run of this scheme on `shape`
+    /// elements.
     pub fn classical(self, case: &Case, shape: &[usize]) -> Case {
         Case {
             method: Method::Classical,
@@ -110,8 +112,8 @@ impl Scheme {
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each flux that `case`, which has its degree, does not have; of degree 0 there
-    /// are none.
+    /// This scheme with each flux that `case`, which has its degree, does not have; of degree 0
+    /// there are none.
     pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
         let (own, elements) = (case.flux, self.degree > 0);
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);

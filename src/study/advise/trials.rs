@@ -150,7 +150,8 @@ impl<'a> Trials<'a> {
     }
 
     /// Updates that a comparison with the exact density on `shape` counts as. Of degree 0 the exact
-    /// density is computed once a grid; of higher degrees with each trial, at more points than nodes.
+    /// density is computed once a grid; of higher degrees with each trial, at more points than
+    /// nodes.
     fn updates_to_compare(&self, scheme: Scheme, shape: &[usize]) -> f64 {
         if self.exact.is_none() {
             return 0.0;

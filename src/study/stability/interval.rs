@@ -70,7 +70,8 @@ impl Intervals {
         })
     }
 
-    /// The error with the interval `ends`, as a point at `x`; none if it takes too long. Collective.
+    /// The error with the interval `ends`, as a point at `x`; none if it takes too long.
+    /// Collective.
     fn error(&mut self, task: &PanelTask<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
         let Self { reference, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);

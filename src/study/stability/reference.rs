@@ -1,5 +1,5 @@
-//! A semi-discrete problem with its exact solution `exp(AT) f(0)`, to which readings from any series
-//! in `p` are compared, planned or not.
+//! A semi-discrete problem with its exact solution `exp(AT) f(0)`, to which readings from any
+//! series in `p` are compared, planned or not.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;

@@ -1,0 +1,157 @@
+//! Registers of qubits, the grid in `p`, and what a measurement of the final state leaves.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::observables::VelocityFactors;
+use crate::problem::case::Case;
+use crate::schrodingerization::profile::series::points;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use num_complex::Complex64;
+
+/// Most qubits that are exported.
+pub const MOST_QUBITS: usize = 12;
+
+pub(super) fn norm(x: &[Complex64]) -> f64 {
+    x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt()
+}
+
+/// `Re(x)` and the largest `|Im(x)|`.
+pub(super) fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
+    let largest = x.iter().fold(0.0, |m: f64, x| m.max(x.im.abs()));
+    (x.iter().map(|x| x.re).collect(), largest)
+}
+
+/// Qubits of each register.
+pub(super) struct Registers {
+    pub p: usize,
+    /// Qubits of each axis, `(x1..xn, v1..vn)`.
+    pub phase_space: Vec<usize>,
+    /// 1 where something enters.
+    pub label: usize,
+}
+
+impl Registers {
+    /// The registers of `case` with `points` points in `p` and `rows` unknowns.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits.
+    pub(super) fn new(case: &Case, points: usize, rows: usize) -> Result<Self> {
+        let bits = |count: usize| count.trailing_zeros() as usize;
+        let registers = Self {
+            p: bits(points),
+            phase_space: case.space.axes().map(|a| bits(a.cells)).collect(),
+            label: usize::from(rows > case.space.cells()),
+        };
+        if registers.total() > MOST_QUBITS {
+            let Self { p, phase_space, label } = &registers;
+            return Err(Error::Input(format!(
+                "{}: {} qubits ({p} of p, {phase_space:?} of the axes, {label} for what enters); \
+                 at most {MOST_QUBITS} are exported: fewer cells, a shorter time.end or a larger \
+                 solver.tolerance take less",
+                case.name,
+                registers.total()
+            )));
+        }
+        Ok(registers)
+    }
+
+    /// All of them.
+    pub(super) fn total(&self) -> usize {
+        self.p + self.phase_space.iter().sum::<usize>() + self.label
+    }
+}
+
+/// The grid in `p`: `p_k = lower + k · period/points`.
+pub(super) struct PointGrid {
+    pub points: usize,
+    pub lower: f64,
+    pub period: f64,
+    /// `k◇`.
+    pub recovery_index: usize,
+    /// `p◇`.
+    pub recovery: f64,
+}
+
+impl PointGrid {
+    /// The grid of `warp`, with a point at `p◇`; of sampled coefficients the grid that is given.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a given number of points that is no power of two.
+    pub(super) fn new(case: &Case, warp: &WarpPlan) -> Result<Self> {
+        let series = &warp.series;
+        let given = points(series);
+        let points = given.next_power_of_two();
+        if series.alone && given != points {
+            return Err(Error::Input(format!(
+                "{}: {given} points in p; a register of qubits takes a power of two: \
+                 solver.warp.points = {points}",
+                case.name
+            )));
+        }
+        let (point, period) = (warp.readings[0].point, series.period);
+        let width = period / points as f64;
+        let steps = (point - warp.interval[0]) / width;
+        let (lower, index) = match series.alone {
+            true => (warp.interval[0], (steps - 1e-9).ceil()),
+            false => (point - steps.floor() * width, steps.floor()),
+        };
+        // Whole periods are free, and e^{p◇} is that of p◇ itself, not of an image.
+        let lower = lower + (index / points as f64).floor() * period;
+        let recovery_index = index.rem_euclid(points as f64) as usize;
+        let recovery = lower + recovery_index as f64 * width;
+        Ok(Self { points, lower, period, recovery_index, recovery })
+    }
+}
+
+/// The field that a measurement of the final state leaves, and its probabilities.
+pub(super) struct Reading {
+    /// `√π f/C_w e^{−p◇}`: the real part of the state at `p◇`, in the block of `f`.
+    pub block: Vec<f64>,
+    /// Norm of that block with its imaginary part, squared.
+    pub in_block: f64,
+    /// Norm of the state at `p◇`, squared: `P_p`.
+    pub in_slice: f64,
+    /// `√π`.
+    pub weights: Vec<f64>,
+    /// `f(T)`.
+    pub field: Vec<f64>,
+}
+
+impl Reading {
+    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the
+    /// cells.
+    pub(super) fn new(
+        state: &[Complex64],
+        grid: &PointGrid,
+        pi: &[f64],
+        norm_of_state: f64,
+    ) -> Self {
+        let slice: Vec<Complex64> =
+            state.iter().skip(grid.recovery_index).step_by(grid.points).copied().collect();
+        let cells = pi.len();
+        let square = |x: &[Complex64]| norm(x).powi(2);
+        let weights: Vec<f64> = pi.iter().map(|pi| pi.sqrt()).collect();
+        let (block, _) = real(&slice[..cells]);
+        let scale = grid.recovery.exp() * norm_of_state;
+        let field = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
+        Self { in_block: square(&slice[..cells]), in_slice: square(&slice), block, weights, field }
+    }
+
+    /// Real parts of the overlaps with the moment states, of density and momenta by space cell.
+    pub(super) fn overlaps(&self, factors: &VelocityFactors, dimension: usize) -> Vec<Vec<f64>> {
+        let (velocities, size) = (factors.cells(), self.in_block.sqrt());
+        let of = |k: usize| {
+            let blocks = self.block.chunks_exact(velocities);
+            let cells = blocks.zip(self.weights.chunks_exact(velocities));
+            let overlap = |(v, d): (&[f64], &[f64])| {
+                let (mut product, mut square) = (0.0, 0.0);
+                for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {
+                    product += q[k] / d * v;
+                    square += (q[k] / d).powi(2);
+                }
+                product / (square.sqrt() * size)
+            };
+            cells.map(overlap).collect()
+        };
+        (0..=dimension).map(of).collect()
+    }
+}
