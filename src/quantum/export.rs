@@ -203,7 +203,8 @@ impl Export {
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
         let norm_of_state = norm(&initial);
         if norm_of_state == 0.0 {
-            let what = "the state at the start is zero or underflows: f(0), or g(p) on these points";
+            let what =
+                "the state at the start is zero or underflows: f(0), or g(p) on these points";
             return Err(Error::Input(format!("{}: {what}", case.name)));
         }
         let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
