@@ -50,8 +50,8 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     if let Some(about) = exported.complete() {
         let line = format!(
             "complete circuit: {} qubits, {} steps of the walk an evolution (tau = {:.2}), {} \
-             gates, {} of them Toffoli; field within {:.1e} of that of these modes, density of cell {:?} \
-             within {:.1e}",
+             gates, {} of them Toffoli; field within {:.1e} of that of these modes, density of \
+             cell {:?} within {:.1e}",
             about.counts.qubits,
             about.steps,
             about.tau,

@@ -1,10 +1,8 @@
 //! A row of a batch of modes: [`LANES`] complex numbers, and the constants of a Chebyshev step.
 
+pub use crate::matrix::vector::LANES;
 use crate::matrix::vector::{Portable, Vector};
 use crate::parallel::communicator::VectorRow;
-
-/// Modes in a batch, `B`.
-pub const LANES: usize = 8;
 
 /// A row of a batch vector: real parts, then imaginary parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,9 +76,4 @@ impl StartRow for Lanes {
         let value = start[i].load();
         [re.add_product(coefficient, value[0]), im.add_product(coefficient, value[1])]
     }
-}
-
-#[inline(always)]
-pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
 }

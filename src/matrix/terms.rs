@@ -4,9 +4,9 @@
 //! As the steps of [`kernel`](crate::matrix::kernel), compiled for each instruction set.
 
 use crate::matrix::kernel::{Compiled, InstructionSet};
-use crate::matrix::lanes::{LANES, Lanes, multiply_add};
+use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
-use crate::matrix::vector::Vector;
+use crate::matrix::vector::{Vector, multiply_add};
 use std::ops::Range;
 
 /// What is read of a term on some rows: whole points of space, then perhaps auxiliary unknowns.

@@ -4,12 +4,20 @@
 //! are summed at once, and shuffles them: three times as slow for elements of degree 1. So they are
 //! written down, by instruction set.
 
-use crate::matrix::lanes::{LANES, multiply_add};
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
     __m256d, __m512d, _mm256_fmadd_pd, _mm256_loadu_pd, _mm256_set1_pd, _mm256_storeu_pd,
     _mm512_fmadd_pd, _mm512_loadu_pd, _mm512_set1_pd, _mm512_storeu_pd,
 };
+
+/// Modes in a batch, `B`.
+pub const LANES: usize = 8;
+
+/// `a b + c`, rounded once where `FMA` says so.
+#[inline(always)]
+pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
+    if FMA { a.mul_add(b, c) } else { a * b + c }
+}
 
 /// A number for each mode of a batch.
 pub trait Vector: Copy {
