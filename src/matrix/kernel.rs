@@ -291,7 +291,7 @@ impl<R: StartRow> Compiled for Step<'_, R> {
 /// Work that is compiled for each instruction set.
 pub trait Compiled {
     /// Does it. `#[inline(always)]`, as only then it is compiled for the set: with vectors `V`, and
-    /// as many rows of a line at a time as registers take ([`step_lines`]). `FMA` only where the
+    /// as many rows of a line at a time as registers take (`step_lines`). `FMA` only where the
     /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self);
 }

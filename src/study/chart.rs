@@ -41,8 +41,8 @@ mod tests;
 /// Runs the trials of `case` that fit into `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a file; the first trial's error where
-/// nothing could be run.
+/// [`crate::base::error::Error::Input`] for a case that starts from a file; the first trial's error
+/// where nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_hopeless_here(world, case)?;

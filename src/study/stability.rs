@@ -93,8 +93,8 @@ impl PanelSpec {
 /// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a file. A panel that fails is left out with
-/// the reason.
+/// [`crate::base::error::Error::Input`] for a case that starts from a file. A panel that fails is
+/// left out with the reason.
 pub fn measure(
     world: &World,
     case: &Case,

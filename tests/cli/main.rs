@@ -50,6 +50,3 @@ mod fuzzing;
 
 #[path = "../support/dense.rs"]
 mod dense;
-
-#[path = "../support/waiting.rs"]
-mod waiting;

@@ -1,6 +1,5 @@
 //! A job of this program under mpirun, with its output and a time after which it is ended.
 
-use crate::support::waiting::ranks_sleep;
 use std::fs::File;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -76,7 +75,6 @@ impl Job {
         if let Some(control) = control {
             command.env(CONTROL, control);
         }
-        ranks_sleep(&mut command);
         let mpirun = command.spawn().expect("mpirun starts");
         Self { mpirun, output }
     }

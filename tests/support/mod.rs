@@ -5,4 +5,3 @@
 pub mod dense;
 pub mod limited;
 pub mod prepared;
-pub mod waiting;

@@ -138,7 +138,7 @@ impl SetupReport {
 const MOST_WORK_RATIO: f64 = 100.0;
 
 /// Marks extrapolated set-ups as estimates if their orders have not settled and they take more than
-/// [`MOST_WORK_RATIO`] times the work of another one.
+/// `MOST_WORK_RATIO` times the work of another one.
 pub fn mark_unsettled_expensive(entries: &mut [SetupReport]) {
     let possible = entries.iter().filter(|e| e.refused.is_none());
     let Some(least) = possible.min_by(|a, b| a.work().total_cmp(&b.work())) else { return };

@@ -14,7 +14,7 @@
 //! z ≤ 0` bounds the growth of eigenvectors.
 //!
 //! So two borders: the last step at which no value ever exceeds the largest
-//! at the start, and the one from which values grow by [`EXPLODED`].
+//! at the start, and the one from which values grow by `EXPLODED`.
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Integrator, Method};
@@ -32,7 +32,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which something has exploded or has not.
 const STEPS: usize = 200;
-/// Label of the measured growth, which is that in [`STEPS`] steps.
+/// Label of the measured growth, which is that in `STEPS` steps.
 pub const GROWTH: &str = "growth in 200 steps";
 /// Names of the quantities that a step may keep: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";

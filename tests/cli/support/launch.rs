@@ -2,7 +2,6 @@
 //! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
 use super::outcome::{Finished, Summary, untag, unwrapped};
-use crate::waiting::ranks_sleep;
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::os::unix::process::CommandExt;
@@ -243,9 +242,6 @@ impl Job {
             .env("RUST_BACKTRACE", "0")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
             .envs(self.environment.iter().cloned());
-        if self.ranks.is_some() && !self.undisturbed {
-            ranks_sleep(&mut command);
-        }
         // A process alone needs no daemon of Open MPI's, which takes as long to start as the
         // program; without one, each needs a directory of its own for what Open MPI keeps in files.
         let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
