@@ -97,8 +97,9 @@ PLACEHOLDERS = {
     "DIR": "results/small",
     "~/.local/share/man/man1": "man1",
 }
-# Commands that take a minute or more, or that build.
-LONG = re.compile(r"phasewarp (advise|chart|stability)|--accuracy|--calibrate|scripts/")
+# Commands that take a minute or more, that build, or that take a case of few qubits, as those of
+# tests/cli/simulator.rs do.
+LONG = re.compile(r"phasewarp (advise|chart|stability)|--accuracy|--calibrate|--complete|scripts/")
 
 
 def indented(text: str) -> list[str]:
