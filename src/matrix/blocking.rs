@@ -598,6 +598,7 @@ mod tests {
             (0, 128, Some([14, 1, 1])),
             (0, 512, Some([16, 1, 1])),
             (3, 8, None),
+            // 290 bytes a row: four tiles of 512 rows take 594 kB, and 577 kB may be filled.
             (3, 32, None),
             (4, 26, None),
             (8, 14, None),
