@@ -30,7 +30,7 @@ pub mod access;
 pub mod circuit;
 pub mod cost;
 pub mod export;
-pub mod figure;
+pub mod labelled_number;
 pub mod matrices;
 pub mod optimise;
 pub mod phases;

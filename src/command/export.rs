@@ -12,7 +12,7 @@ use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, Kind, Owner};
-use crate::quantum::circuit::{Choice, Compiled, NAMES, scene};
+use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::resources::Record;
@@ -91,7 +91,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 ///
 /// # Errors
 /// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
-/// [`Record::new`], [`Compiled::new`] and [`Compiled::write`].
+/// [`Record::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let owner = Owner::new(Kind::Circuit, &case);
@@ -104,14 +104,14 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let mut prepared = prepared.plan_modes(world, &here, ratio)?;
     let norms = norms(&mut prepared);
     let record = Record::new(&prepared, planned_modes(&case, &prepared.plan)?.into(), norms)?;
-    let choice = Choice {
+    let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
         levels: args.levels,
         mode_weights: args.mode_weights,
         wavenumber: args.wavenumber,
         columns: args.check,
     };
-    let compiled = world.group().agree(Compiled::new(&prepared, &record, choice))?;
+    let compiled = world.group().agree(CompiledCircuit::new(&prepared, &record, choice))?;
     world.group().on_first_rank(|| {
         compiled.write(&directory)?;
         exported::write(&directory, &owner)

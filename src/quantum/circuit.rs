@@ -42,12 +42,12 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
 use crate::quantum::circuit::description::{
-    Check, Description, Evolution, Sequence, Sparse, steps_of,
+    Check, CircuitDescription, EvolutionDescription, RotationSequence, Sparse, steps_of,
 };
-use crate::quantum::circuit::gates::{Circuit, Role};
-use crate::quantum::circuit::scene::{Bins, Scene};
+use crate::quantum::circuit::gates::{Circuit, RegisterRole};
+use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::simulate::block_column;
-use crate::quantum::circuit::transport::{Levels, ModeWeights, Modes};
+use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
 use crate::quantum::phases::Phases;
 use crate::quantum::resources::Record;
 use crate::solve::prepared::Prepared;
@@ -62,7 +62,7 @@ const MOST_TERMS: usize = 22;
 
 /// What is compiled of a case.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Choice {
+pub struct CircuitChoice {
     /// Bits of the bins that divide a level; by default as few as make all jumps whole.
     pub bin_bits: Option<usize>,
     /// The register of the levels.
@@ -76,11 +76,11 @@ pub struct Choice {
 }
 
 /// A circuit and its description.
-pub struct Compiled {
+pub struct CompiledCircuit {
     /// The circuit.
     pub circuit: Circuit,
     /// What it is.
-    pub description: Description,
+    pub description: CircuitDescription,
     /// The rotations of the evolution; none of a long one.
     pub phases: Option<Phases>,
 }
@@ -88,25 +88,25 @@ pub struct Compiled {
 /// Names of all files but the description.
 pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
 
-impl Compiled {
+impl CompiledCircuit {
     /// Of a case whose whole grid is on this rank; `record` is what sparse access takes.
     ///
     /// # Errors
-    /// As [`Scene::new`]; [`Error::Input`] for a check that is too large.
-    pub fn new(prepared: &Prepared, record: &Record, choice: Choice) -> Result<Self> {
+    /// As [`CircuitCase::new`]; [`Error::Input`] for a check that is too large.
+    pub fn new(prepared: &Prepared, record: &Record, choice: CircuitChoice) -> Result<Self> {
         let Prepared { case, system, .. } = prepared;
         let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
-        let Scene { transport, rounded, change } = Scene::new(case, bins)?;
+        let CircuitCase { transport, rounded, change } = CircuitCase::new(case, bins)?;
         let modes = match choice.wavenumber {
-            Some(mu) => Modes::One(mu),
+            Some(mu) => CircuitModes::One(mu),
             // The unitary scheme: H = iK.
-            None if case.flux == 0.0 => Modes::One(0.0),
+            None if case.flux == 0.0 => CircuitModes::One(0.0),
             None => {
                 let (qubits, period) = (record.points.trailing_zeros() as usize, record.period);
                 let highest = record.setup.highest_wavenumber;
                 match choice.mode_weights {
-                    ModeWeights::Sum => Modes::Register { qubits, period },
-                    ModeWeights::Rotations => Modes::Rotated { qubits, period, highest },
+                    ModeWeights::Sum => CircuitModes::Register { qubits, period },
+                    ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
                 }
             }
         };
@@ -119,18 +119,18 @@ impl Compiled {
         let fine = record.walk_tolerance.value().filter(|_| case.flux != 0.0);
         let tolerance = fine.unwrap_or(case.tolerance);
         let (highest, alpha_of_highest) = match modes {
-            Modes::One(mu) | Modes::Rotated { highest: mu, .. } => (mu, None),
-            Modes::Register { .. } => {
+            CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => (mu, None),
+            CircuitModes::Register { .. } => {
                 let highest = record.setup.highest_wavenumber;
-                (highest, Some(transport.alpha(Modes::One(highest), levels)))
+                (highest, Some(transport.alpha(CircuitModes::One(highest), levels)))
             }
         };
         let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
         let sparse_alpha = nonzeros as f64 * largest_entry;
-        let evolution = Evolution::new(tau, tolerance, &controlled);
+        let evolution = EvolutionDescription::new(tau, tolerance, &controlled);
         let phases = Phases::new(tau, evolution.steps / 2);
         let mut compiled = Self {
-            description: Description {
+            description: CircuitDescription {
                 title: case.title.clone(),
                 shape: case.space.shape(),
                 time,
@@ -151,7 +151,7 @@ impl Compiled {
                 controlled,
                 evolution,
                 transport,
-                sequence: phases.as_ref().map(Sequence::of),
+                sequence: phases.as_ref().map(RotationSequence::of),
                 check: None,
             },
             circuit,
@@ -169,12 +169,12 @@ impl Compiled {
         let (transport, modes) = (&self.description.transport, self.description.modes);
         // The register of modes; of one mode, two points, the first of that wavenumber.
         let (points, period) = match modes {
-            Modes::Register { period, .. } | Modes::Rotated { period, .. } => {
+            CircuitModes::Register { period, .. } | CircuitModes::Rotated { period, .. } => {
                 (1 << modes.qubits(), period)
             }
-            Modes::One(mu) => (2, -TAU / mu),
+            CircuitModes::One(mu) => (2, -TAU / mu),
         };
-        let of_block = self.circuit.registers.iter().filter(|r| r.role == Role::Block);
+        let of_block = self.circuit.registers.iter().filter(|r| r.role == RegisterRole::Block);
         let spread: usize = of_block.map(|r| r.size).sum();
         if spread > MOST_TERMS || self.circuit.qubits() > simulate::MOST_QUBITS {
             return Err(Error::Input(format!(
@@ -186,7 +186,7 @@ impl Compiled {
         }
         let access = SparseAccess::new(case, system, points, period)?;
         let mut scratch = Scratch::default();
-        let listed = if matches!(modes, Modes::One(_)) { 1 } else { points };
+        let listed = if matches!(modes, CircuitModes::One(_)) { 1 } else { points };
         let states = case.space.cells() * listed;
         let columns = columns.min(states);
         let axes = 2 * case.space.dimension();

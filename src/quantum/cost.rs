@@ -17,12 +17,12 @@ use crate::base::table::Values;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
-use crate::quantum::circuit::gates::Counts;
-use crate::quantum::circuit::scene::{self, Bins, Scene};
-use crate::quantum::circuit::transport::{Levels, Modes, Transport};
-use crate::quantum::figure::Figure;
+use crate::quantum::circuit::gates::GateCounts;
+use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
-use crate::quantum::walk::{Evolution, LOCATION_CALLS, VALUE_CALLS, WalkRegisters};
+use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -54,37 +54,37 @@ pub struct Cost {
     /// How `H` is had.
     pub access: Access,
     /// `H/α` is block-encoded.
-    pub alpha: Figure,
+    pub alpha: LabelledNumber,
     /// `αT`.
-    pub tau: Figure,
+    pub tau: LabelledNumber,
     /// `2K`: calls of the block encoding in an evolution.
-    pub steps: Figure,
+    pub steps: LabelledNumber,
     /// Toffoli gates of a call and its reflection.
-    pub toffoli_a_step: Figure,
+    pub toffoli_a_step: LabelledNumber,
     /// Toffoli gates of an evolution.
-    pub toffoli: Figure,
+    pub toffoli: LabelledNumber,
     /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
-    pub t: Figure,
+    pub t: LabelledNumber,
     /// Rotations of an evolution, phases of the sequence included.
-    pub rotations: Figure,
+    pub rotations: LabelledNumber,
     /// All qubits.
-    pub qubits: Figure,
+    pub qubits: LabelledNumber,
     /// Ancillas among the qubits, which are zero before and after.
-    pub ancillas: Figure,
+    pub ancillas: LabelledNumber,
     /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
-    pub until_measured: [Figure; 2],
+    pub until_measured: [LabelledNumber; 2],
 }
 
 impl Cost {
     /// The lower of both; infinite where there is none.
     pub fn least(&self) -> f64 {
-        self.until_measured.iter().filter_map(Figure::value).fold(f64::INFINITY, f64::min)
+        self.until_measured.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
     }
 }
 
 /// What is asked of an evolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Demand {
+pub struct EvolutionRequirements {
     /// The highest wavenumber that carries something.
     pub highest: f64,
     /// `N_p`, a power of two.
@@ -95,7 +95,7 @@ pub struct Demand {
     pub tolerance: f64,
 }
 
-impl Demand {
+impl EvolutionRequirements {
     /// The demand of the unitary scheme: one mode, and no register of `p`.
     pub fn unitary(tolerance: f64) -> Self {
         Self { highest: 0.0, points: 1, period: 1.0, tolerance }
@@ -112,9 +112,9 @@ pub struct Accesses {
     /// Whether `S = 0`.
     skew: bool,
     /// In whole numbers, for a circuit; or why there is none.
-    transport: Result<Transport, String>,
+    transport: Result<CaseTransport, String>,
     /// Counts of controlled circuits, by the qubits of `p`.
-    counts: RefCell<HashMap<(usize, Levels), Counts>>,
+    counts: RefCell<HashMap<(usize, Levels), GateCounts>>,
 }
 
 impl Accesses {
@@ -129,7 +129,7 @@ impl Accesses {
     ) -> Self {
         let time = case.duration();
         let scene = scene::refuse(case)
-            .and_then(|()| Scene::new(case, Bins::Within(rounding / time)))
+            .and_then(|()| CircuitCase::new(case, Bins::Within(rounding / time)))
             .map(|scene| scene.transport)
             .map_err(|error| error.to_string());
         let counts = RefCell::default();
@@ -148,13 +148,21 @@ impl Accesses {
 
     /// The costs of every access, with this many evolutions until the field is measured: repeated,
     /// and by amplitude amplification.
-    pub fn costs(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Vec<Cost> {
+    pub fn costs(
+        &self,
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> Vec<Cost> {
         let sparse = self.by_oracles(demand, evolutions);
         std::iter::once(sparse).chain(self.by_circuits(demand, evolutions)).collect()
     }
 
     /// Costs by all circuits; none where no circuit is compiled.
-    fn by_circuits(&self, demand: &Demand, evolutions: &[Figure; 2]) -> impl Iterator<Item = Cost> {
+    fn by_circuits(
+        &self,
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> impl Iterator<Item = Cost> {
         self.transport.iter().flat_map(move |transport| {
             [Levels::Hadamard, Levels::Uniform]
                 .map(|levels| self.by_circuit(transport, levels, demand, evolutions))
@@ -162,25 +170,25 @@ impl Accesses {
     }
 
     /// The cost by the access that costs least.
-    pub fn least(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Cost {
+    pub fn least(&self, demand: &EvolutionRequirements, evolutions: &[LabelledNumber; 2]) -> Cost {
         let sparse = self.by_oracles(demand, evolutions);
         let circuits = self.by_circuits(demand, evolutions);
         circuits.fold(sparse, |best, next| if next.least() < best.least() { next } else { best })
     }
 
     /// Sparse access.
-    fn by_oracles(&self, demand: &Demand, evolutions: &[Figure; 2]) -> Cost {
+    fn by_oracles(&self, demand: &EvolutionRequirements, evolutions: &[LabelledNumber; 2]) -> Cost {
         const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
         let alpha = self.entries.nonzeros as f64 * self.entries.largest(demand.highest);
         let label = |x: f64| match self.entries.extrapolated {
-            None => Figure::exact(x),
-            Some(how) => Figure::estimate(x, how),
+            None => LabelledNumber::exact(x),
+            Some(how) => LabelledNumber::estimate(x, how),
         };
-        let evolution = Evolution::new(alpha * self.time, demand.tolerance);
+        let evolution = WalkCost::new(alpha * self.time, demand.tolerance);
         let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
         let system = self.qubits + of_p;
         let gates = gates_factor(system as f64, f64::from(evolution.bits));
-        let a_step = Figure::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
+        let a_step = LabelledNumber::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
         let walk = WalkRegisters::new(system, evolution.bits);
         let steps = label(1.0).times(&evolution.steps);
         let toffoli = steps.times(&a_step);
@@ -191,7 +199,7 @@ impl Accesses {
             until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
             toffoli,
             toffoli_a_step: a_step,
-            t: Figure::unavailable("no circuit of the oracles is compiled"),
+            t: LabelledNumber::unavailable("no circuit of the oracles is compiled"),
             rotations: steps.with(steps.value().unwrap_or_default() + 1.0),
             qubits: walk.total,
             ancillas: walk.arithmetic,
@@ -202,14 +210,14 @@ impl Accesses {
     /// A circuit, whose register of modes has all wavenumbers.
     fn by_circuit(
         &self,
-        transport: &Transport,
+        transport: &CaseTransport,
         levels: Levels,
-        demand: &Demand,
-        evolutions: &[Figure; 2],
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
     ) -> Cost {
         let modes = match self.skew {
-            true => Modes::One(0.0),
-            false => Modes::Register {
+            true => CircuitModes::One(0.0),
+            false => CircuitModes::Register {
                 qubits: demand.points.trailing_zeros() as usize,
                 period: demand.period,
             },
@@ -220,21 +228,21 @@ impl Accesses {
             .entry((demand.points, levels))
             .or_insert_with(|| transport.encode(modes, levels, true).counts());
         let alpha = transport.alpha(modes, levels);
-        let Evolution { steps, .. } = Evolution::new(alpha * self.time, demand.tolerance);
-        let all = |count: usize| steps.times(&Figure::emitted(count as f64));
+        let WalkCost { steps, .. } = WalkCost::new(alpha * self.time, demand.tolerance);
+        let all = |count: usize| steps.times(&LabelledNumber::emitted(count as f64));
         let toffoli = all(counted.toffoli_a_step());
         let rotations = all(counted.rotations_a_step());
         Cost {
             access: Access::Circuit(levels),
-            alpha: Figure::exact(alpha),
-            tau: Figure::exact(alpha * self.time),
-            toffoli_a_step: Figure::emitted(counted.toffoli_a_step() as f64),
+            alpha: LabelledNumber::exact(alpha),
+            tau: LabelledNumber::exact(alpha * self.time),
+            toffoli_a_step: LabelledNumber::emitted(counted.toffoli_a_step() as f64),
             until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
             toffoli,
             t: all(counted.t),
             rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
-            qubits: Figure::emitted(counted.qubits as f64),
-            ancillas: Figure::emitted(counted.scratch_qubits as f64),
+            qubits: LabelledNumber::emitted(counted.qubits as f64),
+            ancillas: LabelledNumber::emitted(counted.scratch_qubits as f64),
             steps,
         }
     }
@@ -246,8 +254,8 @@ pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
 impl CostTable<'_> {
     /// The columns of the table, a row for each cost.
     pub fn columns(&self) -> Vec<Values> {
-        let figures = |name: &str, figure: fn(&Cost) -> &Figure| {
-            Figure::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
+        let figures = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
+            LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
         };
         vec![
             Values::new("set_up", self.0.iter().map(|&(name, _)| name.into())),

@@ -15,7 +15,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `description.json` | case, registers, `p_k`, `T`, norms, probabilities ([`Description`]) |
+//! | `description.json` | case, registers, `p_k`, `T`, norms, probabilities ([`ExportDescription`]) |
 //! | `initial.npy`, `initial_modes.npy` | `w(0)` and `w̃(0)`, complex |
 //! | `final_modes.npy`, `final.npy` | `w̃(T)` and `w(T)` as this program finds them, complex |
 //! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |
@@ -43,8 +43,8 @@ use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::export::complete::{About, Complete, Task};
-use crate::quantum::export::reading::{PointGrid, Reading, Registers, norm, real};
+use crate::quantum::export::complete::{About, Complete, CompleteCircuitInput};
+use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::prepared::Prepared;
@@ -60,7 +60,7 @@ const TOLERANCE: f64 = 1e-14;
 
 /// What the files mean.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Description {
+pub struct ExportDescription {
     /// The case that the files belong to.
     #[serde(flatten)]
     pub owner: Owner,
@@ -105,7 +105,7 @@ pub struct Description {
 
 /// What is written, computed on one rank.
 pub struct Export {
-    description: Description,
+    description: ExportDescription,
     /// `w̃(0)` and `w̃(T)`, `w(0)` and `w(T)`.
     modes: [Vec<Complex64>; 2],
     states: [Vec<Complex64>; 2],
@@ -196,7 +196,7 @@ impl Export {
         let warp = planned_modes(case, plan)?;
         let grid = PointGrid::new(case, warp)?;
         let (cells, rows) = (case.space.cells(), system.matrix.rows());
-        let registers = Registers::new(case, grid.points, rows)?;
+        let registers = CircuitRegisters::new(case, grid.points, rows)?;
         let unknowns = cells << registers.label;
 
         let start = amplitudes(&warp.series, grid.points, grid.lower);
@@ -219,12 +219,12 @@ impl Export {
         });
 
         let pi = &system.weights.pi[..cells];
-        let reading = Reading::new(&states[1], &grid, pi, norm_of_state);
+        let reading = MeasuredField::new(&states[1], &grid, pi, norm_of_state);
         let profile = profile(&start);
         let complete = estimate
             .map(|estimate| {
                 let series = &warp.series;
-                Complete::new(&Task {
+                Complete::new(&CompleteCircuitInput {
                     case,
                     registers: &registers,
                     grid: &grid,
@@ -245,7 +245,7 @@ impl Export {
             Err(why) => (None, Some(why)),
         };
         Ok(Self {
-            description: Description::new(
+            description: ExportDescription::new(
                 case, &registers, &grid, &reading, norm_of_state, refused,
             ),
             hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
@@ -285,7 +285,7 @@ impl Export {
     }
 
     /// What was exported.
-    pub fn description(&self) -> &Description {
+    pub fn description(&self) -> &ExportDescription {
         &self.description
     }
 
@@ -295,12 +295,12 @@ impl Export {
     }
 }
 
-impl Description {
+impl ExportDescription {
     fn new(
         case: &Case,
-        registers: &Registers,
+        registers: &CircuitRegisters,
         grid: &PointGrid,
-        reading: &Reading,
+        reading: &MeasuredField,
         norm_of_state: f64,
         preparation: Option<String>,
     ) -> Self {

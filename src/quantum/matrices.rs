@@ -68,7 +68,7 @@ pub struct MatrixCounts {
 
 /// `description.json`.
 #[derive(Serialize)]
-struct Description<'a> {
+struct MatrixDescription<'a> {
     #[serde(flatten)]
     owner: Owner,
     title: &'a str,
@@ -145,7 +145,7 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
     }
     let counts = MatrixCounts { cells, unknowns, entries };
     let owner = Owner::new(Kind::Matrix, case);
-    exported::write(directory, &Description { owner, title: &case.title, counts })?;
+    exported::write(directory, &MatrixDescription { owner, title: &case.title, counts })?;
     Ok(counts)
 }
 

@@ -23,8 +23,8 @@ use crate::problem::case::{
     RecoveryMethod, Shift,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
-use crate::quantum::cost::{Access, Accesses, Demand};
-use crate::quantum::figure::Figure;
+use crate::quantum::cost::{Access, Accesses, EvolutionRequirements};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
 use crate::schrodingerization::placement::{forecast_modes, place, takes_one_mode};
@@ -94,36 +94,36 @@ pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
 
 /// A choice and its cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Choice {
+pub struct CostedChoice {
     /// The profile.
     pub profile: ProfileChoice,
     /// `δ`; none where nothing enters.
     pub delta: Option<Delta>,
     /// `p◇`.
-    pub recovery: Figure,
+    pub recovery: LabelledNumber,
     /// `N_p`.
-    pub points: Figure,
+    pub points: LabelledNumber,
     /// How `H` is had; none where nothing is known.
     pub access: Option<Access>,
     /// Calls of the block encoding in an evolution.
-    pub walk_steps: Figure,
+    pub walk_steps: LabelledNumber,
     /// Probability of slice and window, all conditions met.
-    pub probability: [Figure; 2],
+    pub probability: [LabelledNumber; 2],
     /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
     /// repeated, and by amplitude amplification.
-    pub cost: [Figure; 2],
+    pub cost: [LabelledNumber; 2],
     /// What it asks of an evolution; none where nothing is known.
     #[serde(skip)]
-    pub demand: Option<Demand>,
+    pub demand: Option<EvolutionRequirements>,
     /// The profile and the recovery point as they are asked for.
     #[serde(skip)]
-    candidate: Candidate,
+    candidate: ProfileCandidate,
 }
 
-impl Choice {
+impl CostedChoice {
     /// One that cannot be planned.
-    fn unavailable(candidate: &Candidate, delta: Option<Delta>, why: &str) -> Self {
-        let none = || Figure::unavailable(why);
+    fn unavailable(candidate: &ProfileCandidate, delta: Option<Delta>, why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
         Self {
             profile: candidate.profile.clone(),
             candidate: candidate.clone(),
@@ -139,7 +139,7 @@ impl Choice {
     }
 
     /// The probability of the window, or of the slice where there is none.
-    pub fn nearest(&self) -> &Figure {
+    pub fn nearest(&self) -> &LabelledNumber {
         let [slice, window] = &self.probability;
         if window.value().is_some() { window } else { slice }
     }
@@ -159,7 +159,7 @@ impl Choice {
 
     /// The lower of both costs; infinite where there is none.
     pub fn least_cost(&self) -> f64 {
-        self.cost.iter().filter_map(Figure::value).fold(f64::INFINITY, f64::min)
+        self.cost.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
     }
 
     /// `case` with this choice, to be planned with `bounds`.
@@ -190,14 +190,14 @@ pub struct System<'a> {
 
 /// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
 #[derive(Clone, Debug, PartialEq)]
-struct Candidate {
+struct ProfileCandidate {
     profile: ProfileChoice,
     further: Option<f64>,
     /// The parameter as the scan has it; 0 of defaults.
     value: f64,
 }
 
-impl Candidate {
+impl ProfileCandidate {
     /// A profile as it is planned.
     fn planned(profile: ProfileChoice) -> Self {
         Self { profile, further: None, value: 0.0 }
@@ -206,7 +206,7 @@ impl Candidate {
 
 /// `case` with a candidate, without settings given by hand. It has one reading: a second one only
 /// estimates the error of an emulation.
-fn candidate_case(case: &Case, bounds: &Bounds, candidate: &Candidate) -> Case {
+fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCandidate) -> Case {
     let mut case = case.clone();
     let growth = bounds.growth * case.duration();
     let shift = case.warp.shift.of(bounds.growth) * case.duration();
@@ -229,7 +229,7 @@ fn exponential(alpha: f64) -> ProfileChoice {
 }
 
 /// A profile with a parameter, over all that is scanned of it.
-struct Family {
+struct ProfileFamily {
     of: fn(f64) -> ProfileChoice,
     /// The parameter's values, ascending.
     values: Vec<f64>,
@@ -240,7 +240,7 @@ struct Family {
     free_point: bool,
 }
 
-impl Family {
+impl ProfileFamily {
     /// All profiles that have a parameter.
     fn all() -> [Self; 5] {
         let ratios = |[least, most]: [f64; 2], count: i32| {
@@ -269,10 +269,10 @@ impl Family {
 
     /// The cheapest of all values read at all points, of up to `most` values, the cheapest first.
     /// Every rank prices a share.
-    fn best(&self, system: &System<'_>, grid: &Grid, most: usize) -> Vec<Choice> {
-        let of = |value, further| Candidate { profile: (self.of)(value), further, value };
+    fn best(&self, system: &System<'_>, grid: &ScanGrid, most: usize) -> Vec<CostedChoice> {
+        let of = |value, further| ProfileCandidate { profile: (self.of)(value), further, value };
         let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
-        let all: Vec<Candidate> = all.collect();
+        let all: Vec<ProfileCandidate> = all.collect();
         let (rank, ranks) = system.world.map_or((0, 1), |world| (world.rank(), world.size()));
         let mut costs = vec![f64::NEG_INFINITY; all.len()];
         for (k, cost) in costs.iter_mut().enumerate().skip(rank).step_by(ranks) {
@@ -283,7 +283,7 @@ impl Family {
         }
         let mut order: Vec<usize> = (0..all.len()).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-        let mut found: Vec<Choice> = Vec::new();
+        let mut found: Vec<CostedChoice> = Vec::new();
         for candidate in order.into_iter().map(|k| &all[k]) {
             let new = found.iter().all(|choice| choice.candidate.value != candidate.value);
             if new && found.len() < most {
@@ -295,18 +295,18 @@ impl Family {
 
     /// The cheapest on the whole grid of the family, of several values of the parameter: costs jump
     /// where a register or a round of amplification is saved.
-    fn coarse(&self, system: &System<'_>) -> Vec<Choice> {
+    fn coarse(&self, system: &System<'_>) -> Vec<CostedChoice> {
         /// Values that are looked at more closely.
         const KEPT: usize = 4;
         let further = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
             false => vec![None],
         };
-        self.best(system, &Grid { values: self.values.clone(), further }, KEPT)
+        self.best(system, &ScanGrid { values: self.values.clone(), further }, KEPT)
     }
 
     /// The cheapest on ever finer grids about `found`.
-    fn refined(&self, system: &System<'_>, mut found: Choice) -> Choice {
+    fn refined(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
         /// Finer grids.
         const ZOOMS: i32 = 5;
         /// Steps of a finer grid on either side of the best.
@@ -316,7 +316,7 @@ impl Family {
         let offsets = || (-STEPS..=STEPS).map(f64::from);
         for zoom in 1..=ZOOMS {
             let width = f64::from(STEPS).powi(-zoom);
-            let Candidate { value, further, .. } = found.candidate;
+            let ProfileCandidate { value, further, .. } = found.candidate;
             let values = match self.continuous {
                 true => {
                     offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
@@ -329,46 +329,48 @@ impl Family {
                     .collect(),
                 None => vec![None],
             };
-            let grid = Grid { values, further };
+            let grid = ScanGrid { values, further };
             let next = self.best(system, &grid, 1);
-            found = next.into_iter().fold(found, Choice::cheaper);
+            found = next.into_iter().fold(found, CostedChoice::cheaper);
         }
         found
     }
 }
 
 /// Values of a parameter and recovery points, all with all.
-struct Grid {
+struct ScanGrid {
     values: Vec<f64>,
     further: Vec<Option<f64>>,
 }
 
 /// The cheapest of every profile for one system, the profiles as they are by default, and the
 /// case's own where that is one of a formula; what cannot be planned says why. Collective.
-pub fn choices(system: &System<'_>) -> Vec<Choice> {
+pub fn choices(system: &System<'_>) -> Vec<CostedChoice> {
     /// A family that is so many times as expensive on its grid is not looked at more closely.
     const HOPELESS: f64 = 2.0;
-    let families = Family::all();
-    let coarse: Vec<(&Family, Vec<Choice>)> =
+    let families = ProfileFamily::all();
+    let coarse: Vec<(&ProfileFamily, Vec<CostedChoice>)> =
         families.iter().map(|family| (family, family.coarse(system))).collect();
     let all = coarse.iter().flat_map(|(_, choices)| choices);
-    let least = all.map(Choice::least_cost).fold(f64::INFINITY, f64::min);
-    let closer = |family: &Family, choice: Choice| match choice.least_cost() <= HOPELESS * least {
+    let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
+    let closer = |family: &ProfileFamily, choice: CostedChoice| match choice.least_cost()
+        <= HOPELESS * least
+    {
         true => family.refined(system, choice),
         false => choice,
     };
-    let of_family = |(family, choices): (&Family, Vec<Choice>)| {
-        choices.into_iter().map(|choice| closer(family, choice)).reduce(Choice::cheaper)
+    let of_family = |(family, choices): (&ProfileFamily, Vec<CostedChoice>)| {
+        choices.into_iter().map(|choice| closer(family, choice)).reduce(CostedChoice::cheaper)
     };
-    let mut found: Vec<Choice> = coarse.into_iter().filter_map(of_family).collect();
+    let mut found: Vec<CostedChoice> = coarse.into_iter().filter_map(of_family).collect();
     // Where S = 0 one mode does, whatever the profile.
-    let one = Candidate::planned(ProfileChoice::Planned);
+    let one = ProfileCandidate::planned(ProfileChoice::Planned);
     let one_case = candidate_case(system.case, system.bounds, &one);
     let planned = takes_one_mode(&one_case, system.bounds).then_some(one.profile);
     let own = &system.case.warp.profile;
     let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
     let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
-    found.extend(defaults.map(|profile| choice(system, &Candidate::planned(profile))));
+    found.extend(defaults.map(|profile| choice(system, &ProfileCandidate::planned(profile))));
     found
 }
 
@@ -404,12 +406,12 @@ pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparati
 }
 
 /// The cost of `system` with `candidate`.
-fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
+fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
     let delta = system.case.enters().then_some(system.case.warp.delta);
     let case = candidate_case(system.case, system.bounds, candidate);
     let too_many = |modes: f64| {
         let why = format!("{modes} modes; up to {MOST_MODES} are compared");
-        Choice::unavailable(candidate, delta, &why)
+        CostedChoice::unavailable(candidate, delta, &why)
     };
     // Coefficients of a profile with a corner may take long, and be of no use.
     if !matches!(candidate.profile, ProfileChoice::Designed | ProfileChoice::Planned) {
@@ -421,35 +423,35 @@ fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
     let Preparation { series, point, state_tolerance, .. } =
         match preparation(&case, system.bounds, system.ratio) {
             Ok(preparation) => preparation,
-            Err(error) => return Choice::unavailable(candidate, delta, &error.to_string()),
+            Err(error) => return CostedChoice::unavailable(candidate, delta, &error.to_string()),
         };
     let modes = series.modes();
     if modes > MOST_MODES {
         return too_many(modes as f64);
     }
     let time = case.duration();
-    let label = |x: f64| Figure::estimate(x, "norms of the classical solution, 3 digits");
+    let label = |x: f64| LabelledNumber::estimate(x, "norms of the classical solution, 3 digits");
     let points = points(&series).next_power_of_two();
     let bounds = system.bounds;
     let planned = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
     let found = Probabilities::new(&planned, system.norms, &label);
     let all = &found.nearest().all;
     if let (None, Some(because)) = (all.value(), all.because()) {
-        return Choice::unavailable(candidate, delta, because);
+        return CostedChoice::unavailable(candidate, delta, because);
     }
-    let demand = Demand {
+    let demand = EvolutionRequirements {
         highest: series.wavenumber(modes - 1),
         points,
         period: series.period,
         tolerance: case.tolerance * found.amplitude(),
     };
     let least = system.accesses.least(&demand, &found.evolutions());
-    Choice {
+    CostedChoice {
         profile: candidate.profile.clone(),
         candidate: candidate.clone(),
         delta,
-        recovery: Figure::exact(found.recovery),
-        points: Figure::exact(found.points as f64),
+        recovery: LabelledNumber::exact(found.recovery),
+        points: LabelledNumber::exact(found.points as f64),
         access: Some(least.access),
         cost: least.until_measured,
         demand: Some(demand),
@@ -509,16 +511,16 @@ mod tests {
             };
             let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
             let cs = ratios(CS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
-            let whole = sigmas.chain(cs).map(Candidate::planned);
+            let whole = sigmas.chain(cs).map(ProfileCandidate::planned);
             let betas = ratios(BETAS).step_by(5).map(|beta| ProfileChoice::Acl { beta });
             let alphas = ratios(ALPHAS).step_by(5);
             let alphas = alphas.map(exponential);
             let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
             let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
                 let further = (0..=20).map(|i| Some(0.1 * f64::from(i)));
-                further.map(move |further| Candidate {
+                further.map(move |further| ProfileCandidate {
                     further,
-                    ..Candidate::planned(profile.clone())
+                    ..ProfileCandidate::planned(profile.clone())
                 })
             });
             for candidate in whole.chain(moved) {
@@ -532,7 +534,7 @@ mod tests {
                 ProfileChoice::LowSomma { c: None },
             ];
             for profile in emulated {
-                let cost = choice(system, &Candidate::planned(profile.clone())).least_cost();
+                let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
                 assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
             }
         });

@@ -22,7 +22,7 @@
 //! on `[p − Λ⁺, p + Λ⁻]`. This is checked on the series itself.
 
 use crate::matrix::bounds::Bounds;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::StateNorms;
@@ -34,19 +34,19 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Chain {
     /// `P_p`.
-    pub in_p: Figure,
+    pub in_p: LabelledNumber,
     /// `P_f` given that.
-    pub field_given_p: Figure,
+    pub field_given_p: LabelledNumber,
     /// `P_π` given both; 1 without weights.
-    pub weights_given_field: Figure,
+    pub weights_given_field: LabelledNumber,
     /// All of it.
-    pub all: Figure,
+    pub all: LabelledNumber,
     /// Repetitions until it succeeds, on average: `1/P`.
-    pub repetitions: Figure,
+    pub repetitions: LabelledNumber,
     /// Rounds `r` of exact amplitude amplification, each with the evolution and its inverse.
-    pub amplification_rounds: Figure,
+    pub amplification_rounds: LabelledNumber,
     /// Evolutions that it takes: `2r + 1`.
-    pub amplified_evolutions: Figure,
+    pub amplified_evolutions: LabelledNumber,
 }
 
 /// Probabilities of a run.
@@ -57,7 +57,7 @@ pub struct Probabilities {
     /// `p◇`.
     pub recovery: f64,
     /// `C_w`.
-    pub norm_of_state: Figure,
+    pub norm_of_state: LabelledNumber,
     /// The norms they follow from.
     pub norms: StateNorms,
     /// `[p◇, p_e)`.
@@ -71,7 +71,7 @@ pub struct Probabilities {
     pub in_window: Chain,
     /// `C_f` from the probability of the slice: the norm of the field as a quantum computer finds
     /// it.
-    pub norm_of_field: Figure,
+    pub norm_of_field: LabelledNumber,
 }
 
 /// `Σ_l |c_l|²` over the modes of both signs.
@@ -156,7 +156,7 @@ pub fn amplification_rounds(probability: f64) -> f64 {
 }
 
 impl Chain {
-    fn new(in_p: f64, norms: &StateNorms, exact: &dyn Fn(f64) -> Figure) -> Self {
+    fn new(in_p: f64, norms: &StateNorms, exact: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let state = norms.weighted.hypot(norms.auxiliary);
         let square = |a: f64, b: f64| (a / b) * (a / b);
         let field = square(norms.weighted, state);
@@ -175,7 +175,7 @@ impl Chain {
     }
 
     fn unavailable(why: &str) -> Self {
-        let none = || Figure::unavailable(why);
+        let none = || LabelledNumber::unavailable(why);
         Self {
             in_p: none(),
             field_given_p: none(),
@@ -224,7 +224,7 @@ impl Probabilities {
 
     /// Evolutions until the field is found in the window, or in the slice where there is none:
     /// repeated, and by amplitude amplification.
-    pub fn evolutions(&self) -> [Figure; 2] {
+    pub fn evolutions(&self) -> [LabelledNumber; 2] {
         let chain = self.nearest();
         [chain.repetitions.clone(), chain.amplified_evolutions.clone()]
     }
@@ -237,9 +237,9 @@ impl Probabilities {
     }
 
     /// Of the one mode of a unitary flow, which is the field: nothing of `p` is postselected.
-    fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> Figure) -> Self {
+    fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
-        let at_slice = Chain::new(1.0, &norms, if whole { &Figure::exact } else { label });
+        let at_slice = Chain::new(1.0, &norms, if whole { &LabelledNumber::exact } else { label });
         Self {
             points: 1,
             recovery: 0.0,
@@ -258,7 +258,7 @@ impl Probabilities {
     pub fn new(
         planned: &PlannedState<'_>,
         norms: StateNorms,
-        label: &dyn Fn(f64) -> Figure,
+        label: &dyn Fn(f64) -> LabelledNumber,
     ) -> Self {
         let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
         let width = series.period / points as f64;
@@ -276,7 +276,7 @@ impl Probabilities {
                 window_error: None,
                 at_slice: none.clone(),
                 in_window: none,
-                norm_of_field: Figure::unavailable("nothing is left of the field"),
+                norm_of_field: LabelledNumber::unavailable("nothing is left of the field"),
             };
         }
         if points == 1 {

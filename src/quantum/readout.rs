@@ -47,10 +47,10 @@ pub mod row;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data, Method};
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::readout::measurement::CONFIDENCE;
-use crate::quantum::readout::reader::{Reader, Source};
-use crate::quantum::readout::row::{Observable, Row};
+use crate::quantum::readout::reader::{ReadoutContext, ReadoutSource};
+use crate::quantum::readout::row::{Observable, ReadoutRow};
 use serde::Serialize;
 
 /// The readout: estimates, bounds, and the evolutions that they take.
@@ -59,19 +59,19 @@ pub struct Readout {
     /// Probability with which the bound of each measurement holds, at least.
     pub confidence: f64,
     /// `C_f`.
-    pub norm_of_field: Figure,
+    pub norm_of_field: LabelledNumber,
     /// `P` of the window, or of the slice at `p◇` where there is none.
-    pub probability: Figure,
+    pub probability: LabelledNumber,
     /// `1/P`.
-    pub repetitions: Figure,
+    pub repetitions: LabelledNumber,
     /// Rounds of exact amplitude amplification.
-    pub amplification_rounds: Figure,
+    pub amplification_rounds: LabelledNumber,
     /// `ε_F`.
-    pub state_error: Figure,
+    pub state_error: LabelledNumber,
     /// By cell, the probability that a measurement of the x-register finds it: `Σ_j f_ij²/C_f²`.
-    pub basis_probability: Vec<Figure>,
+    pub basis_probability: Vec<LabelledNumber>,
     /// The rows, cell by cell.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ReadoutRow>,
 }
 
 /// Why the moments of measure-valued data are no overlaps, and which data have the same moments.
@@ -95,13 +95,13 @@ pub fn refused(case: &Case) -> Option<&'static str> {
 impl Readout {
     /// All cells and observables that `case` asks for, with every figure unavailable.
     pub fn unavailable(case: &Case, why: &str) -> Self {
-        let none = || Figure::unavailable(why);
+        let none = || LabelledNumber::unavailable(why);
         let cells = case.readout.as_ref().map_or(&[][..], |r| &r.cells);
         let rows = cells.iter().flat_map(|cell| {
-            Observable::all(case.space.dimension()).into_iter().map(move |observable| Row {
+            Observable::all(case.space.dimension()).into_iter().map(move |observable| ReadoutRow {
                 value: none(),
                 measured: Vec::new(),
-                ..Row::at(case, cell, observable)
+                ..ReadoutRow::at(case, cell, observable)
             })
         });
         Self {
@@ -117,7 +117,7 @@ impl Readout {
     }
 
     /// Reads what `case` asks for from `source`; the same on all ranks. Collective over `world`.
-    pub fn new(world: &Group, case: &Case, source: &Source<'_>) -> Self {
+    pub fn new(world: &Group, case: &Case, source: &ReadoutSource<'_>) -> Self {
         let Some(readout) = &case.readout else {
             return Self::unavailable(case, "no [readout] is asked for");
         };
@@ -126,16 +126,16 @@ impl Readout {
         }
         let chain = source.probabilities.nearest();
         let factors = VelocityFactors::new(&case.space);
-        let reader = Reader { case, source, readout, factors: &factors };
+        let reader = ReadoutContext { case, source, readout, factors: &factors };
         let (mut rows, mut basis) = (Vec::new(), Vec::new());
         for cell in &readout.cells {
             let sums = reader.sums(world, cell);
-            basis.push(Figure::exact(sums.square / (source.norm() * source.norm())));
+            basis.push(LabelledNumber::exact(sums.square / (source.norm() * source.norm())));
             rows.extend(reader.rows(cell, &sums));
         }
         Self {
             confidence: CONFIDENCE,
-            norm_of_field: Figure::exact(source.norm()),
+            norm_of_field: LabelledNumber::exact(source.norm()),
             probability: chain.all.clone(),
             repetitions: chain.repetitions.clone(),
             amplification_rounds: chain.amplification_rounds.clone(),

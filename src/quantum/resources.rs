@@ -21,14 +21,14 @@ mod text;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
-use crate::quantum::cost::{Accesses, Cost, Demand};
-use crate::quantum::figure::Figure;
+use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
-use crate::quantum::walk::{Evolution, LOCATION_CALLS, VALUE_CALLS, WalkRegisters};
+use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
@@ -37,7 +37,7 @@ use serde::Serialize;
 
 /// Registers, in qubits.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Registers {
+pub struct RegisterSizes {
     /// Each space axis, then each velocity axis.
     pub phase_space: Vec<usize>,
     /// The auxiliary unknowns of the inflow: one qubit says which half; 0 where nothing enters.
@@ -48,9 +48,9 @@ pub struct Registers {
     pub total: usize,
     /// `p` of the paper's count without that growth: `log₂(1/ε)`, for `Δp = ε` on an interval of
     /// length 1.
-    pub p_without_growth: Figure,
+    pub p_without_growth: LabelledNumber,
     /// All of them, `p` counted so.
-    pub total_without_growth: Figure,
+    pub total_without_growth: LabelledNumber,
     /// With what the walk needs beside them.
     pub walk: WalkRegisters,
 }
@@ -80,7 +80,7 @@ impl From<&WarpPlan> for Preparation {
 
 /// The choices that a count is for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Setup {
+pub struct CountSetup {
     /// The profile.
     pub profile: ProfileChoice,
     /// The planned profile, in words.
@@ -93,7 +93,7 @@ pub struct Setup {
     pub highest_wavenumber: f64,
 }
 
-impl Setup {
+impl CountSetup {
     /// The choices of `case` with the `series` of its profile, which is `planned` so.
     fn new(case: &Case, series: &Series, planned: String) -> Self {
         let modes = series.modes();
@@ -114,13 +114,13 @@ pub struct WeightsTable {
     pub entries: usize,
     /// Toffoli gates of a value query, for `√(π_i/π_j)`: two reads of `entries − 1` each (Babbush
     /// and others 2018).
-    pub toffolis_a_value_query: Figure,
+    pub toffolis_a_value_query: LabelledNumber,
     /// Toffoli gates of all value queries.
-    pub toffolis: Figure,
+    pub toffolis: LabelledNumber,
     /// Sweeps over the grid that compute the table, on a classical computer.
     pub sweeps: usize,
     /// Products that these take.
-    pub classical_operations: Figure,
+    pub classical_operations: LabelledNumber,
 }
 
 /// What a case takes.
@@ -141,7 +141,7 @@ pub struct Record {
     /// Whether the unknowns are scaled by dissipative weights.
     pub weighted: bool,
     /// Profile and `δ`.
-    pub setup: Setup,
+    pub setup: CountSetup,
     /// `N_p`.
     pub points: usize,
     /// Length of the interval in `p`.
@@ -151,29 +151,29 @@ pub struct Record {
     /// `ε√P`, to which the evolution is approximated: beside the field that is measured in it, an
     /// error of the whole state is `1/√P` times as large. The cut series and the rounding of values
     /// have half of it each.
-    pub walk_tolerance: Figure,
+    pub walk_tolerance: LabelledNumber,
     /// `d`: nonzeros of a row of `H`.
-    pub nonzeros: Figure,
+    pub nonzeros: LabelledNumber,
     /// `‖H‖_max`, over the modes that carry something.
-    pub largest_entry: Figure,
+    pub largest_entry: LabelledNumber,
     /// `τ = d ‖H‖_max T`.
-    pub tau: Figure,
+    pub tau: LabelledNumber,
     /// `K`, of the Jacobi–Anger series.
-    pub degree: Figure,
+    pub degree: LabelledNumber,
     /// `2K`: phased steps of the walk.
-    pub walk_steps: Figure,
+    pub walk_steps: LabelledNumber,
     /// Calls of the location oracle and its inverse in an evolution.
-    pub location_queries: Figure,
+    pub location_queries: LabelledNumber,
     /// Calls of the value oracle and its inverse.
-    pub value_queries: Figure,
+    pub value_queries: LabelledNumber,
     /// Calls of both.
-    pub queries: Figure,
+    pub queries: LabelledNumber,
     /// `m`: bits of the real part of a value, and of the imaginary part.
-    pub value_bits: Figure,
+    pub value_bits: LabelledNumber,
     /// `n + m log₂(m)²`: other gates for each query.
-    pub gates_factor: Figure,
+    pub gates_factor: LabelledNumber,
     /// Gates of the two transforms in `p`, `n_p log₂ n_p` each.
-    pub transform_gates: Figure,
+    pub transform_gates: LabelledNumber,
     /// Every access to `H`, with its gates.
     pub costs: Vec<Cost>,
     /// Why no circuit is compiled; none where one is.
@@ -181,14 +181,14 @@ pub struct Record {
     /// The table of the weights; none without weights.
     pub weights_table: Option<WeightsTable>,
     /// Registers.
-    pub qubits: Registers,
+    pub qubits: RegisterSizes,
     /// Forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
-    pub classical_operations: Figure,
+    pub classical_operations: LabelledNumber,
     /// With what probability the first field is measured.
     pub probabilities: Probabilities,
     /// Calls of both oracles until the field is measured in the window, or in the slice where there
     /// is none: repeated, and by amplitude amplification.
-    pub queries_until_measured: [Figure; 2],
+    pub queries_until_measured: [LabelledNumber; 2],
     /// The paper's regimes.
     pub regimes: Vec<Regime>,
     /// Why the moments of measure-valued data, whose first field is counted, are no overlaps, and
@@ -232,10 +232,10 @@ pub struct Comparison {
 impl Unitary {
     /// For `accesses` of a skew matrix.
     pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
-        let once = || Figure::exact(1.0);
+        let once = || LabelledNumber::exact(1.0);
         Self {
             tolerance,
-            costs: accesses.costs(&Demand::unitary(tolerance), &[once(), once()]),
+            costs: accesses.costs(&EvolutionRequirements::unitary(tolerance), &[once(), once()]),
             no_circuit: accesses.no_circuit().map(str::to_owned),
             caveats: CAVEATS,
         }
@@ -263,7 +263,7 @@ pub fn entries_of(prepared: &Prepared) -> LargestEntries {
 /// Qubits that number the unknowns of `case`.
 pub fn qubits_of(case: &Case) -> usize {
     let unknowns = case.space.cells() + usize::from(case.embeds());
-    Registers::new(case, unknowns, 1, 0).total
+    RegisterSizes::new(case, unknowns, 1, 0).total
 }
 
 /// Qubits that number `count` things.
@@ -292,15 +292,15 @@ impl Record {
         let largest = accesses.largest_entry(highest);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.duration(), case.tolerance);
-        let estimate = |x: f64| Figure::estimate(x, NORMS);
+        let estimate = |x: f64| LabelledNumber::estimate(x, NORMS);
         let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
         let probabilities = Probabilities::new(&state, norms, &estimate);
         let fine = tolerance * probabilities.amplitude();
         let tau = d * largest * time;
-        let evolution = Evolution::new(tau, fine);
+        let evolution = WalkCost::new(tau, fine);
         let bits = f64::from(evolution.bits);
         let unknowns = system.terms - case.space.space_cells() + case.space.cells();
-        let qubits = Registers::new(case, unknowns, points, evolution.bits);
+        let qubits = RegisterSizes::new(case, unknowns, points, evolution.bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
         let [location, value, both] =
             [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
@@ -315,26 +315,26 @@ impl Record {
             tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
-            setup: Setup::new(case, &series, planned),
+            setup: CountSetup::new(case, &series, planned),
             points,
             period: series.period,
             walk_tolerance: estimate(fine),
-            nonzeros: Figure::exact(d),
-            largest_entry: Figure::exact(largest),
-            tau: Figure::exact(tau),
+            nonzeros: LabelledNumber::exact(d),
+            largest_entry: LabelledNumber::exact(largest),
+            tau: LabelledNumber::exact(tau),
             degree: evolution.degree,
             walk_steps: evolution.steps,
             value_bits: estimate(bits),
             gates_factor: qubits.gates_factor(bits),
             transform_gates: qubits.transform_gates(),
             costs: accesses.costs(
-                &Demand { highest, points, period: series.period, tolerance: fine },
+                &EvolutionRequirements { highest, points, period: series.period, tolerance: fine },
                 &probabilities.evolutions(),
             ),
             no_circuit: accesses.no_circuit().map(str::to_owned),
             weights_table,
             qubits,
-            classical_operations: Figure::exact(operations),
+            classical_operations: LabelledNumber::exact(operations),
             queries_until_measured: probabilities.evolutions().map(|n| n.times(&both)),
             location_queries: location,
             value_queries: value,
@@ -349,32 +349,32 @@ impl Record {
 
 impl WeightsTable {
     /// A table for so many cells, read in every one of the `queries`.
-    fn new(entries: usize, queries: &Figure, sweeps: usize, sparsity: &Sparsity) -> Self {
+    fn new(entries: usize, queries: &LabelledNumber, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
         let each = 2.0 * (entries as f64 - 1.0);
-        let all = queries.times(&Figure::model(each, WHY));
+        let all = queries.times(&LabelledNumber::model(each, WHY));
         Self {
             entries,
-            toffolis_a_value_query: Figure::model(each, WHY),
+            toffolis_a_value_query: LabelledNumber::model(each, WHY),
             toffolis: all,
             sweeps,
-            classical_operations: Figure::exact(sweeps as f64 * sparsity.entries as f64),
+            classical_operations: LabelledNumber::exact(sweeps as f64 * sparsity.entries as f64),
         }
     }
 }
 
-impl Registers {
+impl RegisterSizes {
     /// Other gates for each query, of values of so many `bits`.
-    fn gates_factor(&self, bits: f64) -> Figure {
+    fn gates_factor(&self, bits: f64) -> LabelledNumber {
         const WHY: &str = "O(n + m polylog m) as n + m log2(m)^2, m bits of a value";
-        Figure::model(gates_factor(self.total as f64, bits), WHY)
+        LabelledNumber::model(gates_factor(self.total as f64, bits), WHY)
     }
 
     /// Gates of the two transforms in `p`.
-    fn transform_gates(&self) -> Figure {
+    fn transform_gates(&self) -> LabelledNumber {
         const WHY: &str = "O(n_p log n_p) for each of two approximate transforms, constants 1";
         let p = self.p as f64;
-        Figure::model(2.0 * p * p.log2().max(1.0), WHY)
+        LabelledNumber::model(2.0 * p * p.log2().max(1.0), WHY)
     }
 
     /// For `unknowns` of the system, `points` in `p`, and values of `bits` bits.
@@ -390,8 +390,8 @@ impl Registers {
             auxiliary,
             p,
             total: system + p,
-            p_without_growth: Figure::model(without, WITHOUT),
-            total_without_growth: Figure::model(system as f64 + without, WITHOUT),
+            p_without_growth: LabelledNumber::model(without, WITHOUT),
+            total_without_growth: LabelledNumber::model(system as f64 + without, WITHOUT),
             walk: WalkRegisters::new(system + p, bits),
         }
     }

@@ -45,7 +45,7 @@ pub struct Count {
 
 /// What was counted of a matrix.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Counts {
+pub struct NonzeroCounts {
     /// `A_x`, `A_y`, `A_z` (transport along one axis), `A_v` (force), `A`, `H1`, `H2`, `H`.
     pub matrix: String,
     /// In a row: `s_r`.
@@ -70,7 +70,7 @@ pub struct Sparsity {
     /// Nonzeros of `A` in all.
     pub entries: usize,
     /// Matrix by matrix.
-    pub counts: Vec<Counts>,
+    pub counts: Vec<NonzeroCounts>,
 }
 
 impl Sparsity {
@@ -125,11 +125,12 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     let symmetric = (case.space.v.iter())
         .all(|v| (v.lower + v.upper).abs() < 1e-9 * v.width() && v.cells % 2 == 0);
     let bounded = symmetric && case.interface == Interface::Hat;
-    let report = Report { case, space, bounded };
+    let report = CountsReport { case, space, bounded };
 
-    let mut parts = Parts::new(n, block);
+    let mut parts = NonzeroParts::new(n, block);
     parts.count(&scheme, block);
-    let mut counts: Vec<Counts> = (0..=n + 1).map(|part| parts.counts(part, &q, &report)).collect();
+    let mut counts: Vec<NonzeroCounts> =
+        (0..=n + 1).map(|part| parts.counts(part, &q, &report)).collect();
     // H1, H2 and their pattern together, which is H's wherever μ is not 0.
     let of_columns: usize = q.iter().sum();
     let stated = match n {
@@ -148,14 +149,14 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
         let fullest = parts.fullest_hamiltonian_row(matrix, &report, present);
         let found = report.count(fullest, bound);
         // Symmetric but for signs.
-        counts.push(Counts { matrix: name.to_owned(), rows: found.clone(), columns: found });
+        counts.push(NonzeroCounts { matrix: name.to_owned(), rows: found.clone(), columns: found });
     }
     let entries = space.sum_count(parts.entries);
     Ok(Sparsity { q, jumps, bounded, our_bound, entries, counts })
 }
 
 /// Nonzeros of `A` by parts on this rank: transport axis by axis, then force (part `n`), then all.
-struct Parts {
+struct NonzeroParts {
     dimension: usize,
     /// The fullest row of each part.
     rows: Vec<Fullest>,
@@ -167,7 +168,7 @@ struct Parts {
     entries: usize,
 }
 
-impl Parts {
+impl NonzeroParts {
     /// Nothing counted yet.
     fn new(dimension: usize, block: &Block) -> Self {
         let (parts, cells) = (dimension + 2, block.cells());
@@ -233,7 +234,7 @@ impl Parts {
     }
 
     /// The counts of a part over all ranks. Collective.
-    fn counts(&self, part: usize, q: &[usize], report: &Report<'_>) -> Counts {
+    fn counts(&self, part: usize, q: &[usize], report: &CountsReport<'_>) -> NonzeroCounts {
         let n = self.dimension;
         let mut fullest_column = Fullest::NONE;
         for (&number, &global) in self.columns[part].iter().zip(&self.globals) {
@@ -244,7 +245,7 @@ impl Parts {
             part if part == n => ("A_v", [Some(2 * n + 1); 2]),
             _ => ("A", [None; 2]),
         };
-        Counts {
+        NonzeroCounts {
             matrix: name.to_owned(),
             rows: report.count(self.rows[part], of_rows),
             columns: report.count(fullest_column, of_columns),
@@ -256,7 +257,7 @@ impl Parts {
     fn fullest_hamiltonian_row(
         &self,
         matrix: &BlockMatrix,
-        report: &Report<'_>,
+        report: &CountsReport<'_>,
         present: fn(f64, f64) -> bool,
     ) -> Fullest {
         let all = report.case.space.cells();
@@ -277,14 +278,14 @@ impl Parts {
 }
 
 /// Makes counts of all ranks' fullest rows.
-struct Report<'a> {
+struct CountsReport<'a> {
     case: &'a Case,
     space: &'a Group,
     /// Whether the paper's bounds are made for this case.
     bounded: bool,
 }
 
-impl Report<'_> {
+impl CountsReport<'_> {
     /// The fullest over all ranks, beside its bound. Collective.
     fn count(&self, found: Fullest, bound: Option<usize>) -> Count {
         let Fullest(most, place) = found.over(self.space);

@@ -7,7 +7,7 @@
 //! other. `d` is the least odd number with which all logical qubits together fail with probability
 //! 0.01 or less.
 
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 
 /// What is assumed, for a record.
 const ASSUMED: &str = "surface code, physical errors 1e-3, threshold 1e-2, failure 0.01 in all, 4 \
@@ -29,15 +29,15 @@ fn distance(qubits: f64, toffoli: f64) -> Option<u32> {
 }
 
 /// Physical qubits for these numbers of logical qubits and Toffoli gates.
-pub fn physical_qubits(qubits: &Figure, toffoli: &Figure) -> Figure {
+pub fn physical_qubits(qubits: &LabelledNumber, toffoli: &LabelledNumber) -> LabelledNumber {
     let (Some(n), Some(gates)) = (qubits.value(), toffoli.value()) else {
-        return Figure::unavailable("the logical qubits or Toffoli gates are");
+        return LabelledNumber::unavailable("the logical qubits or Toffoli gates are");
     };
     let Some(d) = distance(n, gates).map(f64::from) else {
-        return Figure::unavailable("no distance up to 101 suffices");
+        return LabelledNumber::unavailable("no distance up to 101 suffices");
     };
     let count = 2.0 * n * 2.0 * (d + 1.0).powi(2) + FACTORIES * 144.0 * d * d;
-    Figure::model(count, &format!("distance {d}; {ASSUMED}"))
+    LabelledNumber::model(count, &format!("distance {d}; {ASSUMED}"))
 }
 
 #[cfg(test)]
@@ -55,7 +55,7 @@ mod tests {
             assert!(failure(d) <= 0.01 && failure(d - 2) > 0.01, "{qubits} {toffoli}: {d}");
         }
         assert_eq!(distance(100.0, 1e60), None);
-        let physical = physical_qubits(&Figure::exact(100.0), &Figure::exact(1e9));
+        let physical = physical_qubits(&LabelledNumber::exact(100.0), &LabelledNumber::exact(1e9));
         assert!(physical.value().is_some_and(|n| n > 1e5 && n < 1e7));
     }
 }

@@ -27,7 +27,7 @@
 //! the rounded values have half of the tolerance each.
 
 use crate::propagate::chebyshev::degree;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
 use std::f64::consts::SQRT_2;
 
@@ -40,28 +40,28 @@ const OF_SERIES: f64 = 0.5;
 
 /// What `e^{−iHT}` takes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Evolution {
+pub struct WalkCost {
     /// `K`.
-    pub degree: Figure,
+    pub degree: LabelledNumber,
     /// `2K` steps of the walk.
-    pub steps: Figure,
+    pub steps: LabelledNumber,
     /// Bits of the real part of a value, its sign included, and of the imaginary part.
     pub bits: u32,
 }
 
-impl Evolution {
+impl WalkCost {
     /// For `τ`, within `tolerance` of the state's norm.
     pub fn new(tau: f64, tolerance: f64) -> Self {
         /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
         const SUMMED: f64 = 1e4;
         let order = degree(&mut Vec::new(), tau, OF_SERIES * tolerance) as f64;
-        let label = if tau <= SUMMED { Figure::exact } else { Figure::bound };
+        let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
         let bits = value_bits(tau, (1.0 - OF_SERIES) * tolerance);
         Self { degree: label(order), steps: label(2.0 * order), bits }
     }
 
     /// Calls of an oracle that a step calls `each` times.
-    pub fn calls(&self, each: f64) -> Figure {
+    pub fn calls(&self, each: f64) -> LabelledNumber {
         self.steps.value().map_or(self.steps.clone(), |steps| self.steps.with(each * steps))
     }
 }
@@ -80,11 +80,11 @@ pub struct WalkRegisters {
     /// Real and imaginary part of a value.
     pub value: usize,
     /// Scratch of the rotation.
-    pub arithmetic: Figure,
+    pub arithmetic: LabelledNumber,
     /// The phased sequence's own.
     pub phase: usize,
     /// All of them.
-    pub total: Figure,
+    pub total: LabelledNumber,
 }
 
 impl WalkRegisters {
@@ -97,9 +97,9 @@ impl WalkRegisters {
         Self {
             row_and_column,
             value,
-            arithmetic: Figure::model(arithmetic, WHY),
+            arithmetic: LabelledNumber::model(arithmetic, WHY),
             phase,
-            total: Figure::model(total, WHY),
+            total: LabelledNumber::model(total, WHY),
         }
     }
 }
@@ -107,21 +107,21 @@ impl WalkRegisters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantum::figure::Trust;
+    use crate::quantum::labelled_number::Trust;
     use num_complex::Complex64;
     use std::collections::BTreeMap;
 
     #[test]
     fn steps_of_the_walk() {
         // J_k(τ) falls off beyond k = τ: at least τ terms, more for smaller tolerances.
-        let number = |figure: &Figure| figure.value().expect("a number");
-        let count = |tau: f64, tolerance: f64| number(&Evolution::new(tau, tolerance).degree);
-        let evolution = Evolution::new(50.0, 1e-6);
+        let number = |figure: &LabelledNumber| figure.value().expect("a number");
+        let count = |tau: f64, tolerance: f64| number(&WalkCost::new(tau, tolerance).degree);
+        let evolution = WalkCost::new(50.0, 1e-6);
         assert_eq!(number(&evolution.steps), 2.0 * count(50.0, 1e-6));
         assert_eq!(number(&evolution.calls(VALUE_CALLS)), 8.0 * count(50.0, 1e-6));
         assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));
         assert!(count(1e3, 1e-6) < 1.1e3);
-        assert_eq!(Evolution::new(1e6, 1e-6).degree.trust(), Trust::UpperBound);
+        assert_eq!(WalkCost::new(1e6, 1e-6).degree.trust(), Trust::UpperBound);
     }
 
     #[test]
@@ -153,22 +153,22 @@ mod tests {
 
     /// Both halves of the walk's registers, and the value register.
     #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-    struct Registers {
+    struct DoubledRegisters {
         row: (usize, bool),
         column: (usize, bool),
         value: [u64; 2],
     }
 
     /// Amplitudes of basis states, and the calls that made them.
-    struct State {
-        amplitudes: BTreeMap<Registers, Complex64>,
+    struct WalkState {
+        amplitudes: BTreeMap<DoubledRegisters, Complex64>,
         location_calls: f64,
         value_calls: f64,
     }
 
-    impl State {
+    impl WalkState {
         /// Every basis state to some others.
-        fn map(&mut self, of: impl Fn(Registers) -> Vec<(Registers, Complex64)>) {
+        fn map(&mut self, of: impl Fn(DoubledRegisters) -> Vec<(DoubledRegisters, Complex64)>) {
             let mut next = BTreeMap::new();
             for (registers, amplitude) in &self.amplitudes {
                 for (to, factor) in of(*registers) {
@@ -203,16 +203,16 @@ mod tests {
     }
 
     /// `V|j⟩`.
-    fn isometry(h: &[Vec<Complex64>], largest: f64, j: usize) -> State {
-        let start = Registers { row: (j, false), column: (0, false), value: [0; 2] };
-        let mut state = State {
+    fn isometry(h: &[Vec<Complex64>], largest: f64, j: usize) -> WalkState {
+        let start = DoubledRegisters { row: (j, false), column: (0, false), value: [0; 2] };
+        let mut state = WalkState {
             amplitudes: BTreeMap::from([(start, Complex64::ONE)]),
             location_calls: 0.0,
             value_calls: 0.0,
         };
         let uniform = Complex64::from((FULLEST as f64).sqrt().recip());
-        let entries = |at: Registers| {
-            let to = |entry| (Registers { column: (entry, false), ..at }, uniform);
+        let entries = |at: DoubledRegisters| {
+            let to = |entry| (DoubledRegisters { column: (entry, false), ..at }, uniform);
             (0..FULLEST).map(to).collect()
         };
         state.map(entries);
@@ -228,7 +228,7 @@ mod tests {
                 false => Complex64::new(re, -im).sqrt(),
             };
             let rest = (1.0 - re.hypot(im) / largest).max(0.0).sqrt();
-            let flagged = Registers { column: (column, true), ..at };
+            let flagged = DoubledRegisters { column: (column, true), ..at };
             vec![(at, root / largest.sqrt()), (flagged, Complex64::from(rest))]
         });
         state.value(h);
@@ -240,7 +240,7 @@ mod tests {
     fn a_step_of_so_many_calls_encodes_the_matrix() {
         let h = matrix();
         let largest = h.iter().flatten().fold(0.0, |m: f64, x| m.max(x.norm()));
-        let states: Vec<State> = (0..ORDER).map(|j| isometry(&h, largest, j)).collect();
+        let states: Vec<WalkState> = (0..ORDER).map(|j| isometry(&h, largest, j)).collect();
         for (j, left) in states.iter().enumerate() {
             // The value register is clear again, and the norm 1.
             assert!(left.amplitudes.keys().all(|at| at.value == [0; 2]));
@@ -251,7 +251,8 @@ mod tests {
             for (k, right) in states.iter().enumerate() {
                 let mut block = Complex64::ZERO;
                 for (at, amplitude) in &right.amplitudes {
-                    let swapped = Registers { row: at.column, column: at.row, value: at.value };
+                    let swapped =
+                        DoubledRegisters { row: at.column, column: at.row, value: at.value };
                     let on_diagonal = at.row.0 == at.column.0 && h[at.row.0][at.row.0].re < 0.0;
                     let sign = if on_diagonal { -1.0 } else { 1.0 };
                     if let Some(other) = left.amplitudes.get(&swapped) {

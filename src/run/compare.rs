@@ -10,7 +10,7 @@ use crate::problem::case::{Case, Integrator};
 use crate::problem::exact::sheet::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{Continued, FieldSummary, Summary};
@@ -140,7 +140,7 @@ pub(crate) fn compare(
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
         norms,
-        &Figure::exact,
+        &LabelledNumber::exact,
     ));
     warnings
 }

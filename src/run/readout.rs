@@ -1,8 +1,8 @@
 //! `[readout]`: the result as a quantum computer would measure it.
 
 use crate::problem::case::Case;
-use crate::quantum::figure::Figure;
-use crate::quantum::readout::reader::Source;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::readout::reader::ReadoutSource;
 use crate::quantum::readout::{Readout, refused};
 use crate::results::summary::Summary;
 use crate::solve::prepared::Prepared;
@@ -24,15 +24,15 @@ pub(crate) fn readout(
     };
     // Implicit steps leave an error of their own.
     let state_error = match (case.propagator.method.order(), summary.error_estimate) {
-        (0, _) => Figure::bound(case.tolerance),
-        (_, Some(error)) => Figure::estimate(error, "the error estimate of the run"),
-        (_, None) => Figure::unavailable("there is no error estimate of the run"),
+        (0, _) => LabelledNumber::bound(case.tolerance),
+        (_, Some(error)) => LabelledNumber::estimate(error, "the error estimate of the run"),
+        (_, None) => LabelledNumber::unavailable("there is no error estimate of the run"),
     };
     // The points of the window have errors of their own.
     let window = probabilities.window_error.unwrap_or(1.0).max(1.0);
     let state_error =
         state_error.value().map_or(state_error.clone(), |x| state_error.with(x * window));
-    let source = Source {
+    let source = ReadoutSource {
         share: &place.share,
         field,
         pi: &prepared.system.weights.pi[place.mine.clone()],

@@ -27,10 +27,10 @@ use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
-use crate::quantum::cost::{Accesses, Cost, CostTable, Demand};
-use crate::quantum::figure::Figure;
+use crate::quantum::cost::{Accesses, Cost, CostTable, EvolutionRequirements};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::optimise::{Choice, System, choices, scheme_of, unitary_of};
+use crate::quantum::optimise::{CostedChoice, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
 use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
@@ -70,15 +70,15 @@ pub struct QuantumMethod {
     /// The order that is counted on.
     pub order: Option<f64>,
     /// The probability with which the state holds the field.
-    pub probability: Figure,
+    pub probability: LabelledNumber,
     /// Evolutions of all runs of amplitude estimation.
-    pub evolutions: Figure,
+    pub evolutions: LabelledNumber,
     /// Cost of these evolutions; none where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates of all.
-    pub toffoli: Figure,
+    pub toffoli: LabelledNumber,
     /// Physical qubits, of a model of the surface code.
-    pub physical_qubits: Figure,
+    pub physical_qubits: LabelledNumber,
 }
 
 /// A classical method.
@@ -89,7 +89,7 @@ pub struct ClassicalMethod {
     /// Cells of its grid, or traces.
     pub size: f64,
     /// Seconds on this machine.
-    pub seconds: Figure,
+    pub seconds: LabelledNumber,
 }
 
 /// The task and all methods for it.
@@ -301,7 +301,8 @@ impl EndToEnd {
             ("quadrature over characteristics", &traced),
             ("Monte Carlo over characteristics", &sampled),
         ] {
-            let seconds = Figure::estimate(world.group().max(found.seconds), "measured here");
+            let seconds =
+                LabelledNumber::estimate(world.group().max(found.seconds), "measured here");
             baselines.push(ClassicalMethod { name, size: found.traces as f64, seconds });
         }
         let n = case.space.dimension();
@@ -363,7 +364,7 @@ fn stepped(
     let cells: f64 = finest.iter().map(|&n| n as f64 * factor).product();
     let seconds = found.seconds * factor.powi(2 * n + 1);
     let why = "measured on the case's grid, and the cells and steps that the measured order needs";
-    ClassicalMethod { name, size: cells, seconds: Figure::model(seconds, why) }
+    ClassicalMethod { name, size: cells, seconds: LabelledNumber::model(seconds, why) }
 }
 
 /// The task that all methods are compared by.
@@ -401,7 +402,7 @@ impl DensityTask<'_> {
     ) -> QuantumMethod {
         let found = scheme.and_then(|scheme| self.priced(name, &scheme, known));
         found.unwrap_or_else(|why| {
-            let none = || Figure::unavailable(&why.to_string());
+            let none = || LabelledNumber::unavailable(&why.to_string());
             QuantumMethod {
                 name,
                 grids: Vec::new(),
@@ -459,12 +460,12 @@ impl DensityTask<'_> {
         let prefactor = velocity_volume(&target) / velocities.sqrt() * norms.field * scale;
         let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
         let (demand, probability) = match bounds.is_skew() {
-            true => (Demand::unitary(tolerance), 1.0),
+            true => (EvolutionRequirements::unitary(tolerance), 1.0),
             false => self.planned(&target, &bounds, ratio, norms, accesses)?,
         };
         let count = preparations(evaluations(overlap_error * probability.sqrt()));
         let why = "norms and errors on the case's grid, and the measured order";
-        let evolutions = Figure::estimate(count, why);
+        let evolutions = LabelledNumber::estimate(count, why);
         let cost = accesses.least(&demand, &[evolutions.clone(), evolutions.clone()]);
         let mut grids = measured.grids.clone();
         grids.push(shape);
@@ -473,7 +474,7 @@ impl DensityTask<'_> {
             grids,
             errors: measured.errors.clone(),
             order: Some(measured.order.counted_on),
-            probability: Figure::estimate(probability, why),
+            probability: LabelledNumber::estimate(probability, why),
             evolutions,
             toffoli: cost.until_measured[0].clone(),
             physical_qubits: physical_qubits(&cost.qubits, &cost.until_measured[0]),
@@ -490,14 +491,14 @@ impl DensityTask<'_> {
         ratio: f64,
         norms: StateNorms,
         accesses: &Accesses,
-    ) -> Result<(Demand, f64)> {
+    ) -> Result<(EvolutionRequirements, f64)> {
         let world = &self.world.group();
         let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
         let ranking = Ranking::new(choices(&system));
         if let Some((choice, demand)) = ranking.first().and_then(|c| Some((c, c.demand?))) {
             return Ok((demand, choice.nearest().value().unwrap_or(f64::NAN)));
         }
-        let why = ranking.0.first().and_then(Choice::why_not);
+        let why = ranking.0.first().and_then(CostedChoice::why_not);
         Err(Error::Input(format!(
             "{}: no profile is planned: {}",
             target.name,
@@ -523,16 +524,16 @@ impl DensityTask<'_> {
         }
         let bits = (1.0 / self.accuracy).log2().ceil() + GUARD;
         let products = OF_LEG * (traced.crossings as f64 + 1.0) + OF_FORMULA;
-        let trace = Figure::model(2.0 * products * bits * bits, WHY);
-        let evolutions = Figure::bound(preparations(register));
+        let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
+        let evolutions = LabelledNumber::bound(preparations(register));
         QuantumMethod {
             name: "reversible characteristics",
             grids: Vec::new(),
             errors: Vec::new(),
             order: None,
-            probability: Figure::exact(1.0),
+            probability: LabelledNumber::exact(1.0),
             toffoli: evolutions.times(&trace),
-            physical_qubits: Figure::unavailable("no circuit of a trace is compiled"),
+            physical_qubits: LabelledNumber::unavailable("no circuit of a trace is compiled"),
             evolutions,
             cost: None,
         }
@@ -576,10 +577,10 @@ fn verdict(quantum: &[QuantumMethod], classical: &[ClassicalMethod]) -> Vec<Stri
 impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
     pub fn columns(&self) -> Vec<Values> {
-        let none = Figure::unavailable("");
-        let quantum = |name: &str, figure: fn(&QuantumMethod) -> &Figure| {
+        let none = LabelledNumber::unavailable("");
+        let quantum = |name: &str, figure: fn(&QuantumMethod) -> &LabelledNumber| {
             let without = self.classical.iter().map(|_| &none);
-            Figure::column(name, self.quantum.iter().map(figure).chain(without))
+            LabelledNumber::column(name, self.quantum.iter().map(figure).chain(without))
         };
         let words = |name: &str,
                      word: fn(&QuantumMethod) -> Value,
@@ -601,7 +602,7 @@ impl EndToEnd {
             quantum("toffoli", |way| &way.toffoli),
             quantum("physical_qubits", |way| &way.physical_qubits),
             words("cells_or_traces", |_| Value::Null, |method| method.size.into()),
-            Figure::column("seconds", seconds),
+            LabelledNumber::column("seconds", seconds),
         ]
     }
 }

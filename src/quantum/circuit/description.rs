@@ -1,7 +1,7 @@
 //! What was compiled, and what the evolution by it takes.
 
-use crate::quantum::circuit::gates::Counts;
-use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::circuit::gates::GateCounts;
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::phases::{MOST_STEPS, Phases};
 use crate::quantum::walk;
 use serde::Serialize;
@@ -24,7 +24,7 @@ pub struct Sparse {
 
 /// `e^{−iHT}` by the circuit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Evolution {
+pub struct EvolutionDescription {
     /// `αT`.
     pub tau: f64,
     /// `2K`: calls of the controlled circuit.
@@ -50,7 +50,7 @@ pub struct Check {
 
 /// The rotations of the evolution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Sequence {
+pub struct RotationSequence {
     /// Bound on the distance of the sequence from `e^{−iHT}` in norm.
     pub bound: f64,
     /// The product of its steps beside its polynomial, at points of the unit circle: the largest
@@ -58,7 +58,7 @@ pub struct Sequence {
     pub difference: f64,
 }
 
-impl Sequence {
+impl RotationSequence {
     /// Of these rotations.
     pub fn of(phases: &Phases) -> Self {
         const POINTS: usize = 64;
@@ -68,7 +68,7 @@ impl Sequence {
 
 /// What was compiled.
 #[derive(Clone, Debug, Serialize)]
-pub struct Description {
+pub struct CircuitDescription {
     /// Title of the case.
     pub title: String,
     /// Cells along each axis, `(x1..xn, v1..vn)`.
@@ -76,9 +76,9 @@ pub struct Description {
     /// `T`.
     pub time: f64,
     /// In whole numbers.
-    pub transport: Transport,
+    pub transport: CaseTransport,
     /// The modes.
-    pub modes: Modes,
+    pub modes: CircuitModes,
     /// The register of the levels.
     pub levels: Levels,
     /// The block is `H/α`.
@@ -93,20 +93,20 @@ pub struct Description {
     /// The same by sparse access.
     pub sparse: Sparse,
     /// Counts of the circuit.
-    pub counts: Counts,
+    pub counts: GateCounts,
     /// Counts of the controlled circuit: a qubit says whether it is applied.
-    pub controlled: Counts,
+    pub controlled: GateCounts,
     /// The evolution that calls the controlled circuit.
-    pub evolution: Evolution,
+    pub evolution: EvolutionDescription,
     /// Its rotations; none of more than [`MOST_STEPS`] steps.
-    pub sequence: Option<Sequence>,
+    pub sequence: Option<RotationSequence>,
     /// What was simulated.
     pub check: Option<Check>,
 }
 
-impl Evolution {
+impl EvolutionDescription {
     /// For `τ`, within `tolerance`, by calls of a circuit with these counts.
-    pub fn new(tau: f64, tolerance: f64, controlled: &Counts) -> Self {
+    pub fn new(tau: f64, tolerance: f64, controlled: &GateCounts) -> Self {
         let steps = steps_of(tau, tolerance);
         Self {
             tau,
@@ -121,10 +121,10 @@ impl Evolution {
 
 /// `2K` for `τ`.
 pub fn steps_of(tau: f64, tolerance: f64) -> usize {
-    walk::Evolution::new(tau, tolerance).steps.value().unwrap_or_default() as usize
+    walk::WalkCost::new(tau, tolerance).steps.value().unwrap_or_default() as usize
 }
 
-impl fmt::Display for Description {
+impl fmt::Display for CircuitDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { transport, counts, evolution, sparse, .. } = self;
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
@@ -139,8 +139,9 @@ impl fmt::Display for Description {
             self.change
         )?;
         match self.modes {
-            Modes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
-            Modes::Register { qubits, period } | Modes::Rotated { qubits, period, .. } => {
+            CircuitModes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
+            CircuitModes::Register { qubits, period }
+            | CircuitModes::Rotated { qubits, period, .. } => {
                 writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)?;
             }
         }
@@ -173,7 +174,7 @@ impl fmt::Display for Description {
             counts.system_qubits, counts.block_qubits, counts.scratch_qubits
         )?;
         match self.sequence {
-            Some(Sequence { bound, difference }) => write!(
+            Some(RotationSequence { bound, difference }) => write!(
                 f,
                 "\nrotations of the evolution: within {bound:.1e} of exp(-iHT); their product \
                  within {difference:.1e} of its polynomial"

@@ -7,8 +7,8 @@
 //! together the series `y^{−K}P(y)`.
 
 use crate::quantum::circuit::arithmetic::Literal;
-use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
-use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::phases::Phases;
 
@@ -27,15 +27,15 @@ impl Walk {
     pub(in crate::quantum) fn new(
         c: &mut Circuit,
         wires: &Wires,
-        transport: &Transport,
-        modes: Modes,
+        transport: &CaseTransport,
+        modes: CircuitModes,
         levels: Levels,
     ) -> Self {
         debug_assert!(c.gates.is_empty() && wires.control.is_some());
         transport.call(c, wires, modes, levels);
         let call = std::mem::take(&mut c.gates);
         c.comments.clear();
-        let block = c.qubits_of(Role::Block);
+        let block = c.qubits_of(RegisterRole::Block);
         let walk = Self { call, block, control: wires.control.unwrap_or_default() };
         walk.reflect(c);
         c.gates.clear();

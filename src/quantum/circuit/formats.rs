@@ -1,7 +1,7 @@
 //! A circuit as a program of OpenQASM 3, and its counts in the formats of other programs.
 
-use crate::quantum::circuit::description::{Description, Evolution};
-use crate::quantum::circuit::gates::{Circuit, Counts};
+use crate::quantum::circuit::description::{CircuitDescription, EvolutionDescription};
+use crate::quantum::circuit::gates::{Circuit, GateCounts};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -65,8 +65,8 @@ pub fn logical_counts(counts: &LogicalCounts) -> Value {
 }
 
 /// `LogicalCounts` of the evolution by a circuit.
-pub fn azure(description: &Description) -> Value {
-    let Evolution { toffoli, t, rotations, qubits, .. } = description.evolution;
+pub fn azure(description: &CircuitDescription) -> Value {
+    let EvolutionDescription { toffoli, t, rotations, qubits, .. } = description.evolution;
     let count = |n: usize| Some(n as u64);
     let counts = LogicalCounts {
         qubits: count(qubits),
@@ -78,10 +78,10 @@ pub fn azure(description: &Description) -> Value {
 }
 
 /// QREF v1: the evolution, and one call of the circuit in it.
-pub fn qref(description: &Description) -> Value {
+pub fn qref(description: &CircuitDescription) -> Value {
     let call = &description.controlled;
     let system = description.counts.system_qubits;
-    let Evolution { steps, toffoli, t, rotations, qubits, .. } = description.evolution;
+    let EvolutionDescription { steps, toffoli, t, rotations, qubits, .. } = description.evolution;
     let ports = json!([
         {"name": "in_system", "size": system, "direction": "input"},
         {"name": "out_system", "size": system, "direction": "output"},
@@ -114,7 +114,7 @@ pub fn qref(description: &Description) -> Value {
 }
 
 /// The counts of one call.
-fn of_call(counts: &Counts) -> Vec<Value> {
+fn of_call(counts: &GateCounts) -> Vec<Value> {
     let additive = [
         ("toffoli", counts.toffoli),
         ("t", counts.t),

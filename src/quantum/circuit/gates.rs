@@ -88,7 +88,7 @@ impl Serialize for Gate {
 /// What a register is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Role {
+pub enum RegisterRole {
     /// What the operator acts on.
     System,
     /// Zero before; the block is where it is zero after.
@@ -109,7 +109,7 @@ pub struct Register {
     /// Qubits.
     pub size: usize,
     /// What it is for.
-    pub role: Role,
+    pub role: RegisterRole,
 }
 
 /// Gates in their order, on registers. Scratch qubits are taken as needed and given back clean.
@@ -129,7 +129,7 @@ pub struct Circuit {
 
 impl Circuit {
     /// A new register; none may follow once scratch was taken.
-    pub fn register(&mut self, name: &'static str, size: usize, role: Role) -> Vec<Qubit> {
+    pub fn register(&mut self, name: &'static str, size: usize, role: RegisterRole) -> Vec<Qubit> {
         debug_assert!(self.scratch[1] == 0, "registers come before scratch");
         let first = self.named;
         if size > 0 {
@@ -160,7 +160,7 @@ impl Circuit {
     }
 
     /// The qubits of the registers with this role.
-    pub fn qubits_of(&self, role: Role) -> Vec<Qubit> {
+    pub fn qubits_of(&self, role: RegisterRole) -> Vec<Qubit> {
         let registers = self.registers.iter().filter(|r| r.role == role);
         registers.flat_map(|r| r.first..r.first + r.size).collect()
     }
@@ -168,7 +168,7 @@ impl Circuit {
     /// Scratch becomes a register.
     pub fn finish(&mut self) {
         let [_, size] = std::mem::take(&mut self.scratch);
-        self.register("scratch", size, Role::Scratch);
+        self.register("scratch", size, RegisterRole::Scratch);
     }
 
     /// All qubits.
@@ -212,15 +212,15 @@ impl Circuit {
     }
 
     /// Numbers of gates and qubits.
-    pub fn counts(&self) -> Counts {
-        let role = |role: Role| self.qubits_of(role).len();
-        let mut counts = Counts {
-            system_qubits: role(Role::System),
-            block_qubits: role(Role::Block),
-            scratch_qubits: role(Role::Scratch),
+    pub fn counts(&self) -> GateCounts {
+        let role = |role: RegisterRole| self.qubits_of(role).len();
+        let mut counts = GateCounts {
+            system_qubits: role(RegisterRole::System),
+            block_qubits: role(RegisterRole::Block),
+            scratch_qubits: role(RegisterRole::Scratch),
             qubits: self.qubits(),
             gates: self.gates.len(),
-            ..Counts::default()
+            ..GateCounts::default()
         };
         let (mut level, mut hard) = (vec![0; self.qubits()], vec![0; self.qubits()]);
         for &gate in &self.gates {
@@ -250,7 +250,7 @@ impl Circuit {
     }
 }
 
-impl Counts {
+impl GateCounts {
     /// Toffoli gates of a step of the walk by this controlled circuit: with a reflection about the
     /// zeros of the block's qubits, controlled as well.
     pub fn toffoli_a_step(&self) -> usize {
@@ -268,7 +268,7 @@ pub const T_OF_TOFFOLI: usize = 7;
 
 /// Numbers of gates and qubits of a circuit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Counts {
+pub struct GateCounts {
     /// Qubits of the state that the operator acts on.
     pub system_qubits: usize,
     /// Zero before; the block is where they are zero after.

@@ -37,10 +37,12 @@
 
 use crate::quantum::circuit::arithmetic::{Literal, equals};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
-use crate::quantum::circuit::transport::{AxisTransport, Levels, Modes, Transport, bits_of};
+use crate::quantum::circuit::transport::{
+    AxisTransport, CaseTransport, CircuitModes, Levels, bits_of,
+};
 use crate::quantum::circuit::wires::{Along, Wires};
 
-impl Transport {
+impl CaseTransport {
     /// Velocity cells of either sign, of the axis with most.
     fn speeds(&self) -> usize {
         self.axes.iter().map(|axis| axis.speeds).max().unwrap_or(1)
@@ -55,7 +57,7 @@ impl Transport {
     }
 
     /// `α`: the block of the circuit is `H/α`.
-    pub fn alpha(&self, modes: Modes, levels: Levels) -> f64 {
+    pub fn alpha(&self, modes: CircuitModes, levels: Levels) -> f64 {
         let [diagonal, moved] = modes.weights();
         let rate: f64 = self.axes.iter().map(|axis| axis.rate).sum();
         rate * self.level_values(levels) as f64 * (diagonal + moved)
@@ -75,7 +77,7 @@ impl Transport {
 
     /// The circuit whose block is `H/α`. If `controlled`, a further qubit of the system, above the
     /// others, says whether it is applied.
-    pub fn encode(&self, modes: Modes, levels: Levels, controlled: bool) -> Circuit {
+    pub fn encode(&self, modes: CircuitModes, levels: Levels, controlled: bool) -> Circuit {
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, self, modes, controlled);
         self.call(&mut circuit, &wires, modes, levels);
@@ -88,7 +90,7 @@ impl Transport {
         &self,
         c: &mut Circuit,
         wires: &Wires,
-        modes: Modes,
+        modes: CircuitModes,
         levels: Levels,
     ) {
         c.comment("prepare the weights of the sum, and uniform levels");

@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
-use crate::quantum::circuit::transport::{AxisTransport, Jump, Transport, bits_of};
+use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, PotentialJump, bits_of};
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
 
@@ -17,9 +17,9 @@ const WHOLE: f64 = 1e-12;
 
 /// A case as the circuit has it.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct CircuitCase {
     /// In whole numbers.
-    pub transport: Transport,
+    pub transport: CaseTransport,
     /// How far a jump was rounded at most, in levels; 0 if all are whole.
     pub rounded: f64,
     /// Bound on the norm of the change of `A` by that rounding.
@@ -56,7 +56,7 @@ impl Height {
 }
 
 /// Jumps of one height at faces of one number along an axis.
-struct Face {
+struct JumpFaces {
     below: usize,
     height: Height,
     /// The cells along the other axes where that is, as numbers of their bits.
@@ -155,7 +155,7 @@ fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
     case.space.x.iter().map(|x| 0..x.cells).collect()
 }
 
-impl Scene {
+impl CircuitCase {
     /// The scene of a case that [`refuse`] lets pass, with these bins.
     ///
     /// # Errors
@@ -163,12 +163,12 @@ impl Scene {
     pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();
-        let faces: Vec<Vec<Face>> = (0..n).map(|a| faces(case, &potential, a)).collect();
+        let faces: Vec<Vec<JumpFaces>> = (0..n).map(|a| faces(case, &potential, a)).collect();
         let fits = |&bits: &usize| faces.iter().flatten().all(|f| f.height.off(bits) == 0.0);
         let of = |bin_bits: usize| {
             let axes = Vec::new();
             let mut scene =
-                Self { rounded: 0.0, change: 0.0, transport: Transport { axes, bin_bits } };
+                Self { rounded: 0.0, change: 0.0, transport: CaseTransport { axes, bin_bits } };
             for (a, faces) in faces.iter().enumerate() {
                 scene.add_axis(case, a, faces);
             }
@@ -194,7 +194,7 @@ impl Scene {
     }
 
     /// The transport along axis `a`.
-    fn add_axis(&mut self, case: &Case, a: usize, faces: &[Face]) {
+    fn add_axis(&mut self, case: &Case, a: usize, faces: &[JumpFaces]) {
         let (space, bin_bits) = (&case.space, self.transport.bin_bits);
         let (x, v) = (&space.x[a], &space.v[a]);
         let scale = (1u64 << bin_bits) as f64;
@@ -214,7 +214,7 @@ impl Scene {
             }
             if levels != 0.0 {
                 let parts = boxes(&face.places, &others.padding, others.bits);
-                let jump = |part| Jump { below: face.below, levels: levels as i64, part };
+                let jump = |part| PotentialJump { below: face.below, levels: levels as i64, part };
                 jumps.extend(parts.into_iter().map(jump));
             }
         }
@@ -249,9 +249,9 @@ fn bits_of_others(case: &Case, a: usize) -> Others {
 }
 
 /// The jumps of `V` along axis `a`, by face and height.
-fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<Face> {
+fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<JumpFaces> {
     let width = case.space.v[a].width();
-    let mut found: BTreeMap<(usize, u64), Face> = BTreeMap::new();
+    let mut found: BTreeMap<(usize, u64), JumpFaces> = BTreeMap::new();
     for_each_cell(&ranges(case), |i| {
         let mut cell: Cell = [0; 2 * MAX_DIMENSION];
         cell[..MAX_DIMENSION].copy_from_slice(i);
@@ -259,7 +259,7 @@ fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<Face> {
         if rise != 0.0 {
             let height = Height { rise, levels: 2.0 * rise / (width * width) };
             let face = found.entry((i[a], rise.to_bits()));
-            let face = face.or_insert(Face { below: i[a], height, places: Vec::new() });
+            let face = face.or_insert(JumpFaces { below: i[a], height, places: Vec::new() });
             face.places.push(number_of_others(case, a, i));
         }
     });

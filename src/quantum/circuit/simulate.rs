@@ -1,6 +1,6 @@
 //! Circuits on basis states and their sums.
 
-use crate::quantum::circuit::gates::{Circuit, Gate, Role};
+use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
 
@@ -12,12 +12,12 @@ const ROUND_OFF: f64 = 1e-18;
 /// A sum of basis states, each with its amplitude; a basis state is a number whose bits are the
 /// qubits.
 #[derive(Clone, Debug, PartialEq)]
-pub struct State {
+pub struct SparseState {
     /// Different basis states, and their amplitudes.
     pub terms: Vec<(u128, Complex64)>,
 }
 
-impl State {
+impl SparseState {
     /// The basis state `number`.
     pub fn basis(number: u128) -> Self {
         Self { terms: vec![(number, Complex64::ONE)] }
@@ -93,9 +93,9 @@ impl State {
 
 /// Column `number` of the block of `circuit`: amplitudes of the system's states.
 pub fn block_column(circuit: &Circuit, number: usize) -> Vec<(usize, Complex64)> {
-    let roles = circuit.registers.iter().filter(|r| r.role == Role::System);
+    let roles = circuit.registers.iter().filter(|r| r.role == RegisterRole::System);
     let system: usize = roles.map(|r| r.size).sum();
-    let after = State::basis(number as u128).after(&circuit.gates);
+    let after = SparseState::basis(number as u128).after(&circuit.gates);
     let inside = after.terms.into_iter().filter(|(s, _)| s >> system == 0);
     inside.map(|(s, a)| (s as usize, a)).collect()
 }

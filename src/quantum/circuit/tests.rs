@@ -5,9 +5,11 @@ use crate::problem::grid::Axis;
 use crate::propagate::chebyshev::degree;
 use crate::quantum::circuit::evolution::Walk;
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::circuit::gates::{Circuit, Gate, Role};
-use crate::quantum::circuit::simulate::{State, block_column};
-use crate::quantum::circuit::transport::{AxisTransport, Jump, Levels, Modes, Transport};
+use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
+use crate::quantum::circuit::simulate::{SparseState, block_column};
+use crate::quantum::circuit::transport::{
+    AxisTransport, CaseTransport, CircuitModes, Levels, PotentialJump,
+};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::phases::Phases;
 use crate::scheme::interface::{Side, sources, velocity};
@@ -18,7 +20,7 @@ use std::f64::consts::TAU;
 /// A circuit on a register of `bits` qubits.
 fn on_register(bits: usize, part: impl FnOnce(&mut Circuit, &[usize])) -> Circuit {
     let mut circuit = Circuit::default();
-    let qubits = circuit.register("all", bits, Role::System);
+    let qubits = circuit.register("all", bits, RegisterRole::System);
     part(&mut circuit, &qubits);
     circuit.finish();
     circuit
@@ -28,7 +30,7 @@ fn on_register(bits: usize, part: impl FnOnce(&mut Circuit, &[usize])) -> Circui
 /// that a gate is read once for all of them.
 fn images(gates: &[Gate], starts: impl IntoIterator<Item = u128>) -> Vec<u128> {
     let terms = starts.into_iter().map(|start| (start, Complex64::ONE)).collect();
-    let ends = State { terms }.after(gates).terms;
+    let ends = SparseState { terms }.after(gates).terms;
     assert!(ends.iter().all(|(_, amplitude)| *amplitude == Complex64::ONE), "a phase");
     ends.into_iter().map(|(end, _)| end).collect()
 }
@@ -119,7 +121,7 @@ fn square_roots_of_all_numbers() {
     for j in 0..1u128 << n {
         for m in 0..2u128 << n {
             let start = m | ((1 << n) - 1 - j) << (n + 1);
-            let end = State::basis(start).after(&inverse.gates).terms[0].0;
+            let end = SparseState::basis(start).after(&inverse.gates).terms[0].0;
             assert_eq!(end >> (2 * n), u128::from(m > 2 * j), "{j} {m}");
         }
     }
@@ -130,7 +132,7 @@ fn uniform_sums_of_any_number() {
     for bits in 1..=6 {
         for count in 1..=1usize << bits {
             let circuit = on_register(bits, |c, q| c.uniform(q, count));
-            let mut state = State::basis(0).after(&circuit.gates);
+            let mut state = SparseState::basis(0).after(&circuit.gates);
             state.terms.retain(|term| term.1.norm() > 1e-15);
             state.terms.sort_by_key(|term| term.0);
             assert_eq!(state.terms.len(), count);
@@ -160,13 +162,13 @@ const WIDTH: f64 = 0.25;
 const DX: f64 = 0.5;
 
 impl Grid {
-    fn transport(&self) -> Transport {
+    fn transport(&self) -> CaseTransport {
         let bins = (1 << self.bin_bits) as f64;
         let jumps = self.jumps.iter();
         let whole = |height: f64| (height * bins) as i64;
         let jumps = jumps.map(|&(below, height)| {
             let part = Vec::new();
-            Jump { below, levels: whole(height), part }
+            PotentialJump { below, levels: whole(height), part }
         });
         let axis = AxisTransport {
             cells: self.cells,
@@ -175,7 +177,7 @@ impl Grid {
             jumps: jumps.collect(),
             rate: 0.5 * WIDTH / DX,
         };
-        Transport { axes: vec![axis], bin_bits: self.bin_bits }
+        CaseTransport { axes: vec![axis], bin_bits: self.bin_bits }
     }
 
     /// `A` by the program's conservative law, at states of the circuit.
@@ -249,13 +251,14 @@ const GRIDS: &[Grid] = &[
 ];
 
 /// Compares all columns of the block with `H/α`; the number of columns.
-fn check_block(grid: &Grid, modes: Modes, levels: Levels) -> usize {
+fn check_block(grid: &Grid, modes: CircuitModes, levels: Levels) -> usize {
     let transport = grid.transport();
     let alpha = transport.alpha(modes, levels);
     let circuit = transport.encode(modes, levels, false);
     let wavenumbers = match modes {
-        Modes::One(mu) => vec![mu],
-        Modes::Register { qubits, period } | Modes::Rotated { qubits, period, .. } => {
+        CircuitModes::One(mu) => vec![mu],
+        CircuitModes::Register { qubits, period }
+        | CircuitModes::Rotated { qubits, period, .. } => {
             let points = 1i32 << qubits;
             (0..points).map(|l| TAU * f64::from(l - points / 2) / period).collect()
         }
@@ -281,12 +284,19 @@ fn check_block(grid: &Grid, modes: Modes, levels: Levels) -> usize {
 
 #[test]
 fn blocks_are_the_hamiltonian_of_the_scheme() {
-    let register = Modes::Register { qubits: 2, period: 7.3 };
+    let register = CircuitModes::Register { qubits: 2, period: 7.3 };
     for grid in GRIDS {
         let highest = TAU / 7.3;
-        let rotated = Modes::Rotated { qubits: 2, period: 7.3, highest };
-        let all = Modes::Rotated { qubits: 2, period: 7.3, highest: 2.0 * highest };
-        for modes in [register, rotated, all, Modes::One(3.7), Modes::One(-0.4), Modes::One(0.0)] {
+        let rotated = CircuitModes::Rotated { qubits: 2, period: 7.3, highest };
+        let all = CircuitModes::Rotated { qubits: 2, period: 7.3, highest: 2.0 * highest };
+        for modes in [
+            register,
+            rotated,
+            all,
+            CircuitModes::One(3.7),
+            CircuitModes::One(-0.4),
+            CircuitModes::One(0.0),
+        ] {
             for levels in [Levels::Hadamard, Levels::Uniform] {
                 check_block(grid, modes, levels);
             }
@@ -329,7 +339,7 @@ const LARGE_GRIDS: [Grid; 2] = [
 fn particles_move_one_to_one() {
     for grid in GRIDS.iter().chain(&LARGE_GRIDS) {
         let transport = grid.transport();
-        let circuit = transport.encode(Modes::One(1.0), Levels::Hadamard, false);
+        let circuit = transport.encode(CircuitModes::One(1.0), Levels::Hadamard, false);
         let place = |what: &str| {
             let found = circuit.comments.iter().find(|comment| comment.1.starts_with(what));
             found.unwrap_or_else(|| panic!("{what}")).0
@@ -385,23 +395,25 @@ fn particles_move_one_to_one() {
 #[test]
 fn circuits_are_their_own_inverses() {
     for grid in GRIDS {
-        let rotated = Modes::Rotated { qubits: 1, period: 2.0, highest: 3.2 };
-        for modes in [Modes::One(0.8), Modes::Register { qubits: 1, period: 2.0 }, rotated] {
+        let rotated = CircuitModes::Rotated { qubits: 1, period: 2.0, highest: 3.2 };
+        for modes in
+            [CircuitModes::One(0.8), CircuitModes::Register { qubits: 1, period: 2.0 }, rotated]
+        {
             let encode = |controlled| grid.transport().encode(modes, Levels::Uniform, controlled);
             let (circuit, controlled) = (encode(false), encode(true));
-            let points = if matches!(modes, Modes::One(_)) { 1 } else { 2 };
+            let points = if matches!(modes, CircuitModes::One(_)) { 1 } else { 2 };
             let on = qubits_of(&controlled, "control")[0];
             for state in grid.states().iter().flat_map(|s| (0..points).map(move |l| s * points + l))
             {
-                let near = |found: State, expected: u128| {
+                let near = |found: SparseState, expected: u128| {
                     let amplitude = found.terms.iter().find(|term| term.0 == expected);
                     let apart = amplitude.map_or(1.0, |term| (term.1 - 1.0).norm());
                     assert!(apart < 1e-12, "{state}: {apart}");
                 };
                 let start = state as u128;
-                let once = State::basis(start).after(&circuit.gates);
+                let once = SparseState::basis(start).after(&circuit.gates);
                 near(once.after(&circuit.gates), start);
-                near(State::basis(start).after(&controlled.gates), start);
+                near(SparseState::basis(start).after(&controlled.gates), start);
                 let with = start | 1 << on;
                 let block = block_column(&controlled, with as usize);
                 let own = block_column(&circuit, state);
@@ -436,8 +448,8 @@ fn evolved(h: &HashMap<(usize, usize), Complex64>, state: usize) -> HashMap<usiz
 #[test]
 fn sequences_are_exponentials() {
     let halves = Grid { cells: 3, periodic: true, speeds: 1, bin_bits: 1, jumps: &[(0, 0.5)] };
-    let modes = Modes::Rotated { qubits: 1, period: 3.0, highest: TAU / 3.0 };
-    for (grid, modes) in [(&halves, modes), (&GRIDS[11], Modes::One(0.0))] {
+    let modes = CircuitModes::Rotated { qubits: 1, period: 3.0, highest: TAU / 3.0 };
+    for (grid, modes) in [(&halves, modes), (&GRIDS[11], CircuitModes::One(0.0))] {
         let transport = grid.transport();
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, &transport, modes, true);
@@ -477,7 +489,7 @@ fn sequences_are_exponentials() {
 fn a_block_on_twelve_qubits() {
     let jumps: &[_] = &[(3, 9.0), (7, -25.0), (15, 16.0)];
     let grid = Grid { cells: 16, periodic: true, speeds: 8, bin_bits: 0, jumps };
-    let modes = Modes::Register { qubits: 4, period: 5.5 };
+    let modes = CircuitModes::Register { qubits: 4, period: 5.5 };
     assert_eq!(check_block(&grid, modes, Levels::Hadamard), 4096);
 }
 
@@ -502,10 +514,10 @@ fn alpha_is_the_norm() {
         norm = y.values().map(Complex64::norm_sqr).sum::<f64>().sqrt();
         x = y.into_iter().map(|(i, y)| (i, y / norm)).collect();
     }
-    let least = grid.transport().alpha(Modes::One(mu), Levels::Uniform);
+    let least = grid.transport().alpha(CircuitModes::One(mu), Levels::Uniform);
     assert!(norm < least * (1.0 + 1e-12) && norm > 0.995 * least, "{norm} {least}");
     // That of Hadamard gates is larger by one level of the fastest cell.
-    let hadamard = grid.transport().alpha(Modes::One(mu), Levels::Hadamard);
+    let hadamard = grid.transport().alpha(CircuitModes::One(mu), Levels::Hadamard);
     assert!((hadamard / least - 4.0 / 3.0).abs() < 1e-14);
 }
 
@@ -514,7 +526,7 @@ fn alpha_is_the_norm() {
 fn counts_are_those_of_the_text() {
     for grid in GRIDS {
         for controlled in [false, true] {
-            let modes = Modes::Register { qubits: 3, period: 4.0 };
+            let modes = CircuitModes::Register { qubits: 3, period: 4.0 };
             let circuit = grid.transport().encode(modes, Levels::Uniform, controlled);
             let text = qasm(&circuit, Some("a\ntitle"));
             let tally = |names: &[&str]| {
@@ -552,7 +564,7 @@ fn counts_are_those_by_hand() {
     let (n, space, modes) = (4, 5, 3);
     let w = 2 * n + 1;
     let circuit = grid.transport().encode(
-        Modes::Register { qubits: modes, period: 4.0 },
+        CircuitModes::Register { qubits: modes, period: 4.0 },
         Levels::Hadamard,
         false,
     );

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 /// A jump of `V`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Jump {
+pub struct PotentialJump {
     /// The cell below the face; the last one for the face that closes a periodic axis.
     pub below: usize,
     /// The number of bins by which `V` rises from that cell to the next.
@@ -25,14 +25,14 @@ pub struct AxisTransport {
     /// Velocity cells of either sign, `j_max + 1`.
     pub speeds: usize,
     /// Jumps of `V`.
-    pub jumps: Vec<Jump>,
+    pub jumps: Vec<PotentialJump>,
     /// `v₁/Δx = Δv/(2Δx)`; 0 where nothing moves.
     pub rate: f64,
 }
 
 /// The transport of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Transport {
+pub struct CaseTransport {
     /// The transport along each axis.
     pub axes: Vec<AxisTransport>,
     /// `b`: each level is divided into `2^b` bins.
@@ -41,7 +41,7 @@ pub struct Transport {
 
 /// The modes that the circuit acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub enum Modes {
+pub enum CircuitModes {
     /// All of a register of `p` of so many qubits on this period.
     Register {
         /// `n_p`.
@@ -73,7 +73,7 @@ pub enum Levels {
     Uniform,
 }
 
-impl Modes {
+impl CircuitModes {
     /// `Σ` of the weights of `−μD`, and of `T` and `T†`.
     pub(super) fn weights(self) -> [f64; 2] {
         match self {

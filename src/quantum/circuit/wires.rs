@@ -1,11 +1,11 @@
 //! The registers of the block encoding, and what acts on the weights of its sum.
 
 use crate::quantum::circuit::arithmetic::{Literal, angle_of};
-use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
-use crate::quantum::circuit::transport::{AxisTransport, Modes, Transport, bits_of};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
+use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, CircuitModes, bits_of};
 
 /// The weights of the sum.
-enum Sum {
+enum WeightedSum {
     /// Weights for a register of modes.
     Register {
         /// 1 for the part of `T` and `T†` without `D_μ`.
@@ -21,15 +21,17 @@ enum Sum {
     One(Qubit),
 }
 
-impl Sum {
-    fn new(c: &mut Circuit, modes: Modes) -> Self {
+impl WeightedSum {
+    fn new(c: &mut Circuit, modes: CircuitModes) -> Self {
         match modes {
-            Modes::One(_) => Self::One(c.register("moved", 1, Role::Block)[0]),
-            Modes::Rotated { .. } => Self::Each(c.register("moved", 1, Role::Block)[0]),
-            Modes::Register { qubits, .. } => Self::Register {
-                unit: c.register("unit", 1, Role::Block)[0],
-                half: c.register("half", 1, Role::Block)[0],
-                first: c.register("first", qubits, Role::Block),
+            CircuitModes::One(_) => Self::One(c.register("moved", 1, RegisterRole::Block)[0]),
+            CircuitModes::Rotated { .. } => {
+                Self::Each(c.register("moved", 1, RegisterRole::Block)[0])
+            }
+            CircuitModes::Register { qubits, .. } => Self::Register {
+                unit: c.register("unit", 1, RegisterRole::Block)[0],
+                half: c.register("half", 1, RegisterRole::Block)[0],
+                first: c.register("first", qubits, RegisterRole::Block),
             },
         }
     }
@@ -107,7 +109,7 @@ pub(in crate::quantum) struct Wires {
     pub end: Option<Qubit>,
     /// 1 where an energy is above the velocity box, if a register has room for one.
     pub outside: Option<Qubit>,
-    sum: Sum,
+    sum: WeightedSum,
     /// Choose an axis, but the first.
     axis: Vec<Qubit>,
     /// 1 for `T†`.
@@ -121,26 +123,32 @@ const VELOCITIES: [&[&str]; 2] = [&["velocity"], &["velocity_x", "velocity_y", "
 const SPACES: [&[&str]; 2] = [&["space"], &["space_x", "space_y", "space_z"]];
 
 impl Wires {
-    pub fn new(c: &mut Circuit, transport: &Transport, modes: Modes, controlled: bool) -> Self {
+    pub fn new(
+        c: &mut Circuit,
+        transport: &CaseTransport,
+        modes: CircuitModes,
+        controlled: bool,
+    ) -> Self {
         let axes = &transport.axes;
-        let warped = c.register("warped", modes.qubits(), Role::System);
+        let warped = c.register("warped", modes.qubits(), RegisterRole::System);
         // The last axis is the lowest.
         let mut by_axis = |names: [&[&'static str]; 2], bits: &dyn Fn(&AxisTransport) -> usize| {
             let names = names[usize::from(axes.len() > 1)];
             let each = names.iter().zip(axes).rev();
-            let mut all: Vec<Vec<Qubit>> =
-                each.map(|(name, axis)| c.register(name, bits(axis), Role::System)).collect();
+            let mut all: Vec<Vec<Qubit>> = each
+                .map(|(name, axis)| c.register(name, bits(axis), RegisterRole::System))
+                .collect();
             all.reverse();
             all
         };
         let velocities = by_axis(VELOCITIES, &|axis| bits_of(axis.speeds) + 1);
         let spaces = by_axis(SPACES, &|axis| bits_of(axis.cells));
-        let control = c.register("control", usize::from(controlled), Role::System);
-        let bins = c.register("bins", transport.bin_bits, Role::Block);
+        let control = c.register("control", usize::from(controlled), RegisterRole::System);
+        let bins = c.register("bins", transport.bin_bits, RegisterRole::Block);
         let levels = velocities.iter().map(Vec::len).max().unwrap_or_default();
-        let level = c.register("level", levels, Role::Block);
+        let level = c.register("level", levels, RegisterRole::Block);
         let mut flag = |name, wanted: bool| {
-            c.register(name, usize::from(wanted), Role::Block).first().copied()
+            c.register(name, usize::from(wanted), RegisterRole::Block).first().copied()
         };
         let jumps = |axis: &AxisTransport| !axis.jumps.is_empty();
         let above = flag("above", axes.iter().any(jumps));
@@ -148,9 +156,9 @@ impl Wires {
         let end = flag("end", axes.iter().any(|axis| !axis.periodic));
         let rest = |axis: &AxisTransport| jumps(axis) && !axis.speeds.is_power_of_two();
         let outside = flag("outside", axes.iter().any(rest));
-        let sum = Sum::new(c, modes);
-        let axis = c.register("axis", axes.len() - 1, Role::Block);
-        let reversed = c.register("reversed", 1, Role::Block)[0];
+        let sum = WeightedSum::new(c, modes);
+        let axis = c.register("axis", axes.len() - 1, RegisterRole::Block);
+        let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
         let common = Common { spaces: &spaces, bins: &bins, level: &level, above, axis: &axis };
         let along = velocities.into_iter().enumerate();
         Self {
@@ -180,13 +188,13 @@ impl Wires {
     }
 
     /// Weights of the sum, and levels.
-    pub fn prepare(&self, c: &mut Circuit, modes: Modes, values: usize) {
+    pub fn prepare(&self, c: &mut Circuit, modes: CircuitModes, values: usize) {
         let [diagonal, moved] = modes.weights();
         match &self.sum {
-            Sum::Each(_) => {}
-            Sum::One(q) if diagonal == 0.0 => c.push(Gate::X(*q)),
-            Sum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
-            Sum::Register { unit, half, first } => {
+            WeightedSum::Each(_) => {}
+            WeightedSum::One(q) if diagonal == 0.0 => c.push(Gate::X(*q)),
+            WeightedSum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
+            WeightedSum::Register { unit, half, first } => {
                 let with_mode = 2.0 * diagonal / (diagonal + moved);
                 c.push(Gate::Ry(angle_of(with_mode), *unit));
                 c.push(Gate::H(*half));
@@ -194,7 +202,7 @@ impl Wires {
             }
         }
         c.push(Gate::H(self.reversed));
-        if let Sum::Each(moved) = self.sum {
+        if let WeightedSum::Each(moved) = self.sum {
             self.rotate_each(c, modes, moved);
         }
         self.bins.iter().for_each(|&q| c.push(Gate::H(q)));
@@ -205,7 +213,7 @@ impl Wires {
     /// sum of the highest mode's, `w = √(1 + μ²)/α'`, and `reversed`, which is flipped between this
     /// and its inverse, has the block `⟨+|X e^{iχZ}|+⟩ = cos χ`: of `D` with
     /// `cos χ = −μ/(α' − √(1 + μ²))`, and of `T` and `T†` the phases `e^{±iχ}`, `tan χ = 1/μ`.
-    fn rotate_each(&self, c: &mut Circuit, modes: Modes, moved: Qubit) {
+    fn rotate_each(&self, c: &mut Circuit, modes: CircuitModes, moved: Qubit) {
         let all: f64 = modes.weights().iter().sum();
         let (mut weights, mut phases) = (Vec::new(), [Vec::new(), Vec::new()]);
         for mu in modes.wavenumbers() {
@@ -222,10 +230,10 @@ impl Wires {
     }
 
     /// The factors of the sum that act on the modes, and its phases.
-    pub fn phases(&self, c: &mut Circuit, modes: Modes) {
+    pub fn phases(&self, c: &mut Circuit, modes: CircuitModes) {
         match (&self.sum, modes) {
-            (Sum::One(moved), Modes::One(0.0)) => self.opposite_phases(c, *moved),
-            (Sum::One(moved), Modes::One(mu)) => {
+            (WeightedSum::One(moved), CircuitModes::One(0.0)) => self.opposite_phases(c, *moved),
+            (WeightedSum::One(moved), CircuitModes::One(mu)) => {
                 c.comment("phases: -mu of D, mu + i of T, mu - i of its inverse");
                 if mu > 0.0 {
                     c.where_all(&self.given(&[(*moved, false)]), |c, q| c.push(Gate::Z(q)));
@@ -234,7 +242,7 @@ impl Wires {
                     c.controlled_rz(-2.0 * 1f64.atan2(mu), q, self.reversed);
                 });
             }
-            (Sum::Register { unit, half, first }, _) => {
+            (WeightedSum::Register { unit, half, first }, _) => {
                 self.opposite_phases(c, *unit);
                 c.comment("-D_mu, and once more the sign of T and its inverse with it");
                 c.where_all(&self.given(&[(*unit, false)]), |c, q| {
@@ -243,7 +251,7 @@ impl Wires {
                 });
             }
             // These have them in their preparation; the wires are those of the modes.
-            (Sum::Each(_), _) | (Sum::One(_), _) => {}
+            (WeightedSum::Each(_), _) | (WeightedSum::One(_), _) => {}
         }
     }
 
@@ -284,8 +292,8 @@ impl Wires {
     /// `body` with the literal that says `T` or `T†`, and not `D`.
     pub fn where_moving(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Literal)) {
         match self.sum {
-            Sum::One(q) | Sum::Each(q) => body(c, (q, true)),
-            Sum::Register { unit, half, .. } => {
+            WeightedSum::One(q) | WeightedSum::Each(q) => body(c, (q, true)),
+            WeightedSum::Register { unit, half, .. } => {
                 let none = [(unit, false), (half, false)];
                 c.where_all(&none, |c, diagonal| body(c, (diagonal, false)));
             }

@@ -1,6 +1,6 @@
 //! The circuits of an export. Registers have long names: `p` and `s` are gates in OpenQASM.
 
-use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
 
 /// `Φ`, the last bit of the register first: the Fourier transform with the positive sign, then
 /// `(−1)^k`.
@@ -12,7 +12,7 @@ pub fn phi(c: &mut Circuit, warped: &[Qubit]) {
 /// `Φ` on a register `warped` of `qubits` qubits.
 pub fn transform(qubits: usize) -> Circuit {
     let mut circuit = Circuit::default();
-    let warped = circuit.register("warped", qubits, Role::System);
+    let warped = circuit.register("warped", qubits, RegisterRole::System);
     phi(&mut circuit, &warped);
     circuit
 }
@@ -23,7 +23,7 @@ pub fn preparation(profile: &[f64], system: &[f64]) -> Circuit {
     let mut circuit = Circuit::default();
     let registers = [("warped", profile), ("system", system)].map(|(name, values)| {
         let qubits = values.len().trailing_zeros() as usize;
-        (circuit.register(name, qubits, Role::System), values)
+        (circuit.register(name, qubits, RegisterRole::System), values)
     });
     for (qubits, values) in &registers {
         circuit.prepare(qubits, values);

@@ -20,12 +20,12 @@ use crate::propagate::chebyshev::degree;
 use crate::quantum::circuit::arithmetic::equals;
 use crate::quantum::circuit::evolution::Walk;
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::circuit::gates::{Circuit, Counts, Gate, Qubit, Role};
-use crate::quantum::circuit::scene::{self, Bins, Scene};
-use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::circuit::gates::{Circuit, Gate, GateCounts, Qubit, RegisterRole};
+use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::export::circuit::phi;
-use crate::quantum::export::reading::{PointGrid, Reading, Registers};
+use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid};
 use crate::quantum::phases::Phases;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -37,11 +37,11 @@ pub const MOST_QUBITS: usize = 20;
 const ROUND_OFF: f64 = 1e-14;
 
 /// What the circuit is made of.
-pub(super) struct Task<'a> {
+pub(super) struct CompleteCircuitInput<'a> {
     pub case: &'a Case,
-    pub registers: &'a Registers,
+    pub registers: &'a CircuitRegisters,
     pub grid: &'a PointGrid,
-    pub reading: &'a Reading,
+    pub reading: &'a MeasuredField,
     /// The highest wavenumber that carries something.
     pub highest: f64,
     pub norm_of_state: f64,
@@ -57,7 +57,7 @@ pub(super) struct Task<'a> {
 
 /// A part of the circuit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Stage {
+pub struct CircuitStage {
     /// As in the table above.
     pub name: &'static str,
     /// Its first gate.
@@ -94,9 +94,9 @@ pub struct About {
     /// Qubits of amplitude estimation.
     pub estimate: usize,
     /// Where each part begins.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<CircuitStage>,
     /// Counts of all gates.
-    pub counts: Counts,
+    pub counts: GateCounts,
 }
 
 /// The circuit.
@@ -109,22 +109,22 @@ impl Complete {
     /// The circuit of a task.
     ///
     /// # Errors
-    /// As [`scene::refuse`] and [`Scene::new`]; [`Error::Input`] for more than [`MOST_QUBITS`]
+    /// As [`scene::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than [`MOST_QUBITS`]
     /// qubits, and what has no circuit of this kind.
-    pub fn new(task: &Task<'_>) -> Result<Self> {
-        let Task { case, registers, grid, reading, .. } = task;
+    pub fn new(task: &CompleteCircuitInput<'_>) -> Result<Self> {
+        let CompleteCircuitInput { case, registers, grid, reading, .. } = task;
         let wrong = |what: String| Error::Input(format!("{}: --complete: {what}", case.name));
         scene::refuse(case)?;
-        let Scene { transport, .. } = Scene::new(case, Bins::Whole)?;
+        let CircuitCase { transport, .. } = CircuitCase::new(case, Bins::Whole)?;
         let profile = task.profile.clone().map_err(wrong)?;
         let modes = match (case.flux == 0.0, registers.p) {
-            (true, 0) => Modes::One(0.0),
+            (true, 0) => CircuitModes::One(0.0),
             (true, _) => {
                 let what = "the unitary scheme needs no p: leave out what is set in solver.warp";
                 return Err(wrong(what.to_owned()));
             }
             (false, qubits) => {
-                Modes::Rotated { qubits, period: grid.period, highest: task.highest }
+                CircuitModes::Rotated { qubits, period: grid.period, highest: task.highest }
             }
         };
         let alpha = transport.alpha(modes, Levels::Uniform);
@@ -133,8 +133,8 @@ impl Complete {
         let tail = 0.5 * case.tolerance * reading.in_block.sqrt();
         let phases = Phases::new(tau, degree(&mut Vec::new(), tau, tail));
         let phases = phases.ok_or_else(|| wrong(format!("too many steps: tau = {tau:.1}")))?;
-        let start = Start::new(task);
-        let mut builder = Builder::new(task, &transport, modes, &start);
+        let start = StatePreparation::new(task);
+        let mut builder = CircuitBuilder::new(task, &transport, modes, &start);
         let qubits = builder.circuit.qubits();
         if qubits > MOST_QUBITS {
             let size = |role| builder.circuit.qubits_of(role).len();
@@ -142,15 +142,15 @@ impl Complete {
                 "{qubits} qubits ({} of the system and its control, {} of the block, {} read, {} \
                  scratch); one circuit has at most {MOST_QUBITS}: fewer cells, fewer modes by a \
                  larger solver.tolerance, or fewer qubits of amplitude estimation",
-                size(Role::System),
-                size(Role::Block),
-                size(Role::Readout),
+                size(RegisterRole::System),
+                size(RegisterRole::Block),
+                size(RegisterRole::Readout),
                 builder.circuit.clean_scratch().len()
             )));
         }
         let cell = densest(reading, case);
-        builder.run(&Steps { start: &start, profile: &profile, phases: &phases, grid, cell });
-        let Builder { mut circuit, stages, .. } = builder;
+        builder.run(&StageParts { start: &start, profile: &profile, phases: &phases, grid, cell });
+        let CircuitBuilder { mut circuit, stages, .. } = builder;
         circuit.finish();
         let about = task.about(alpha, &phases, &start, cell, stages, circuit.counts());
         Ok(Self { circuit, about })
@@ -174,22 +174,22 @@ impl Complete {
 }
 
 /// The number of the space cell where the density is largest.
-fn densest(reading: &Reading, case: &Case) -> usize {
+fn densest(reading: &MeasuredField, case: &Case) -> usize {
     let cells = reading.field.chunks_exact(case.space.velocity_cells());
     let densities = cells.map(|f| f.iter().sum::<f64>());
     let largest = densities.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
     largest.map_or(0, |found| found.0)
 }
 
-impl Task<'_> {
+impl CompleteCircuitInput<'_> {
     fn about(
         &self,
         alpha: f64,
         phases: &Phases,
-        start: &Start,
+        start: &StatePreparation,
         cell: usize,
-        stages: Vec<Stage>,
-        counts: Counts,
+        stages: Vec<CircuitStage>,
+        counts: GateCounts,
     ) -> About {
         let Self { case, grid, end, .. } = self;
         let velocities = case.space.velocity_cells();
@@ -226,7 +226,7 @@ impl Task<'_> {
 }
 
 /// How `f(0)` is prepared.
-enum Start {
+enum StatePreparation {
     /// A product of a vector an axis, `(x1..xn, v1..vn)`.
     Product(Vec<Vec<f64>>),
     /// Of one dimension, the velocities `first..last` of each space cell.
@@ -235,8 +235,8 @@ enum Start {
     Cells(Vec<f64>),
 }
 
-impl Start {
-    fn new(task: &Task<'_>) -> Self {
+impl StatePreparation {
+    fn new(task: &CompleteCircuitInput<'_>) -> Self {
         let (f, shape) = (task.start, task.case.space.shape());
         let one = task.case.space.dimension() == 1;
         product(f, &shape)
@@ -290,8 +290,8 @@ fn set(f: &[f64], velocities: usize) -> Option<Vec<[usize; 2]>> {
 }
 
 /// What the stages are made of.
-struct Steps<'a> {
-    start: &'a Start,
+struct StageParts<'a> {
+    start: &'a StatePreparation,
     profile: &'a [f64],
     phases: &'a Phases,
     grid: &'a PointGrid,
@@ -300,7 +300,7 @@ struct Steps<'a> {
 }
 
 /// The circuit while it is built.
-struct Builder {
+struct CircuitBuilder {
     circuit: Circuit,
     walk: Walk,
     warped: Vec<Qubit>,
@@ -309,16 +309,21 @@ struct Builder {
     /// 1 where comparators found no part of the start.
     outside: Option<Qubit>,
     estimate: Vec<Qubit>,
-    stages: Vec<Stage>,
+    stages: Vec<CircuitStage>,
 }
 
-impl Builder {
-    fn new(task: &Task<'_>, transport: &Transport, modes: Modes, start: &Start) -> Self {
+impl CircuitBuilder {
+    fn new(
+        task: &CompleteCircuitInput<'_>,
+        transport: &CaseTransport,
+        modes: CircuitModes,
+        start: &StatePreparation,
+    ) -> Self {
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, transport, modes, true);
-        let flag = usize::from(matches!(start, Start::Set(_)));
-        let outside = circuit.register("start", flag, Role::Readout).first().copied();
-        let estimate = circuit.register("estimate", task.estimate, Role::Readout);
+        let flag = usize::from(matches!(start, StatePreparation::Set(_)));
+        let outside = circuit.register("start", flag, RegisterRole::Readout).first().copied();
+        let estimate = circuit.register("estimate", task.estimate, RegisterRole::Readout);
         let walk = Walk::new(&mut circuit, &wires, transport, modes, Levels::Uniform);
         // The last axis is the lowest, velocities below space.
         let sizes = &task.registers.phase_space;
@@ -333,7 +338,7 @@ impl Builder {
         let mut builder =
             Self { circuit, walk, warped, axes, outside, estimate, stages: Vec::new() };
         // Scratch of the start.
-        if let Start::Set(intervals) = start {
+        if let StatePreparation::Set(intervals) = start {
             builder.compare(intervals);
             builder.circuit.gates.clear();
         }
@@ -342,11 +347,11 @@ impl Builder {
 
     fn stage(&mut self, name: &'static str) {
         let first = self.circuit.gates.len();
-        self.stages.push(Stage { name, first });
+        self.stages.push(CircuitStage { name, first });
         self.circuit.comment(name);
     }
 
-    fn run(&mut self, steps: &Steps<'_>) {
+    fn run(&mut self, steps: &StageParts<'_>) {
         self.stage("start");
         self.prepare(steps.start);
         let warped = self.warped.clone();
@@ -363,15 +368,15 @@ impl Builder {
         self.estimate();
     }
 
-    fn prepare(&mut self, start: &Start) {
+    fn prepare(&mut self, start: &StatePreparation) {
         match start {
-            Start::Product(factors) => {
+            StatePreparation::Product(factors) => {
                 for (qubits, factor) in self.axes.iter().zip(factors) {
                     self.circuit.prepare(qubits, factor);
                 }
             }
-            Start::Set(intervals) => self.compare(intervals),
-            Start::Cells(values) => {
+            StatePreparation::Set(intervals) => self.compare(intervals),
+            StatePreparation::Cells(values) => {
                 let all: Vec<Qubit> = self.axes.iter().rev().flatten().copied().collect();
                 self.circuit.prepare(&all, values);
             }
@@ -438,8 +443,8 @@ impl Builder {
 
     /// Changes the sign where `control` is 1 and all qubits but those of the estimate are 0.
     fn reflect_all(&mut self, control: Qubit) {
-        let mut zeros = self.circuit.qubits_of(Role::System);
-        zeros.extend(self.circuit.qubits_of(Role::Block));
+        let mut zeros = self.circuit.qubits_of(RegisterRole::System);
+        zeros.extend(self.circuit.qubits_of(RegisterRole::Block));
         zeros.extend(self.outside);
         let others = self.estimate.iter().copied().filter(|&q| q != control);
         let borrowed: Vec<Qubit> = self.circuit.clean_scratch().into_iter().chain(others).collect();

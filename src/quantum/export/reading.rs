@@ -21,7 +21,7 @@ pub(super) fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
 }
 
 /// Qubits of each register.
-pub(super) struct Registers {
+pub(super) struct CircuitRegisters {
     pub p: usize,
     /// Qubits of each axis, `(x1..xn, v1..vn)`.
     pub phase_space: Vec<usize>,
@@ -29,7 +29,7 @@ pub(super) struct Registers {
     pub label: usize,
 }
 
-impl Registers {
+impl CircuitRegisters {
     /// The registers of `case` with `points` points in `p` and `rows` unknowns.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl PointGrid {
 }
 
 /// The field that a measurement of the final state leaves, and its probabilities.
-pub(super) struct Reading {
+pub(super) struct MeasuredField {
     /// `√π f/C_w e^{−p◇}`: the real part of the state at `p◇`, in the block of `f`.
     pub block: Vec<f64>,
     /// Norm of that block with its imaginary part, squared.
@@ -116,7 +116,7 @@ pub(super) struct Reading {
     pub field: Vec<f64>,
 }
 
-impl Reading {
+impl MeasuredField {
     /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the
     /// cells.
     pub(super) fn new(

@@ -3,25 +3,25 @@
 use crate::base::table::Values;
 use crate::base::text::shortened;
 use crate::problem::case::{Alpha, Delta, ProfileChoice};
-use crate::quantum::figure::Figure;
-use crate::quantum::optimise::Choice;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::optimise::CostedChoice;
 use serde::Serialize;
 use std::fmt;
 
 /// All choices, the cheapest first, by repetition or amplitude amplification; those without a
 /// number last.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Ranking(pub Vec<Choice>);
+pub struct Ranking(pub Vec<CostedChoice>);
 
 impl Ranking {
     /// Sorted.
-    pub fn new(mut choices: Vec<Choice>) -> Self {
+    pub fn new(mut choices: Vec<CostedChoice>) -> Self {
         choices.sort_by(|a, b| a.least_cost().total_cmp(&b.least_cost()));
         Self(choices)
     }
 
     /// The cheapest; none where nothing could be planned.
-    pub fn first(&self) -> Option<&Choice> {
+    pub fn first(&self) -> Option<&CostedChoice> {
         self.0.first().filter(|choice| choice.least_cost().is_finite())
     }
 }
@@ -29,11 +29,11 @@ impl Ranking {
 impl Ranking {
     /// The columns of the table, a row for each choice.
     pub fn columns(&self) -> Vec<Values> {
-        let words = |name: &str, word: fn(&Choice) -> Option<String>| {
+        let words = |name: &str, word: fn(&CostedChoice) -> Option<String>| {
             Values::new(name, self.0.iter().map(|choice| word(choice).into()))
         };
-        let figures = |name: &str, figure: fn(&Choice) -> &Figure| {
-            Figure::column(name, self.0.iter().map(figure))
+        let figures = |name: &str, figure: fn(&CostedChoice) -> &LabelledNumber| {
+            LabelledNumber::column(name, self.0.iter().map(figure))
         };
         let columns = [
             words("profile", |choice| Some(parameters(&choice.profile))),
@@ -42,7 +42,7 @@ impl Ranking {
             figures("points", |choice| &choice.points),
             words("access", |choice| choice.access.map(|access| access.to_string())),
             figures("walk_steps", |choice| &choice.walk_steps),
-            figures("probability", Choice::nearest),
+            figures("probability", CostedChoice::nearest),
             figures("until_measured_repeated", |choice| &choice.cost[0]),
             figures("until_measured_amplified", |choice| &choice.cost[1]),
             words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
@@ -70,7 +70,7 @@ impl fmt::Display for Ranking {
             "profile", "delta", "p", "N_p", "access", "steps", "P", "repeated", "amplified"
         )?;
         let number =
-            |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
+            |figure: &LabelledNumber| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
             let delta = choice.delta.map_or("-".to_owned(), delta_text);
             let mut profile = parameters(&choice.profile);

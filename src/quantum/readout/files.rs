@@ -3,9 +3,9 @@
 use crate::base::disk;
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::readout::Readout;
-use crate::quantum::readout::row::{Estimator, reason};
+use crate::quantum::readout::row::{OverlapEstimator, reason};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -34,14 +34,14 @@ const COLUMNS: [(&str, &str); 13] = [
 pub fn numbers(case: &Case) -> usize {
     let observables = 1 + 2 * case.space.dimension();
     let cells = case.readout.as_ref().map_or(0, |r| r.cells.len());
-    COLUMNS.len() * Estimator::ALL.len() * observables * cells
+    COLUMNS.len() * OverlapEstimator::ALL.len() * observables * cells
 }
 
 impl Readout {
     /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not
     /// known), description.
     pub fn columns(&self) -> Vec<(&'static str, Vec<f64>, &'static str)> {
-        let known = |figure: &Figure| figure.value().unwrap_or(f64::NAN);
+        let known = |figure: &LabelledNumber| figure.value().unwrap_or(f64::NAN);
         let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> =
             COLUMNS.iter().map(|&(name, what)| (name, Vec::new(), what)).collect();
         for row in &self.rows {
@@ -76,7 +76,8 @@ impl Readout {
                         standard_error,bound,evolutions_repeated,evolutions_coherent,\
                         evolutions_norm,unavailable\n"
             .to_owned();
-        let number = |figure: &Figure| figure.value().map_or(String::new(), |x| format!("{x:?}"));
+        let number =
+            |figure: &LabelledNumber| figure.value().map_or(String::new(), |x| format!("{x:?}"));
         let joined = |list: Vec<String>| list.join(" ");
         for row in &self.rows {
             let cell = joined(row.cell.iter().map(usize::to_string).collect());

@@ -6,17 +6,17 @@ use crate::problem::case;
 use crate::problem::case::{Case, Effort};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
-use crate::quantum::figure::{Figure, Trust};
+use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::measurement;
 use crate::quantum::readout::measurement::Estimate;
 use crate::quantum::readout::random::{Purpose, Stream};
-use crate::quantum::readout::row::{Estimator, Measured, Observable, Row, reason};
+use crate::quantum::readout::row::{Measured, Observable, OverlapEstimator, ReadoutRow, reason};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
 /// The recovered field on a rank's share, and the states that hold it.
-pub struct Source<'a> {
+pub struct ReadoutSource<'a> {
     /// The share: space cells, one range an axis.
     pub share: &'a [Range<usize>],
     /// `f` on it, velocities fastest.
@@ -28,10 +28,10 @@ pub struct Source<'a> {
     /// Probabilities of the enlarged state.
     pub probabilities: &'a Probabilities,
     /// `ε_F`.
-    pub state_error: Figure,
+    pub state_error: LabelledNumber,
 }
 
-impl Source<'_> {
+impl ReadoutSource<'_> {
     /// `C_f`.
     pub fn norm(&self) -> f64 {
         self.probabilities.norms.field
@@ -64,23 +64,24 @@ struct Repetitions {
 
 /// An observable at a cell by one estimator, with what the mean velocity needs of it: there `C_f`
 /// cancels.
-struct Moment {
+struct MeasuredMoment {
     measured: Measured,
     /// For a `C_f` that is known.
     estimate: Option<Estimate>,
     bound: Option<f64>,
-    evolutions: [Figure; 2],
+    evolutions: [LabelledNumber; 2],
 }
 
 impl Repetitions {
     /// Bound on the error of an overlap, whatever the overlap.
-    fn of_overlap(self, estimator: Estimator) -> f64 {
+    fn of_overlap(self, estimator: OverlapEstimator) -> f64 {
         match estimator {
-            Estimator::Hadamard | Estimator::EnlargedHadamard => {
+            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
                 measurement::hadamard_bound(self.shots)
             }
-            Estimator::AllZero => measurement::all_zero_bound(self.shots),
-            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+            OverlapEstimator::AllZero => measurement::all_zero_bound(self.shots),
+            OverlapEstimator::AmplitudeEstimation
+            | OverlapEstimator::EnlargedAmplitudeEstimation => {
                 measurement::amplitude_bound(0.0, self.evaluations)
             }
         }
@@ -88,13 +89,15 @@ impl Repetitions {
 
     /// Bound on the relative error of `C_f`, and with it of the part by which an amplified overlap
     /// is too small; 0 where `C_f` is not asked for.
-    fn of_norm(self, estimator: Estimator, probability: f64) -> [f64; 2] {
+    fn of_norm(self, estimator: OverlapEstimator, probability: f64) -> [f64; 2] {
         match estimator {
-            Estimator::EnlargedHadamard | Estimator::EnlargedAmplitudeEstimation => [0.0; 2],
-            Estimator::Hadamard | Estimator::AllZero => {
+            OverlapEstimator::EnlargedHadamard | OverlapEstimator::EnlargedAmplitudeEstimation => {
+                [0.0; 2]
+            }
+            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => {
                 [measurement::root_bound_of_successes(self.shots), 0.0]
             }
-            Estimator::AmplitudeEstimation => {
+            OverlapEstimator::AmplitudeEstimation => {
                 let error = measurement::root_bound(probability, self.norm_evaluations);
                 [error, measurement::amplification_loss(error)]
             }
@@ -102,7 +105,7 @@ impl Repetitions {
     }
 
     /// Bound on the error of the measured `overlap`, relative to its prefactor.
-    fn bound(self, estimator: Estimator, overlap: f64, probability: f64) -> f64 {
+    fn bound(self, estimator: OverlapEstimator, overlap: f64, probability: f64) -> f64 {
         let error = self.of_overlap(estimator);
         let of_norm: f64 = self.of_norm(estimator, probability).iter().sum();
         error + (overlap.abs() + error) * of_norm
@@ -120,14 +123,14 @@ pub(crate) struct CellSums {
 }
 
 /// All that the rows have in common.
-pub(crate) struct Reader<'a> {
+pub(crate) struct ReadoutContext<'a> {
     pub case: &'a Case,
-    pub source: &'a Source<'a>,
+    pub source: &'a ReadoutSource<'a>,
     pub readout: &'a case::Readout,
     pub factors: &'a VelocityFactors,
 }
 
-impl Reader<'_> {
+impl ReadoutContext<'_> {
     /// Sums over the velocities at `cell`, which is on one rank; on all. Collective over `world`.
     pub(crate) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
         let mut sums = self.sums_here(cell);
@@ -162,28 +165,28 @@ impl Reader<'_> {
     }
 
     /// The rows of a cell.
-    pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<Row> {
+    pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<ReadoutRow> {
         let n = self.case.space.dimension();
         let volume = self.case.space.velocity_volume();
-        let row = |observable| Row::at(self.case, cell, observable);
-        let linear: Vec<(Row, Vec<Moment>)> = (0..=n)
+        let row = |observable| ReadoutRow::at(self.case, cell, observable);
+        let linear: Vec<(ReadoutRow, Vec<MeasuredMoment>)> = (0..=n)
             .map(|k| {
                 let observable = match k {
                     0 => Observable::Density,
                     k => Observable::Momentum(k - 1),
                 };
                 let mut row = row(observable);
-                row.value = Figure::exact(sums.moments[k] * volume);
-                let moments = Estimator::ALL.map(|e| self.moment(&row, k, sums, e));
+                row.value = LabelledNumber::exact(sums.moments[k] * volume);
+                let moments = OverlapEstimator::ALL.map(|e| self.moment(&row, k, sums, e));
                 (row, moments.into())
             })
             .collect();
-        let velocities: Vec<Row> = (1..=n)
+        let velocities: Vec<ReadoutRow> = (1..=n)
             .map(|k| {
                 let mut row = row(Observable::Velocity(k - 1));
                 row.value = match sums.moments[0] {
-                    0.0 => Figure::unavailable("the density is 0"),
-                    rho => Figure::exact(sums.moments[k] / rho),
+                    0.0 => LabelledNumber::unavailable("the density is 0"),
+                    rho => LabelledNumber::exact(sums.moments[k] / rho),
                 };
                 let pairs = linear[0].1.iter().zip(&linear[k].1);
                 row.measured = pairs.map(|(rho, m)| ratio(rho, m)).collect();
@@ -198,7 +201,12 @@ impl Reader<'_> {
     }
 
     /// The overlap of moment `k` with the state that `estimator` measures, and `C_f Δv ‖q‖`.
-    fn overlap(&self, k: usize, sums: &CellSums, estimator: Estimator) -> Option<(Overlap, f64)> {
+    fn overlap(
+        &self,
+        k: usize,
+        sums: &CellSums,
+        estimator: OverlapEstimator,
+    ) -> Option<(Overlap, f64)> {
         let volume = self.case.space.velocity_volume();
         let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
         let prefactor = match estimator.enlarged() {
@@ -218,15 +226,23 @@ impl Reader<'_> {
     }
 
     /// Moment `k` at the cell of `row`.
-    fn moment(&self, row: &Row, k: usize, sums: &CellSums, estimator: Estimator) -> Moment {
-        let none = |measured: Measured| Moment {
+    fn moment(
+        &self,
+        row: &ReadoutRow,
+        k: usize,
+        sums: &CellSums,
+        estimator: OverlapEstimator,
+    ) -> MeasuredMoment {
+        let none = |measured: Measured| MeasuredMoment {
             evolutions: [&measured.evolutions_repeated, &measured.evolutions_coherent]
-                .map(Figure::clone),
+                .map(LabelledNumber::clone),
             measured,
             estimate: None,
             bound: None,
         };
-        if let Some(why) = self.not_squared(row, sums).filter(|_| estimator == Estimator::AllZero) {
+        if let Some(why) =
+            self.not_squared(row, sums).filter(|_| estimator == OverlapEstimator::AllZero)
+        {
             return none(Measured::unavailable(estimator, why));
         }
         let Some((overlap, of_field)) = self.overlap(k, sums, estimator) else {
@@ -235,7 +251,7 @@ impl Reader<'_> {
             return none(Measured::unavailable(estimator, why));
         };
         let overlapping = |why: &str| Measured {
-            overlap: Figure::exact(overlap.value),
+            overlap: LabelledNumber::exact(overlap.value),
             ..Measured::unavailable(estimator, why)
         };
         let from_state = (self.source.state_error.value()).map(|error| of_field * error);
@@ -255,7 +271,7 @@ impl Reader<'_> {
             _ => coherent,
         };
         let mut measured = Measured {
-            shots: Figure::exact(repetitions.shots),
+            shots: LabelledNumber::exact(repetitions.shots),
             bound: self.labelled(bound),
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
@@ -263,18 +279,18 @@ impl Reader<'_> {
             ..overlapping("so many shots or evaluations are not emulated")
         };
         measured.evaluations = match estimator.coherent() {
-            true => Figure::exact(repetitions.evaluations),
-            false => Figure::unavailable("shots, and no amplitude estimation"),
+            true => LabelledNumber::exact(repetitions.evaluations),
+            false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
         };
         if let Some(estimate) = estimate {
             let no_variance = "the distribution has no variance in closed form; see bound";
-            measured.estimate = Figure::estimate(estimate.value, "drawn at random");
+            measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
             measured.standard_error = match estimator.coherent() {
-                true => Figure::unavailable(no_variance),
-                false => Figure::estimate(estimate.error, "from the counts"),
+                true => LabelledNumber::unavailable(no_variance),
+                false => LabelledNumber::estimate(estimate.error, "from the counts"),
             };
         }
-        Moment { measured, estimate: bare, bound: bare_bound, evolutions }
+        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
     }
 
     /// The probability `P` of the window or the slice that is read; NaN where it is not known.
@@ -283,7 +299,7 @@ impl Reader<'_> {
     }
 
     /// Why `|overlap|²` does not give the observable, if so: its sign is not known.
-    fn not_squared(&self, row: &Row, sums: &CellSums) -> Option<&'static str> {
+    fn not_squared(&self, row: &ReadoutRow, sums: &CellSums) -> Option<&'static str> {
         if row.observable != Observable::Density {
             return Some("a momentum may have either sign, and |overlap|^2 has none");
         }
@@ -296,8 +312,8 @@ impl Reader<'_> {
     /// it takes more than is emulated.
     fn draw(
         &self,
-        row: &Row,
-        estimator: Estimator,
+        row: &ReadoutRow,
+        estimator: OverlapEstimator,
         overlap: Overlap,
         repetitions: Repetitions,
     ) -> Option<(Estimate, Estimate)> {
@@ -313,11 +329,12 @@ impl Reader<'_> {
         let stream = &mut Stream::new(self.readout.seed, purpose);
         let (o, shots, evaluations) = (overlap.value, shots as u64, evaluations as u64);
         let drawn = match estimator {
-            Estimator::Hadamard | Estimator::EnlargedHadamard => {
+            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
                 measurement::hadamard(stream, o, shots)
             }
-            Estimator::AllZero => measurement::all_zero(stream, o, shots),
-            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+            OverlapEstimator::AllZero => measurement::all_zero(stream, o, shots),
+            OverlapEstimator::AmplitudeEstimation
+            | OverlapEstimator::EnlargedAmplitudeEstimation => {
                 measurement::amplitude_estimation(stream, o, evaluations)
             }
         };
@@ -327,8 +344,10 @@ impl Reader<'_> {
         };
         let probability = self.probability();
         let (root, error) = match estimator {
-            Estimator::EnlargedHadamard | Estimator::EnlargedAmplitudeEstimation => (1.0, 0.0),
-            Estimator::Hadamard | Estimator::AllZero => {
+            OverlapEstimator::EnlargedHadamard | OverlapEstimator::EnlargedAmplitudeEstimation => {
+                (1.0, 0.0)
+            }
+            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => {
                 // Of more trials than are emulated the same number succeeds.
                 let trials = (repetitions.shots / probability).min(MOST_SHOTS).round();
                 let probability = (repetitions.shots / trials).min(1.0);
@@ -336,7 +355,7 @@ impl Reader<'_> {
                     measurement::root_by_successes(stream, probability, trials.max(1.0) as u64);
                 (root, 0.5 * ((1.0 - probability) / repetitions.shots).sqrt())
             }
-            Estimator::AmplitudeEstimation => {
+            OverlapEstimator::AmplitudeEstimation => {
                 let root =
                     measurement::root_by_estimation(stream, probability, norm_evaluations as u64);
                 (root, repetitions.of_norm(estimator, probability)[0])
@@ -350,19 +369,19 @@ impl Reader<'_> {
     }
 
     /// A bound that rests on `ε_F`, with its label.
-    fn labelled(&self, bound: Option<f64>) -> Figure {
+    fn labelled(&self, bound: Option<f64>) -> LabelledNumber {
         let own = &self.source.state_error;
         match (bound, own.trust(), own.because()) {
-            (Some(x), Trust::Estimate, Some(because)) => Figure::estimate(x, because),
-            (Some(x), ..) => Figure::bound(x),
-            (None, ..) => Figure::unavailable("the state's own error is not known"),
+            (Some(x), Trust::Estimate, Some(because)) => LabelledNumber::estimate(x, because),
+            (Some(x), ..) => LabelledNumber::bound(x),
+            (None, ..) => LabelledNumber::unavailable("the state's own error is not known"),
         }
     }
 
     /// Shots and values of the register, or why there are none.
     fn repetitions(
         &self,
-        estimator: Estimator,
+        estimator: OverlapEstimator,
         overlap: Overlap,
         from_state: Option<f64>,
     ) -> Result<Repetitions, String> {
@@ -397,13 +416,15 @@ impl Reader<'_> {
             2.0 * error / (linear + (linear * linear + 4.0 * c * error).sqrt())
         };
         Ok(match estimator {
-            Estimator::Hadamard => {
+            OverlapEstimator::Hadamard => {
                 of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2)))
             }
-            Estimator::EnlargedHadamard => of_shots(measurement::hadamard_shots(error)),
-            Estimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
-            Estimator::EnlargedAmplitudeEstimation => of_runs(measurement::evaluations(error), 0.0),
-            Estimator::AmplitudeEstimation => {
+            OverlapEstimator::EnlargedHadamard => of_shots(measurement::hadamard_shots(error)),
+            OverlapEstimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
+            OverlapEstimator::EnlargedAmplitudeEstimation => {
+                of_runs(measurement::evaluations(error), 0.0)
+            }
+            OverlapEstimator::AmplitudeEstimation => {
                 // Half for each; of C_f with what amplification then loses, h = η + 3η²/2.
                 let half = 0.5 * error;
                 let part = half / (size + half);
@@ -416,9 +437,13 @@ impl Reader<'_> {
 
     /// Evolutions that `C_f` takes where everything is coherent: by amplitude estimation of `P`, to
     /// the error that the number of successes gives where postselection is repeated.
-    fn norm_evolutions(&self, estimator: Estimator, repetitions: Repetitions) -> Figure {
+    fn norm_evolutions(
+        &self,
+        estimator: OverlapEstimator,
+        repetitions: Repetitions,
+    ) -> LabelledNumber {
         if estimator.enlarged() {
-            return Figure::unavailable("C_f is not asked for: C_w is known");
+            return LabelledNumber::unavailable("C_f is not asked for: C_w is known");
         }
         let probability = self.probability();
         if !probability.is_finite() {
@@ -431,11 +456,15 @@ impl Reader<'_> {
                 measurement::root_evaluations(probability, error)
             }
         };
-        Figure::exact(measurement::preparations(evaluations))
+        LabelledNumber::exact(measurement::preparations(evaluations))
     }
 
     /// Evolutions by repetition and coherently.
-    fn evolutions(&self, estimator: Estimator, repetitions: Repetitions) -> [Figure; 2] {
+    fn evolutions(
+        &self,
+        estimator: OverlapEstimator,
+        repetitions: Repetitions,
+    ) -> [LabelledNumber; 2] {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "exact amplitude amplification; its failure is in the bound";
         let chain = self.source.probabilities.nearest();
@@ -443,35 +472,37 @@ impl Reader<'_> {
             true => measurement::preparations(repetitions.evaluations),
             false => repetitions.shots,
         };
-        let times = |figure: &Figure, each: &dyn Fn(f64) -> f64, why| match figure.value() {
-            Some(x) => Figure::estimate(uses * each(x), why),
+        let times = |figure: &LabelledNumber, each: &dyn Fn(f64) -> f64, why| match figure.value() {
+            Some(x) => LabelledNumber::estimate(uses * each(x), why),
             None => figure.clone(),
         };
         let repeated = times(&chain.repetitions, &|r| r, WHY);
         let coherent = times(&chain.amplified_evolutions, &|n| n, ROUNDS);
         match estimator {
-            Estimator::Hadamard | Estimator::AllZero => [repeated, coherent],
-            Estimator::AmplitudeEstimation => [
-                Figure::unavailable(
+            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => [repeated, coherent],
+            OverlapEstimator::AmplitudeEstimation => [
+                LabelledNumber::unavailable(
                     "amplitude estimation inverts the preparation; repetition has no inverse",
                 ),
                 coherent,
             ],
-            Estimator::EnlargedHadamard => {
-                [Figure::exact(uses), Figure::unavailable("nothing is postselected")]
-            }
-            Estimator::EnlargedAmplitudeEstimation => {
-                [Figure::unavailable("nothing is postselected"), Figure::exact(uses)]
-            }
+            OverlapEstimator::EnlargedHadamard => [
+                LabelledNumber::exact(uses),
+                LabelledNumber::unavailable("nothing is postselected"),
+            ],
+            OverlapEstimator::EnlargedAmplitudeEstimation => [
+                LabelledNumber::unavailable("nothing is postselected"),
+                LabelledNumber::exact(uses),
+            ],
         }
     }
 }
 
 /// The mean velocity from measured density and momentum. With errors `δρ` and `δm` its error is
 /// `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both measurements, but for `C_f`, which cancels.
-fn ratio(rho: &Moment, m: &Moment) -> Measured {
+fn ratio(rho: &MeasuredMoment, m: &MeasuredMoment) -> Measured {
     let estimator = m.measured.estimator;
-    let sum = |pick: fn(&Moment) -> &Figure| {
+    let sum = |pick: fn(&MeasuredMoment) -> &LabelledNumber| {
         let [a, b] = [rho, m].map(pick);
         match (a.value(), b.value()) {
             (Some(x), Some(y)) => b.with(x + y),
@@ -480,12 +511,12 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
         }
     };
     let without = |why: &str| Measured {
-        overlap: Figure::unavailable("a quotient of two overlaps"),
+        overlap: LabelledNumber::unavailable("a quotient of two overlaps"),
         shots: sum(|m| &m.measured.shots),
-        evaluations: Figure::unavailable("those of density and momentum"),
+        evaluations: LabelledNumber::unavailable("those of density and momentum"),
         evolutions_repeated: sum(|m| &m.evolutions[0]),
         evolutions_coherent: sum(|m| &m.evolutions[1]),
-        evolutions_norm: Figure::unavailable("C_f cancels in the quotient"),
+        evolutions_norm: LabelledNumber::unavailable("C_f cancels in the quotient"),
         ..Measured::unavailable(estimator, why)
     };
     let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {
@@ -501,14 +532,14 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
             let bound = (of_m + velocity.abs() * of_rho) / (below.value.abs() - of_rho);
             m.measured.bound.with(bound)
         }
-        (Some(_), Some(_)) => Figure::unavailable("the density is not told from 0"),
-        _ => Figure::unavailable("the state's own error is not known"),
+        (Some(_), Some(_)) => LabelledNumber::unavailable("the density is not told from 0"),
+        _ => LabelledNumber::unavailable("the state's own error is not known"),
     };
     Measured {
-        estimate: Figure::estimate(velocity, "drawn at random"),
+        estimate: LabelledNumber::estimate(velocity, "drawn at random"),
         standard_error: match estimator.coherent() {
             true => m.measured.standard_error.clone(),
-            false => Figure::estimate(
+            false => LabelledNumber::estimate(
                 above.error.hypot(velocity * below.error) / below.value.abs(),
                 "to first order in the errors of density and momentum",
             ),

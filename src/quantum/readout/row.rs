@@ -2,7 +2,7 @@
 
 use crate::problem::case::Case;
 use crate::problem::grid::MAX_DIMENSION;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
 
 /// An observable: the number that is read.
@@ -48,7 +48,7 @@ impl Observable {
 /// How an overlap is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Estimator {
+pub enum OverlapEstimator {
     /// Hadamard test with the postselected state.
     Hadamard,
     /// Amplitude estimation of that.
@@ -61,7 +61,7 @@ pub enum Estimator {
     EnlargedAmplitudeEstimation,
 }
 
-impl Estimator {
+impl OverlapEstimator {
     /// All, in the order of files.
     pub const ALL: [Self; 5] = [
         Self::Hadamard,
@@ -95,31 +95,31 @@ impl Estimator {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measured {
     /// The estimator.
-    pub estimator: Estimator,
+    pub estimator: OverlapEstimator,
     /// The overlap; unavailable for a mean velocity, which is a quotient.
-    pub overlap: Figure,
+    pub overlap: LabelledNumber,
     /// Shots: of an overlap, or of amplitude estimation the runs whose median is taken.
-    pub shots: Figure,
+    pub shots: LabelledNumber,
     /// Values of the register of amplitude estimation.
-    pub evaluations: Figure,
+    pub evaluations: LabelledNumber,
     /// What was measured.
-    pub estimate: Figure,
+    pub estimate: LabelledNumber,
     /// Its standard error, from the counts; unavailable for amplitude estimation, which has none in
     /// closed form.
-    pub standard_error: Figure,
+    pub standard_error: LabelledNumber,
     /// Bound on its distance to the moment of the exact semi-discrete solution.
-    pub bound: Figure,
+    pub bound: LabelledNumber,
     /// Evolutions where postselection is repeated until it succeeds, on average.
-    pub evolutions_repeated: Figure,
+    pub evolutions_repeated: LabelledNumber,
     /// Evolutions and their inverses where everything is coherent, those for `C_f` included.
-    pub evolutions_coherent: Figure,
+    pub evolutions_coherent: LabelledNumber,
     /// Evolutions that measure `C_f`; of repeated postselections the number of successes gives it.
-    pub evolutions_norm: Figure,
+    pub evolutions_norm: LabelledNumber,
 }
 
 /// An observable at a cell.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct ReadoutRow {
     /// The space cell, along each axis from 0.
     pub cell: Vec<usize>,
     /// Number of the cell in the whole grid, the last axis fastest.
@@ -129,13 +129,13 @@ pub struct Row {
     /// The observable.
     pub observable: Observable,
     /// Value of the recovered field: what is measured, but for statistics.
-    pub value: Figure,
+    pub value: LabelledNumber,
     /// What each estimator says.
     pub measured: Vec<Measured>,
 }
 
 /// Why a figure is unavailable, without double quotes: it stands between them in files.
-pub(crate) fn reason(figure: &Figure) -> String {
+pub(crate) fn reason(figure: &LabelledNumber) -> String {
     match figure.value() {
         None => figure.because().unwrap_or_default().replace('"', "'"),
         Some(_) => String::new(),
@@ -144,7 +144,7 @@ pub(crate) fn reason(figure: &Figure) -> String {
 
 impl Measured {
     /// The figures, in the order of the columns of files.
-    pub fn figures(&self) -> [&Figure; 9] {
+    pub fn figures(&self) -> [&LabelledNumber; 9] {
         [
             &self.overlap, &self.shots, &self.evaluations, &self.estimate, &self.standard_error,
             &self.bound, &self.evolutions_repeated, &self.evolutions_coherent,
@@ -152,8 +152,8 @@ impl Measured {
         ]
     }
 
-    pub(crate) fn unavailable(estimator: Estimator, why: &str) -> Self {
-        let none = || Figure::unavailable(why);
+    pub(crate) fn unavailable(estimator: OverlapEstimator, why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
         Self {
             estimator,
             overlap: none(),
@@ -169,7 +169,7 @@ impl Measured {
     }
 }
 
-impl Row {
+impl ReadoutRow {
     /// A row with nothing in it.
     pub(crate) fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
         let axes = || case.space.x.iter().zip(cell);
@@ -178,7 +178,7 @@ impl Row {
             number: axes().fold(0, |number, (axis, i)| number * axis.cells + i),
             point: axes().map(|(axis, &i)| axis.centre(i as i64)).collect(),
             observable,
-            value: Figure::unavailable("not read"),
+            value: LabelledNumber::unavailable("not read"),
             measured: Vec::new(),
         }
     }

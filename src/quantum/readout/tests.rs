@@ -4,7 +4,7 @@ use super::*;
 use crate::quantum::probability::{Chain, Probabilities};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::reader::norm;
-use crate::quantum::readout::row::Estimator;
+use crate::quantum::readout::row::OverlapEstimator;
 use crate::solve::system::StateNorms;
 use std::ops::Range;
 
@@ -57,24 +57,24 @@ fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabi
     let scale = square(slices) / (state * state);
     let p = scale * field * field;
     let chain = || Chain {
-        in_p: Figure::exact(scale * (weighted * weighted + auxiliary * auxiliary)),
-        field_given_p: Figure::unavailable("not needed"),
-        weights_given_field: Figure::unavailable("not needed"),
-        all: Figure::exact(p),
-        repetitions: Figure::exact(1.0 / p),
-        amplification_rounds: Figure::exact(5.0),
-        amplified_evolutions: Figure::exact(11.0),
+        in_p: LabelledNumber::exact(scale * (weighted * weighted + auxiliary * auxiliary)),
+        field_given_p: LabelledNumber::unavailable("not needed"),
+        weights_given_field: LabelledNumber::unavailable("not needed"),
+        all: LabelledNumber::exact(p),
+        repetitions: LabelledNumber::exact(1.0 / p),
+        amplification_rounds: LabelledNumber::exact(5.0),
+        amplified_evolutions: LabelledNumber::exact(11.0),
     };
     Probabilities {
         points: 16,
         recovery,
-        norm_of_state: Figure::exact(state),
+        norm_of_state: LabelledNumber::exact(state),
         norms: StateNorms { start: 12.0, weighted, field, auxiliary },
         window: (slices > 1).then_some([recovery, recovery + SPACING * slices as f64]),
         window_error: None,
         at_slice: chain(),
         in_window: chain(),
-        norm_of_field: Figure::exact(field),
+        norm_of_field: LabelledNumber::exact(field),
     }
 }
 
@@ -84,7 +84,7 @@ fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
 }
 
 /// The rows of `cell` of the data.
-fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut Source<'_>)) -> Vec<Row> {
+fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut ReadoutSource<'_>)) -> Vec<ReadoutRow> {
     let (f, pi) = data();
     rows_of(case, cell, &probabilities(&f, &pi), change)
 }
@@ -94,19 +94,19 @@ fn rows_of(
     case: &Case,
     cell: [usize; 2],
     probabilities: &Probabilities,
-    change: impl Fn(&mut Source<'_>),
-) -> Vec<Row> {
+    change: impl Fn(&mut ReadoutSource<'_>),
+) -> Vec<ReadoutRow> {
     let (f, pi) = data();
-    let mut source = Source {
+    let mut source = ReadoutSource {
         share: &SHARE,
         field: &f,
         pi: &pi,
         least: 0.5,
         probabilities,
-        state_error: Figure::bound(case.tolerance),
+        state_error: LabelledNumber::bound(case.tolerance),
     };
     change(&mut source);
-    let reader = Reader {
+    let reader = ReadoutContext {
         case,
         source: &source,
         readout: case.readout.as_ref().expect("a readout"),
@@ -115,7 +115,7 @@ fn rows_of(
     reader.rows(&cell, &reader.sums_here(&cell))
 }
 
-fn number(figure: &Figure) -> f64 {
+fn number(figure: &LabelledNumber) -> f64 {
     figure.value().unwrap_or_else(|| panic!("{figure}"))
 }
 
@@ -158,7 +158,7 @@ fn overlaps_are_inner_products(slices: usize) {
             .map(|(i, k)| zeta[i] * window[k] * amplitudes[k] * pi[i].sqrt() * f[i])
             .sum();
         for m in &row.measured {
-            if m.estimator == Estimator::AllZero && k > 0 {
+            if m.estimator == OverlapEstimator::AllZero && k > 0 {
                 assert_eq!(m.overlap.value(), None);
                 continue;
             }
@@ -286,7 +286,7 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     let ratio = 2.0 * evaluations * p.sqrt() / undone;
     assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
     // What the state itself does not allow.
-    let why = |rows: &[Row]| rows[0].measured[0].estimate.to_string();
+    let why = |rows: &[ReadoutRow]| rows[0].measured[0].estimate.to_string();
     assert!(why(&at(1e-9)).contains("the state's own error"), "{}", why(&at(1e-9)));
     // What is too long to be emulated still has its cost.
     let long = at(3e-7);
@@ -316,7 +316,7 @@ fn bounds_hold_with_the_stated_probability() {
     }
     for (k, row) in missed.iter().enumerate() {
         // Twice the doubt of one measurement where two are needed; three standard deviations more.
-        for (estimator, &m) in Estimator::ALL.iter().zip(row) {
+        for (estimator, &m) in OverlapEstimator::ALL.iter().zip(row) {
             let doubt = if k > 2 || !estimator.enlarged() { 0.1 } else { 0.05 };
             let most = seeds as f64 * doubt + 3.0 * (seeds as f64 * doubt).sqrt();
             assert!((m as f64) < most, "{missed:?}");
@@ -357,7 +357,7 @@ fn a_measurement_of_the_x_register_is_no_density() {
     let mut ratios = Vec::new();
     for (x, y) in (0..2).flat_map(|x| (0..3).map(move |y| (x, y))) {
         let rows = rows(&case, [x, y], |source| {
-            let reader = Reader {
+            let reader = ReadoutContext {
                 case: &case,
                 source,
                 readout: case.readout.as_ref().expect("a readout"),
@@ -393,7 +393,7 @@ fn what_is_not_known_says_why() {
     assert!(hardly[0].measured[2].estimate.value().is_some());
     assert!(negative[1].measured[2].estimate.to_string().contains("either sign"));
     let doubtful = rows(&case, [0, 0], |source| {
-        source.state_error = Figure::unavailable("none");
+        source.state_error = LabelledNumber::unavailable("none");
     });
     assert!(doubtful[0].measured[0].estimate.value().is_some());
     assert_eq!(doubtful[0].measured[0].bound.value(), None);

@@ -3,7 +3,7 @@
 use crate::quantum::circuit;
 use crate::quantum::circuit::formats::LogicalCounts;
 use crate::quantum::cost::{Access, Cost};
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::Record;
 use serde_json::{Value, json};
 
@@ -19,7 +19,7 @@ impl Record {
     pub fn logical_counts(&self) -> Value {
         let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
         let Some(cost) = emitted else { return self.counts_of_oracles() };
-        let count = |figure: &Figure| figure.value().map(|n| n as u64);
+        let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
         json!({
             "logicalCounts": circuit::formats::logical_counts(&LogicalCounts {
                 qubits: count(&cost.qubits),
@@ -66,7 +66,7 @@ impl Record {
     /// each.
     pub fn qref(&self) -> Value {
         let system = self.qubits.total - self.qubits.p;
-        let half = self.transform_gates.value().map(|x| Figure::bound(0.5 * x));
+        let half = self.transform_gates.value().map(|x| LabelledNumber::bound(0.5 * x));
         let transform = |name: &str| {
             let gates = half.as_ref().and_then(|x| resource("gates_estimate", x));
             json!({
@@ -140,7 +140,7 @@ fn ports(register: &str, size: usize) -> [Value; 2] {
 }
 
 /// A figure as a resource, if it has a number.
-fn resource(name: &str, figure: &Figure) -> Option<Value> {
+fn resource(name: &str, figure: &LabelledNumber) -> Option<Value> {
     let value = figure.value()?;
     Some(json!({"name": name, "type": "additive", "value": value}))
 }

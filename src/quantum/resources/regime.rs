@@ -8,7 +8,7 @@
 //! large as a crossover.
 
 use crate::problem::case::Case;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::sparsity::{Sparsity, q};
 use serde::Serialize;
 
@@ -18,17 +18,17 @@ pub struct Regime {
     /// Where the solution is discontinuous.
     pub discontinuities: String,
     /// Cells an axis.
-    pub cells_per_axis: Figure,
+    pub cells_per_axis: LabelledNumber,
     /// `(Σ Q_a + n) n T/ε^{2 or 3} + log(1/ε)/log log(1/ε)`.
-    pub queries: Figure,
+    pub queries: LabelledNumber,
     /// Factor of other gates.
-    pub gates_factor: Figure,
+    pub gates_factor: LabelledNumber,
     /// Qubits, `p` not growing.
-    pub qubits: Figure,
+    pub qubits: LabelledNumber,
     /// Qubits, `p` growing with the spectrum.
-    pub qubits_with_growth: Figure,
+    pub qubits_with_growth: LabelledNumber,
     /// Operations of forward Euler.
-    pub classical_operations: Figure,
+    pub classical_operations: LabelledNumber,
 }
 
 /// `log(1/ε)/log log(1/ε)`; natural logarithms, at least 1.
@@ -44,7 +44,7 @@ pub(crate) fn gates_factor(qubits: f64, bits: f64) -> f64 {
 
 /// What the paper's counts depend on, beside the tolerance and the dimension.
 #[derive(Clone, Copy)]
-struct Scene {
+struct RegimeParameters {
     /// Order of the scheme: 1, or ½ where the solution jumps anywhere.
     order: f64,
     /// `T`.
@@ -56,21 +56,21 @@ struct Scene {
 }
 
 /// The paper's count.
-struct Counts {
+struct PaperCounts {
     queries: f64,
     /// Operations of forward Euler.
     operations: f64,
 }
 
-impl Scene {
+impl RegimeParameters {
     /// At tolerance `ε` in `n` space dimensions.
-    fn counts(&self, n: usize, tolerance: f64) -> Counts {
+    fn counts(&self, n: usize, tolerance: f64) -> PaperCounts {
         let (n, cells) = (n as f64, tolerance.powf(-1.0 / self.order));
         let each = q(self.extent / cells, self.jump) as f64;
         let queries = (n * each + n) * n * self.time * cells / tolerance + logarithms(tolerance);
         // n nonzeros a row, N^{2n} cells, n T N steps.
         let operations = n * n * self.time * cells.powf(2.0 * n + 1.0);
-        Counts { queries, operations }
+        PaperCounts { queries, operations }
     }
 }
 
@@ -79,17 +79,17 @@ impl Regime {
     pub(crate) fn new(case: &Case, sparsity: &Sparsity, order: f64) -> Self {
         const WHY: &str = "the theorem's form with constants 1";
         let (n, tolerance) = (case.space.dimension(), case.tolerance);
-        let scene = Scene {
+        let scene = RegimeParameters {
             order,
             time: case.duration(),
             jump: sparsity.jumps.iter().fold(0.0, |m: f64, j| m.max(*j)),
             extent: case.space.v.iter().map(|v| v.upper - v.lower).fold(0.0, f64::max),
         };
-        let Counts { queries, operations } = scene.counts(n, tolerance);
+        let PaperCounts { queries, operations } = scene.counts(n, tolerance);
         let bits = (1.0 / tolerance).log2();
         let axis = bits / order;
         let (each, with_growth) = (2.0 * n as f64 * axis, bits + axis);
-        let estimate = |x: f64| Figure::model(x, WHY);
+        let estimate = |x: f64| LabelledNumber::model(x, WHY);
         Self {
             discontinuities: if order == 1.0 { "at interfaces only" } else { "anywhere" }
                 .to_owned(),
@@ -125,7 +125,7 @@ mod tests {
         let inverse: Vec<f64> = (4..=9).map(|k| 10f64.powi(k)).collect();
         for n in 1..=3 {
             for (order, power) in [(1.0, 2.0), (0.5, 3.0)] {
-                let scene = Scene { order, time: 1.0, jump: 0.2, extent: 3.0 };
+                let scene = RegimeParameters { order, time: 1.0, jump: 0.2, extent: 3.0 };
                 let of = |x: f64| scene.counts(n, 1.0 / x);
                 let q_of = |x: f64| q(3.0 / x.powf(1.0 / order), 0.2) as f64;
                 let queries: Vec<(f64, f64)> =

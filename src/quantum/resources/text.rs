@@ -2,7 +2,7 @@
 
 use crate::base::text::{counted, rounded, short, word};
 use crate::quantum::cost::CostTable;
-use crate::quantum::figure::Figure;
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
 use crate::quantum::resources::{Comparison, Record};
@@ -143,7 +143,7 @@ fn list(numbers: &[usize], between: &str) -> String {
 }
 
 /// A line a figure, behind its name.
-fn figures(f: &mut fmt::Formatter<'_>, rows: &[(&str, &Figure)]) -> fmt::Result {
+fn figures(f: &mut fmt::Formatter<'_>, rows: &[(&str, &LabelledNumber)]) -> fmt::Result {
     rows.iter().try_for_each(|(name, figure)| writeln!(f, "{name:<WIDTH$}{figure}"))
 }
 

@@ -1,6 +1,6 @@
 //! Estimates of a quantum computer's measurements with their bounds.
 
-use crate::quantum::readout::row::Estimator;
+use crate::quantum::readout::row::OverlapEstimator;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
@@ -105,7 +105,7 @@ impl Table {
         let values = rows.iter().filter_map(|&r| Some([self.place(r)?, self.value[r]]));
         panel = panel.points(label("of the field"), Style::of(2), values.collect());
         let largest = self.largest(observable, &rows);
-        for (k, estimator) in Estimator::ALL.into_iter().enumerate() {
+        for (k, estimator) in OverlapEstimator::ALL.into_iter().enumerate() {
             let of_estimator = rows.iter().copied().filter(|&r| self.estimator[r] as usize == k);
             let (shown, beyond): (Vec<usize>, Vec<usize>) = of_estimator
                 .filter(|&r| self.is_known(r))

@@ -26,7 +26,7 @@ pub enum Trust {
 
 /// A number and how far it is to be trusted.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Figure {
+pub struct LabelledNumber {
     label: Trust,
     /// None if it is unavailable.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -36,7 +36,7 @@ pub struct Figure {
     because: Option<String>,
 }
 
-impl Figure {
+impl LabelledNumber {
     /// An exact number.
     pub fn exact(value: f64) -> Self {
         Self { label: Trust::Exact, value: Some(value), because: None }
@@ -130,7 +130,7 @@ impl Figure {
     }
 }
 
-impl fmt::Display for Figure {
+impl fmt::Display for LabelledNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e7 {
             true => format!("{x}"),
