@@ -16,7 +16,7 @@ use phasewarp::matrix::kernel::InstructionSet;
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::partition::{Block, ProcessMesh};
 use std::hint::black_box;
 use std::time::Duration;
 use support::{constants, load};
@@ -69,7 +69,7 @@ struct Steps {
 impl Steps {
     fn new(world: &World, case: &str, set: &[String]) -> Self {
         let case = load(case, set);
-        let mesh = Mesh { space: vec![1; case.space.dimension()], groups: 1 };
+        let mesh = ProcessMesh { space: vec![1; case.space.dimension()], groups: 1 };
         let communicator = Communicator::new(world, &mesh);
         let block = Block::new(&case.space, &mesh, 0);
         let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
@@ -93,7 +93,8 @@ impl Steps {
         let levels = vec![self.constants.clone(); blocking.map_or(1, Blocking::depth)];
         let [y, x] = &mut self.vectors;
         for _ in 0..trips {
-            let steps = phasewarp::matrix::blocking::Steps { levels: &levels, couplings: None };
+            let steps =
+                phasewarp::matrix::blocking::RecurrenceSteps { levels: &levels, couplings: None };
             (self.matrix).steps(&mut self.exchange, blocking, &steps, y, x, &self.start);
         }
     }

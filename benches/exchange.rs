@@ -11,7 +11,7 @@ mod support;
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::partition::{Block, ProcessMesh};
 use std::process::Command;
 use std::time::Instant;
 use support::{constants, load};
@@ -39,7 +39,7 @@ impl Split {
         let mesh = |blocks: usize| {
             let mut space = vec![1; case.space.dimension()];
             space[0] = blocks;
-            Mesh { space, groups: 1 }
+            ProcessMesh { space, groups: 1 }
         };
         let ranks = world.group().size();
         let communicator = Communicator::new(world, &mesh(ranks));

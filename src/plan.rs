@@ -22,7 +22,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, counted, rounded, short};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
@@ -30,12 +30,12 @@ use crate::problem::grid::Axis;
 use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
-use crate::propagate::method::{RunWork, Setting};
+use crate::propagate::method::{PropagatorSetting, RunWork};
 use crate::propagate::{Span, descriptor};
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
-use crate::schrodingerization::warp_plan::{Modes, WarpPlan};
+use crate::schrodingerization::warp_plan::{PropagatedModes, WarpPlan};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -88,8 +88,8 @@ pub struct Plan {
 
 impl Plan {
     /// What the propagator of the series `warp` is made for.
-    pub fn propagator_setting(&self, warp: &WarpPlan) -> Setting {
-        Setting {
+    pub fn propagator_setting(&self, warp: &WarpPlan) -> PropagatorSetting {
+        PropagatorSetting {
             propagation: self.propagation,
             largest_work: warp.largest_work(),
             split: self.layout.mesh.blocks() > 1,
@@ -211,7 +211,7 @@ impl Plan {
 
     /// This plan on `mesh`, unless it does not fit there or takes more than [`WORTH_REASSEMBLY`]
     /// times as long.
-    pub fn near(self, case: &Case, resources: &Resources, mesh: &Mesh) -> Self {
+    pub fn near(self, case: &Case, resources: &Resources, mesh: &ProcessMesh) -> Self {
         if self.layout.mesh == *mesh {
             return self;
         }
@@ -269,7 +269,7 @@ impl Plan {
             solves: 0,
             amplification: (readings.first()).map_or(0.0, |r| {
                 let (series, count) = (&series, modes);
-                Modes { series, count }.amplification(r)
+                PropagatedModes { series, count }.amplification(r)
             }),
             warnings: Vec::new(),
             work,

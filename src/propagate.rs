@@ -35,14 +35,14 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Propagation, PropagatorMethod};
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::implicit::{BACKWARD_EULER, CRANK_NICOLSON};
-use crate::propagate::method::{Descriptor, ModeDemand, Propagator, Setting};
+use crate::propagate::method::{Descriptor, ModeDemand, Propagator, PropagatorSetting};
 use crate::propagate::time_dependent_inflow::Schedule;
 
 /// The table of propagators.
 pub fn descriptor(method: PropagatorMethod) -> &'static dyn Descriptor {
     match method {
-        PropagatorMethod::Chebyshev => &chebyshev::Method,
-        PropagatorMethod::Krylov => &krylov::Method,
+        PropagatorMethod::Chebyshev => &chebyshev::ChebyshevMethod,
+        PropagatorMethod::Krylov => &krylov::KrylovMethod,
         PropagatorMethod::CrankNicolson => &CRANK_NICOLSON,
         PropagatorMethod::BackwardEuler => &BACKWARD_EULER,
     }
@@ -54,7 +54,7 @@ pub fn descriptor(method: PropagatorMethod) -> &'static dyn Descriptor {
 /// # Errors
 /// Where the matrix of an implicit step cannot be analysed. Not collective.
 pub fn propagator<'a>(
-    setting: &Setting,
+    setting: &PropagatorSetting,
     schedule: Option<&'a Schedule>,
     matrix: &BlockMatrix,
 ) -> Result<Box<dyn Propagator + 'a>> {

@@ -52,7 +52,7 @@ use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::Expanded;
-use crate::run::files::{Files, SolvedFields, WarpedOutput};
+use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
 use crate::run::log::RunLog;
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
@@ -242,7 +242,7 @@ fn solve_fields(
 ) -> Result<SolvedFields> {
     let seconds = log.watch.seconds.clone();
     let provenance = provenance(world, &prepared.case);
-    let files = files.map(|(directory, checkpointing)| Files {
+    let files = files.map(|(directory, checkpointing)| RunFiles {
         warped: WarpedOutput { directory, seconds: &seconds, provenance: &provenance },
         checkpointing,
     });

@@ -7,7 +7,7 @@ use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
@@ -69,7 +69,7 @@ fn small(file: &str, set: &[&str]) -> Case {
 
 /// A case prepared on one rank.
 fn prepared(world: &World, case: &Case) -> Prepared {
-    let mesh = Mesh { space: vec![1], groups: 1 };
+    let mesh = ProcessMesh { space: vec![1], groups: 1 };
     prepare(world, case, &mesh)
 }
 

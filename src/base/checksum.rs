@@ -70,7 +70,7 @@ pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChec
 }
 
 /// The part of a slab in the checksum of a dataset of this shape.
-pub fn of_slab(shape: &[usize], slab: &Slab, values: &[f64]) -> u64 {
+pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
     let Some(&run) = slab.count.last() else {
         return 0;
     };
@@ -93,14 +93,14 @@ pub fn of_slab(shape: &[usize], slab: &Slab, values: &[f64]) -> u64 {
 
 /// A box of a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Slab {
+pub struct DatasetBox {
     /// First element along each axis.
     pub start: Vec<usize>,
     /// Elements along each axis.
     pub count: Vec<usize>,
 }
 
-impl Slab {
+impl DatasetBox {
     /// One range an axis.
     pub fn of(ranges: &[std::ops::Range<usize>]) -> Self {
         Self {
@@ -154,7 +154,7 @@ mod tests {
 
     fn whole(shape: &[usize], values: &[f64]) -> u64 {
         let ranges: Vec<_> = shape.iter().map(|&n| 0..n).collect();
-        of_slab(shape, &Slab::of(&ranges), values)
+        of_slab(shape, &DatasetBox::of(&ranges), values)
     }
 
     /// SplitMix64 seeded with 0 gives these: the terms of elements that are 0.
@@ -174,7 +174,7 @@ mod tests {
             assert_eq!(expected, of_run(0, all.iter().map(|x| x.to_bits())));
             for most in 1..=size + 1 {
                 let (mut sum, mut seen) = (0u64, vec![0; size]);
-                for slab in Slab::pieces(shape, most) {
+                for slab in DatasetBox::pieces(shape, most) {
                     let mut part = Vec::new();
                     for (i, &value) in all.iter().enumerate() {
                         let (mut rest, mut inside) = (i, true);

@@ -72,7 +72,7 @@ fn process_room(resource: Resource, key: &str) -> u64 {
 }
 
 /// How a version of control groups tells limits and use.
-struct Files {
+struct ControlGroupFiles {
     /// Limits; a text that is no number is none.
     limits: &'static [&'static str],
     /// Bytes in use.
@@ -81,14 +81,14 @@ struct Files {
     reclaimable: &'static str,
 }
 
-const VERSION_1: Files = Files {
+const VERSION_1: ControlGroupFiles = ControlGroupFiles {
     limits: &["memory.limit_in_bytes"],
     used: "memory.usage_in_bytes",
     reclaimable: "total_inactive_file ",
 };
 
 /// Version 2; beyond `memory.high` the system slows a process down until it stands still.
-const VERSION_2: Files = Files {
+const VERSION_2: ControlGroupFiles = ControlGroupFiles {
     limits: &["memory.max", "memory.high"],
     used: "memory.current",
     reclaimable: "inactive_file ",
@@ -154,7 +154,7 @@ fn directories(mount: &Mount, own: &str) -> Vec<PathBuf> {
 }
 
 /// What the limits of the group of `directory` leave; those that it has not leave all.
-fn group_room(directory: &Path, files: &Files) -> u64 {
+fn group_room(directory: &Path, files: &ControlGroupFiles) -> u64 {
     let text = |name: &str| std::fs::read_to_string(directory.join(name)).ok();
     let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
     let Some(limit) = files.limits.iter().filter_map(|name| number(name)).min() else {

@@ -53,7 +53,7 @@ pub enum Failure {
 
 /// A polynomial on an interval.
 #[derive(Clone, Debug, PartialEq)]
-struct Piece {
+struct PolynomialPiece {
     lower: f64,
     upper: f64,
     /// Coefficients of the Legendre polynomials `P_n(t)`, `t` in `[−1, 1]`.
@@ -61,7 +61,7 @@ struct Piece {
     resolved: bool,
 }
 
-impl Piece {
+impl PolynomialPiece {
     fn middle(&self) -> f64 {
         0.5 * (self.lower + self.upper)
     }
@@ -125,7 +125,7 @@ impl Piece {
 
 /// A point where a function or its slope jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jump {
+pub struct FunctionJump {
     /// The point.
     pub at: f64,
     /// `|f^{(k)}(at+) − f^{(k)}(at−)|`.
@@ -135,8 +135,8 @@ pub struct Jump {
 /// A piecewise polynomial on an interval, zero outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piecewise {
-    pieces: Vec<Piece>,
-    jumps: Vec<Jump>,
+    pieces: Vec<PolynomialPiece>,
+    jumps: Vec<FunctionJump>,
     rounded: [f64; ORDERS],
     last: [f64; ORDERS],
     variations: [f64; ORDERS + 1],
@@ -152,7 +152,7 @@ impl Piecewise {
         [lower, upper]: [f64; 2],
         largest: f64,
     ) -> Result<Self, Failure> {
-        let mut fit = Fit::new(function, largest);
+        let mut fit = PiecewiseFit::new(function, largest);
         let mut attempt = |resolved| {
             fit.resolved = resolved;
             fit.pieces(lower, upper).map(Self::new)
@@ -165,7 +165,7 @@ impl Piecewise {
     }
 
     /// A function of pieces that follow each other, with what is known at their ends.
-    fn new(pieces: Vec<Piece>) -> Self {
+    fn new(pieces: Vec<PolynomialPiece>) -> Self {
         let mut found = Self {
             jumps: Vec::new(),
             rounded: [0.0; ORDERS],
@@ -185,7 +185,7 @@ impl Piecewise {
             found.variations[ORDERS] += derivative.magnitude();
             let sizes: [f64; ORDERS] = std::array::from_fn(|k| (of_lower[k] - before[k]).abs());
             if sizes.iter().zip(ROUNDED_JUMPS).any(|(size, limit)| *size > limit) {
-                found.jumps.push(Jump { at: piece.lower, sizes });
+                found.jumps.push(FunctionJump { at: piece.lower, sizes });
             } else {
                 sizes.iter().zip(&mut found.rounded).for_each(|(size, sum)| *sum += size);
             }
@@ -230,7 +230,7 @@ impl Piecewise {
     }
 
     /// Where it or its slope jumps, but for the upper end; ascending.
-    pub fn jumps(&self) -> &[Jump] {
+    pub fn jumps(&self) -> &[FunctionJump] {
         &self.jumps
     }
 
@@ -252,8 +252,8 @@ impl Piecewise {
 
 /// The middle of the narrowest piece, where that is so narrow that something jumps there and is not
 /// the last of those that become narrower towards an end.
-fn narrowest(pieces: &[Piece]) -> Option<f64> {
-    let widths: Vec<f64> = pieces.iter().map(Piece::half).collect();
+fn narrowest(pieces: &[PolynomialPiece]) -> Option<f64> {
+    let widths: Vec<f64> = pieces.iter().map(PolynomialPiece::half).collect();
     let narrower = |pair: &[f64]| pair[1] < pair[0];
     let first = widths.windows(2).position(narrower)?;
     let wider = |pair: &[f64]| pair[0] < pair[1];
@@ -264,7 +264,7 @@ fn narrowest(pieces: &[Piece]) -> Option<f64> {
 }
 
 /// The function that is fitted, and the rule by which its pieces are made.
-struct Fit<'f> {
+struct PiecewiseFit<'f> {
     function: &'f dyn Fn(f64) -> f64,
     largest: f64,
     /// Relative size of coefficients that count as round-off.
@@ -276,7 +276,7 @@ struct Fit<'f> {
     between: Vec<f64>,
 }
 
-impl<'f> Fit<'f> {
+impl<'f> PiecewiseFit<'f> {
     fn new(function: &'f dyn Fn(f64) -> f64, largest: f64) -> Self {
         /// Close to 1.
         const EDGE: f64 = 1.0 - 1e-4;
@@ -301,8 +301,9 @@ impl<'f> Fit<'f> {
     }
 
     /// `c_n = (2n + 1)/2 Σ_i w_i f(x_i) P_n(t_i)`.
-    fn piece(&self, lower: f64, upper: f64) -> Result<Piece, Failure> {
-        let mut piece = Piece { lower, upper, coefficients: vec![0.0; NODES], resolved: false };
+    fn piece(&self, lower: f64, upper: f64) -> Result<PolynomialPiece, Failure> {
+        let mut piece =
+            PolynomialPiece { lower, upper, coefficients: vec![0.0; NODES], resolved: false };
         let (middle, half) = (piece.middle(), piece.half());
         let mut size = 1f64;
         for (point, values) in self.rule.iter().zip(&self.values) {
@@ -325,7 +326,7 @@ impl<'f> Fit<'f> {
     }
 
     /// Pieces from `lower` to `upper` that end where something jumps.
-    fn pieces(&self, lower: f64, upper: f64) -> Result<Vec<Piece>, Failure> {
+    fn pieces(&self, lower: f64, upper: f64) -> Result<Vec<PolynomialPiece>, Failure> {
         let mut pieces = Vec::new();
         let mut ends = vec![upper];
         let (mut from, mut jumps) = (lower, 0);
@@ -349,7 +350,7 @@ impl<'f> Fit<'f> {
     }
 
     /// Pieces from `lower` to `upper`, halved until they are resolved or as narrow as may be.
-    fn resolve(&self, lower: f64, upper: f64) -> Result<Vec<Piece>, Failure> {
+    fn resolve(&self, lower: f64, upper: f64) -> Result<Vec<PolynomialPiece>, Failure> {
         let mut pieces = Vec::new();
         let mut left = vec![[lower, upper]];
         while let Some([lower, upper]) = left.pop() {

@@ -64,7 +64,7 @@ pub fn in_pieces(first: &Column, columns: &[Column]) -> String {
 
 /// A column of values for [`csv`] and [`tabular`].
 #[derive(Debug)]
-pub struct Values {
+pub struct ColumnValues {
     /// The name, at the top.
     pub name: String,
     /// A value a row; null where there is none.
@@ -82,7 +82,7 @@ pub struct Label {
     pub mark: char,
 }
 
-impl Values {
+impl ColumnValues {
     /// Without labels.
     pub fn new(name: &str, cells: impl IntoIterator<Item = Value>) -> Self {
         let cells = cells.into_iter().collect();
@@ -107,7 +107,7 @@ impl Values {
 
 /// Columns as CSV (RFC 4180), all digits of each number: a line of names, then one a row. Labels
 /// are a column of their own, `NAME_label`.
-pub fn csv(columns: &[Values]) -> String {
+pub fn csv(columns: &[ColumnValues]) -> String {
     let mut lines = vec![Vec::new(); 1 + columns.first().map_or(0, |column| column.cells.len())];
     for column in columns {
         lines[0].push(csv_field(&column.name));
@@ -126,7 +126,7 @@ pub fn csv(columns: &[Values]) -> String {
 
 /// Columns as a `tabular` of LaTeX with the rules of booktabs; before each row the text that
 /// `before` gives. Marks of labels are superscripts.
-pub fn tabular(columns: &[Values], before: impl Fn(usize) -> String) -> String {
+pub fn tabular(columns: &[ColumnValues], before: impl Fn(usize) -> String) -> String {
     let sides: String =
         columns.iter().map(|column| if column.has_words() { 'l' } else { 'r' }).collect();
     let names: Vec<String> = columns.iter().map(|column| tex_text(&column.name)).collect();
@@ -205,8 +205,8 @@ mod tests {
         ];
         let cells = vec![json!(0.1 + 0.2), json!(1e5), json!(null)];
         let columns = [
-            Values::new("set-up", ["a, b", "50 %", "c_1"].map(Value::from)),
-            Values { labels, ..Values::new("steps", cells) },
+            ColumnValues::new("set-up", ["a, b", "50 %", "c_1"].map(Value::from)),
+            ColumnValues { labels, ..ColumnValues::new("steps", cells) },
         ];
         let text = "set-up,steps,steps_label\n\"a, b\",0.30000000000000004,exact\n\
                     50 %,100000.0,model\nc_1,,unavailable\n";

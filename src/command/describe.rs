@@ -210,12 +210,12 @@ pub(crate) fn errors(case: &Case) -> String {
 }
 
 /// The measurements of `[readout]`.
-fn readout_line(readout: &case::Readout) -> String {
+fn readout_line(readout: &case::ReadoutSettings) -> String {
     let effort = match readout.effort {
-        case::Effort::Given { shots, evaluations } => {
+        case::MeasurementEffort::Given { shots, evaluations } => {
             format!("{shots} shots, {evaluations} evaluations")
         }
-        case::Effort::Accuracy(accuracy) => format!("to {accuracy:e}"),
+        case::MeasurementEffort::Accuracy(accuracy) => format!("to {accuracy:e}"),
     };
     format!("readout of {} cells: {effort}, seed {}\n", readout.cells.len(), readout.seed)
 }

@@ -11,7 +11,7 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::problem::exported::{self, Kind, Owner};
+use crate::problem::exported::{self, ExportKind, Owner};
 use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let names = export::NAMES.map(str::to_owned);
-    let owner = Owner::new(Kind::Quantum, &case);
+    let owner = Owner::new(ExportKind::Quantum, &case);
     let directory = output(world, &args.export, &owner, &names, &case)?;
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
     let description = exported.description();
@@ -73,7 +73,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = matrices::names(&case);
-    let owner = Owner::new(Kind::Matrix, &case);
+    let owner = Owner::new(ExportKind::Matrix, &case);
     let directory = output(world, args, &owner, &names, &case)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
@@ -94,7 +94,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// [`Record::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
-    let owner = Owner::new(Kind::Circuit, &case);
+    let owner = Owner::new(ExportKind::Circuit, &case);
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case)?;
     has_counts(&case)?;

@@ -11,7 +11,7 @@ use crate::command::sbatch::Needs;
 use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::advice::{Advice, Node};
+use crate::plan::advice::{Advice, MachineNode};
 use crate::plan::here::{announce_look, memory_per_rank};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
@@ -54,11 +54,11 @@ pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
 }
 
 /// The node that `args` speak of.
-fn node(args: &PlanArgs, ranks: usize) -> Option<Node> {
+fn node(args: &PlanArgs, ranks: usize) -> Option<MachineNode> {
     let on_node = args.ranks_per_node.map(|n| n as usize);
     let memory = args.memory_per_node;
     (memory.is_some() || on_node.is_some())
-        .then(|| Node { memory, ranks: on_node.unwrap_or(ranks) })
+        .then(|| MachineNode { memory, ranks: on_node.unwrap_or(ranks) })
 }
 
 /// What a run on so many ranks may take.

@@ -8,7 +8,7 @@ use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::problem::exported::{self, Kind, Owner};
+use crate::problem::exported::{self, ExportKind, Owner};
 use crate::results::dataset::RESULT;
 use crate::results::pictures;
 use crate::results::pictures::Album;
@@ -69,7 +69,7 @@ impl PictureDirectory {
         let settings = run.case.as_ref().map(|case| case.settings.clone());
         // A case that this program does not read is known by its text.
         let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
-        let owner = Some(Owner { export: Kind::Pictures, settings });
+        let owner = Some(Owner { export: ExportKind::Pictures, settings });
         Self { directory, of_run, owner }
     }
 
@@ -202,9 +202,9 @@ fn write_report(
 /// be printed. Collective.
 fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
     /// Name, text and overrides of a case; or why it is not described.
-    type Source = std::result::Result<(String, String, Vec<String>), String>;
+    type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
     let group = world.group();
-    let source: Option<Source> = run.map(|run| match &run.case {
+    let source: Option<DescribedCase> = run.map(|run| match &run.case {
         Ok(case) if case.space.space_cells() > MOST_POINTS => {
             Err(format!("more than {MOST_POINTS} cells of space"))
         }
@@ -213,7 +213,7 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
     });
     let text = source.and_then(|source| serde_json::to_string(&source).ok());
     let text = group.broadcast_text(&text.unwrap_or_default());
-    let source: Source = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+    let source: DescribedCase = serde_json::from_str(&text).map_err(|e| e.to_string())?;
     let (name, text, overrides) = source?;
     let described = || -> Result<String> {
         let case = Case::parse(&name, &text, &overrides)?;

@@ -1,7 +1,7 @@
 //! `phasewarp resources`: the cost of the case on a quantum computer.
 
 use crate::base::error::{Error, Result};
-use crate::base::table::{Values, csv, tabular};
+use crate::base::table::{ColumnValues, csv, tabular};
 use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json, print_unwrapped};
@@ -63,7 +63,7 @@ fn show<T: Serialize + Display>(
     world: &World,
     format: RecordFormat,
     found: &T,
-    columns: impl Fn(&T) -> Vec<Values>,
+    columns: impl Fn(&T) -> Vec<ColumnValues>,
 ) {
     match format {
         RecordFormat::Csv => print_unwrapped(world, &csv(&columns(found))),

@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::command::cli::SchemaArgs;
 use crate::command::printing::{print_json, print_unwrapped};
 use crate::parallel::communicator::World;
-use crate::problem::case::{Kind, keys};
+use crate::problem::case::{ValueKind, keys};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
@@ -48,41 +48,41 @@ fn page() -> String {
 }
 
 /// The values that a key takes, in words.
-fn words_of(kind: &Kind) -> String {
+fn words_of(kind: &ValueKind) -> String {
     let quoted = |words: &[&str]| {
         words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", ")
     };
     match kind {
-        Kind::Unknown => String::new(),
-        Kind::Number => "number".to_owned(),
-        Kind::Whole => "whole number".to_owned(),
-        Kind::Switch => "`true`, `false`".to_owned(),
-        Kind::Text => "text".to_owned(),
-        Kind::Formula => "formula".to_owned(),
-        Kind::Word(words) => quoted(words),
-        Kind::NumberOr(words) => format!("number, {}", quoted(words)),
-        Kind::List(item) => format!("list: {}", words_of(item)),
-        Kind::Table(_) => "table".to_owned(),
-        Kind::Switches(_) => "`true`, `false`, table".to_owned(),
-        Kind::Names(value) => format!("table of names: {}", words_of(value)),
+        ValueKind::Unknown => String::new(),
+        ValueKind::Number => "number".to_owned(),
+        ValueKind::Whole => "whole number".to_owned(),
+        ValueKind::Switch => "`true`, `false`".to_owned(),
+        ValueKind::Text => "text".to_owned(),
+        ValueKind::Formula => "formula".to_owned(),
+        ValueKind::Word(words) => quoted(words),
+        ValueKind::NumberOr(words) => format!("number, {}", quoted(words)),
+        ValueKind::List(item) => format!("list: {}", words_of(item)),
+        ValueKind::Table(_) => "table".to_owned(),
+        ValueKind::Switches(_) => "`true`, `false`, table".to_owned(),
+        ValueKind::Names(value) => format!("table of names: {}", words_of(value)),
     }
 }
 
 /// All keys with what they take, tables before what is in them; `N` stands for the number of a
 /// table in a list.
-fn every_key() -> Vec<(String, Kind)> {
-    fn look(path: &str, kind: &Kind, found: &mut Vec<(String, Kind)>) {
+fn every_key() -> Vec<(String, ValueKind)> {
+    fn look(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
         if !path.is_empty() && !path.ends_with(".N") {
             found.push((path.to_owned(), kind.clone()));
         }
         match kind {
-            Kind::Table(entries) | Kind::Switches(entries) => {
+            ValueKind::Table(entries) | ValueKind::Switches(entries) => {
                 for (name, below) in entries {
                     let path = if path.is_empty() { "" } else { &format!("{path}.") };
                     look(&format!("{path}{name}"), below, found);
                 }
             }
-            Kind::List(item) if matches!(**item, Kind::Table(_)) => {
+            ValueKind::List(item) if matches!(**item, ValueKind::Table(_)) => {
                 look(&format!("{path}.N"), item, found);
             }
             _ => {}
@@ -106,7 +106,7 @@ pub fn schema() -> Value {
 }
 
 /// What is expected at `path`, with its description.
-fn described(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Value {
+fn described(path: &str, kind: &ValueKind, of_keys: &BTreeMap<String, String>) -> Value {
     let mut schema = expected(path, kind, of_keys);
     if let (Some(text), Value::Object(schema)) = (of_keys.get(path), &mut schema) {
         schema.insert("description".to_owned(), json!(text));
@@ -114,36 +114,36 @@ fn described(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Val
     schema
 }
 
-fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Value {
-    let table = |entries: &[(&'static str, Kind)]| {
+fn expected(path: &str, kind: &ValueKind, of_keys: &BTreeMap<String, String>) -> Value {
+    let table = |entries: &[(&'static str, ValueKind)]| {
         let below = |name: &str| match path {
             "" => name.to_owned(),
             _ => format!("{path}.{name}"),
         };
-        let entry = |(name, kind): &(&'static str, Kind)| {
+        let entry = |(name, kind): &(&'static str, ValueKind)| {
             ((*name).to_owned(), described(&below(name), kind, of_keys))
         };
         let entries: Map<String, Value> = entries.iter().map(entry).collect();
         json!({ "type": "object", "properties": entries, "additionalProperties": false })
     };
     match kind {
-        Kind::Unknown => json!({}),
+        ValueKind::Unknown => json!({}),
         // A text is a formula of constants.
-        Kind::Number | Kind::Formula => json!({ "type": ["number", "string"] }),
-        Kind::Whole => json!({ "type": "integer" }),
-        Kind::Switch => json!({ "type": "boolean" }),
-        Kind::Text => json!({ "type": "string" }),
-        Kind::Word(words) => json!({ "enum": words }),
-        Kind::NumberOr(words) => {
+        ValueKind::Number | ValueKind::Formula => json!({ "type": ["number", "string"] }),
+        ValueKind::Whole => json!({ "type": "integer" }),
+        ValueKind::Switch => json!({ "type": "boolean" }),
+        ValueKind::Text => json!({ "type": "string" }),
+        ValueKind::Word(words) => json!({ "enum": words }),
+        ValueKind::NumberOr(words) => {
             json!({ "anyOf": [{ "enum": words }, { "type": ["number", "string"] }] })
         }
-        Kind::List(item) => {
+        ValueKind::List(item) => {
             let item = described(&format!("{path}.N"), item, of_keys);
             json!({ "type": "array", "items": item })
         }
-        Kind::Table(entries) => table(entries),
-        Kind::Switches(entries) => json!({ "anyOf": [{ "type": "boolean" }, table(entries)] }),
-        Kind::Names(value) => {
+        ValueKind::Table(entries) => table(entries),
+        ValueKind::Switches(entries) => json!({ "anyOf": [{ "type": "boolean" }, table(entries)] }),
+        ValueKind::Names(value) => {
             let value = described(&format!("{path}.N"), value, of_keys);
             json!({ "type": "object", "additionalProperties": value })
         }

@@ -17,7 +17,7 @@ use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
-use crate::solve::spectrum::{End, Extremes};
+use crate::solve::spectrum::{Extremes, SpectrumEnd};
 use crate::study::grids::refined;
 use serde::Serialize;
 use std::time::Instant;
@@ -237,7 +237,7 @@ impl GridSpectrum {
     fn line(&self) -> String {
         let Extremes { highest, lowest, steps } = self.lanczos;
         let number = |value: f64| number(rounded(value, self.decay));
-        let within = |end: &End| {
+        let within = |end: &SpectrumEnd| {
             let residual = format!("+- {:.1e}", end.residual);
             if end.converged { residual } else { residual + " (not converged: more --steps)" }
         };

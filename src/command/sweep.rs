@@ -9,7 +9,7 @@ use crate::command::loading::{default_directory_of, load_text};
 use crate::command::printing::{print, print_unwrapped};
 use crate::parallel::communicator::World;
 use crate::run::options::Options;
-use crate::study::sweep::table::{Table, refuse_to_replace};
+use crate::study::sweep::table::{SweepTable, refuse_to_replace};
 use crate::study::sweep::vary::Vary;
 use crate::study::sweep::{Sweep, SweepRequest, SweepResult};
 use std::path::Path;
@@ -94,7 +94,7 @@ fn list(world: &World, sweep: &Sweep) {
 }
 
 /// Writes and prints the table.
-fn conclude(world: &World, directory: &Path, table: &Table) -> Result<()> {
+fn conclude(world: &World, directory: &Path, table: &SweepTable) -> Result<()> {
     world.group().on_first_rank(|| table.write(directory))?;
     let shown = directory.display();
     print(world, &format!("{table}\ntable.csv and table.tex in {shown}"));

@@ -13,8 +13,8 @@
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::rows::{Builder, Entry, Rows};
+use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
+use crate::matrix::rows::{MatrixEntry, Rows, RowsBuilder};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
 use crate::scheme::rows::{Row, Scheme};
@@ -38,7 +38,7 @@ struct Contribution {
 struct Sorter {
     ends: Vec<usize>,
     sorted: Vec<Contribution>,
-    entries: Vec<Entry>,
+    entries: Vec<MatrixEntry>,
 }
 
 impl Sorter {
@@ -49,7 +49,7 @@ impl Sorter {
         &mut self,
         layer: &mut Vec<Contribution>,
         rows: usize,
-        mut take: impl FnMut(&mut Vec<Entry>),
+        mut take: impl FnMut(&mut Vec<MatrixEntry>),
     ) {
         let Self { ends, sorted, entries } = self;
         ends.clear();
@@ -102,7 +102,7 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
     };
     let mut rows = InflowRows {
         list: Vec::new(),
-        entering: Entering::default(),
+        entering: VaryingInflow::default(),
         shared: case.embeds() && case.warp.inflow == Embedding::Scalar,
     };
     if !case.embeds() {
@@ -112,7 +112,7 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
         for v in 0..block.velocity_cells {
             scheme.row(row, global + v);
             if listed(row) {
-                rows.list.push(Inflow {
+                rows.list.push(AuxiliaryRow {
                     row: (local + v) as u32,
                     values: row.inflow,
                     damping: row.damping,
@@ -130,7 +130,7 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
 
 /// A number of an unknown, or of the first one of a space cell, globally and on this rank.
 #[derive(Clone, Copy)]
-struct Numbers {
+struct UnknownNumbers {
     global: usize,
     local: usize,
 }
@@ -138,7 +138,7 @@ struct Numbers {
 /// The space cells of a block and its ghosts, by layer along the first x-axis.
 struct Layers {
     /// The first unknown of each space cell, layer by layer.
-    cells: Vec<Numbers>,
+    cells: Vec<UnknownNumbers>,
     /// The block's layers, by element of the first x-axis.
     range: Range<usize>,
     /// Unknowns of a layer of the whole grid.
@@ -167,10 +167,10 @@ impl Layers {
             rows,
         };
         let cells = &mut this.cells;
-        block.for_each_own(|global, local| cells.push(Numbers { global, local }));
+        block.for_each_own(|global, local| cells.push(UnknownNumbers { global, local }));
         block.for_each_ghost(|global, ghost| {
             let local = rows + ghost;
-            cells.push(Numbers { global, local });
+            cells.push(UnknownNumbers { global, local });
         });
         let size = this.global_size;
         this.cells.sort_by_key(|cell| cell.global / size);
@@ -183,15 +183,15 @@ impl Layers {
     }
 
     /// The space cells of each layer.
-    fn each(&self) -> impl DoubleEndedIterator<Item = &[Numbers]> {
+    fn each(&self) -> impl DoubleEndedIterator<Item = &[UnknownNumbers]> {
         (self.cells).chunk_by(|a, b| self.of(a.global) == self.of(b.global))
     }
 
     /// The unknowns of space cells.
-    fn unknowns(&self, cells: &[Numbers]) -> impl Iterator<Item = Numbers> {
+    fn unknowns(&self, cells: &[UnknownNumbers]) -> impl Iterator<Item = UnknownNumbers> {
         let velocities = self.velocities;
-        (cells.iter()).flat_map(move |&Numbers { global, local }| {
-            (0..velocities).map(move |v| Numbers { global: global + v, local: local + v })
+        (cells.iter()).flat_map(move |&UnknownNumbers { global, local }| {
+            (0..velocities).map(move |v| UnknownNumbers { global: global + v, local: local + v })
         })
     }
 }
@@ -210,7 +210,7 @@ struct Collector<'a> {
 
 impl Collector<'_> {
     /// Adds to local row `target` in `layer` of the block.
-    fn put(&mut self, target: usize, layer: usize, column: Numbers, [s, k]: [f64; 2]) {
+    fn put(&mut self, target: usize, layer: usize, column: UnknownNumbers, [s, k]: [f64; 2]) {
         let list = match (layer + 1).checked_sub(self.current) {
             Some(next @ 0..=2) => &mut self.window[next],
             Some(_) => &mut self.turned,
@@ -227,7 +227,7 @@ impl Collector<'_> {
     }
 
     /// Adds what row `i` of `A`, which is in the current layer, gives to `S` and `K`.
-    fn add(&mut self, i: Numbers, row: &Row) {
+    fn add(&mut self, i: UnknownNumbers, row: &Row) {
         let cells = self.block.cells();
         for &(global, value) in &row.entries {
             let local = match self.block.local(global) {
@@ -235,7 +235,7 @@ impl Collector<'_> {
                 Some(LocalIndex::Ghost(g)) => self.layers.rows + g,
                 None => continue,
             };
-            let (j, half) = (Numbers { global, local }, 0.5 * value);
+            let (j, half) = (UnknownNumbers { global, local }, 0.5 * value);
             let diagonal = i.local == j.local;
             if i.local < cells {
                 let pair = if diagonal { [value, 0.0] } else { [half, half] };
@@ -324,10 +324,10 @@ fn rows_by_layers(
     let rows = block.cells() + inflow.unknowns();
     let layers = Layers::new(case, block, rows);
     // Couplings that vary with time are no entries.
-    let enters_at = |aux: &Inflow| !case.varies() && aux.enters();
+    let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
     let coupled = inflow.list.iter().enumerate();
     let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
-    let mut builder = Builder::with_capacity(rows);
+    let mut builder = RowsBuilder::with_capacity(rows);
     let mut sorter = Sorter::default();
     let mut done = 0;
     collect_layers(case, scheme, block, &layers, row, |layer| {

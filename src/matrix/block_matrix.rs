@@ -9,10 +9,10 @@
 //! then its ghosts.
 
 use crate::matrix::bundles::{Bundles, WIDTH};
-use crate::matrix::inflow::{Entering, Inflow, InflowRows};
-use crate::matrix::kernel::{Compiled, InstructionSet, Step};
+use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
+use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
-use crate::matrix::rows::{Lines, MOST_NODES, Rows};
+use crate::matrix::rows::{MOST_NODES, RowLines, Rows};
 use crate::matrix::vector::Vector;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
@@ -40,7 +40,7 @@ struct RowProducts<'a> {
     x: &'a [f64],
 }
 
-impl Compiled for RowProducts<'_> {
+impl Vectorized for RowProducts<'_> {
     #[inline(always)]
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
         self.matrix.sum_lines(self.lines, self.operator, self.y, self.x);
@@ -52,9 +52,9 @@ pub struct BlockMatrix {
     /// The block's numbering.
     pub block: Block,
     /// The rows that have an auxiliary unknown, or a share in the common one, in their order.
-    pub inflow: Vec<Inflow>,
+    pub inflow: Vec<AuxiliaryRow>,
     /// Where a varying inflow comes from, row by row of `inflow`; empty for a constant one.
-    pub entering: Entering,
+    pub entering: VaryingInflow,
     /// Whether one auxiliary unknown, of which every rank has a copy, serves all rows.
     pub(crate) shared: bool,
     /// Whether that has couplings, which its row sums over all ranks.
@@ -127,7 +127,7 @@ impl BlockMatrix {
         if nodes > 1 {
             let cells = self.block.cells();
             let stride = cells / self.block.ranges[0].len();
-            self.rows = self.rows.gathered(Lines { nodes, stride, cells });
+            self.rows = self.rows.gathered(RowLines { nodes, stride, cells });
             self.bundles = Bundles::of(&self.rows);
             self.find_border();
         }
@@ -193,7 +193,7 @@ impl BlockMatrix {
     /// cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
-        let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
+        let half = |aux: &AuxiliaryRow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
         self.rows.row(i).chain(common.iter().map(half))
     }
 
@@ -334,7 +334,7 @@ impl BlockMatrix {
         exchange.finish(&mut x[rows..]);
         self.apply_rows(&self.border, operator, y, x);
         if self.summed && operator != Operator::Generator {
-            let share = |aux: &Inflow| [aux.coupling * x[aux.row as usize]];
+            let share = |aux: &AuxiliaryRow| [aux.coupling * x[aux.row as usize]];
             let [sum] =
                 (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
             y[self.block.cells()] = if operator == Operator::Transpose { sum } else { 0.5 * sum };
@@ -351,7 +351,7 @@ impl BlockMatrix {
         start: &[R],
     ) {
         let matrix = &self.rows;
-        InstructionSet::here().run(Step { matrix, lines, constants, y, x, start });
+        InstructionSet::here().run(LineStep { matrix, lines, constants, y, x, start });
     }
 
     /// One fused step for a batch of modes, `x`'s ghosts being refreshed:
@@ -419,7 +419,8 @@ impl BlockMatrix {
         y: &mut [Lanes],
         x: &[Lanes],
     ) {
-        let share = |(aux, coupling): (&Inflow, f64)| x[aux.row as usize].0.map(|x| coupling * x);
+        let share =
+            |(aux, coupling): (&AuxiliaryRow, f64)| x[aux.row as usize].0.map(|x| coupling * x);
         let terms = self.inflow.iter().zip(couplings).map(share);
         let total: [f64; 2 * LANES] = exchange.group().sum_lanes(self.inflow_rows, terms);
         let row = self.block.cells();
@@ -501,7 +502,7 @@ fn add_coupled(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parallel::partition::Mesh;
+    use crate::parallel::partition::ProcessMesh;
     use crate::problem::case::Case;
 
     const CASE: &str = "[[axis]]\nx = { lower = -1, upper = 1, cells = 40 }\n\
@@ -516,7 +517,7 @@ mod tests {
         for (degree, flux) in [("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
             let settings = [format!("scheme.degree={degree}"), format!("scheme.flux={flux}")];
             let case = Case::parse("case", CASE, &settings).expect("a case");
-            let mesh = Mesh { space: vec![1], groups: 1 };
+            let mesh = ProcessMesh { space: vec![1], groups: 1 };
             let block = Block::new(&case.space, &mesh, 0);
             let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
             matrix.gather_elements();

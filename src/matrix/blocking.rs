@@ -31,7 +31,7 @@
 use crate::base::machine::{cache_per_core, last_cache_per_core};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::rows::Lines;
+use crate::matrix::rows::RowLines;
 use crate::parallel::communicator::GhostExchange;
 use std::ops::Range;
 
@@ -81,7 +81,7 @@ struct Tile {
 
 /// Several steps of a recurrence.
 #[derive(Clone, Copy)]
-pub struct Steps<'a> {
+pub struct RecurrenceSteps<'a> {
     /// What each step needs besides the matrix.
     pub levels: &'a [StepConstants],
     /// Couplings to the auxiliary unknowns that are no entries of the matrix (see
@@ -219,7 +219,7 @@ impl Caches {
 }
 
 /// What a depth and a width need and save.
-struct Fit {
+struct BlockingCost {
     /// Tiles in use.
     sections: f64,
     /// What is moved for a step, beside step after step.
@@ -258,7 +258,7 @@ impl BlockingShape {
             let nodes = matrix.stored().lines().nodes;
             let tile = nodes * matrix.block.velocity_cells.div_ceil(parts);
             let a_tile = bytes * tile as f64;
-            for Fit { sections, traffic, depth, width } in Self::all(matrix) {
+            for BlockingCost { sections, traffic, depth, width } in Self::all(matrix) {
                 if sections * a_tile > caches.last {
                     continue;
                 }
@@ -274,7 +274,7 @@ impl BlockingShape {
     }
 
     /// All depths and widths.
-    fn all(matrix: &BlockMatrix) -> impl Iterator<Item = Fit> {
+    fn all(matrix: &BlockMatrix) -> impl Iterator<Item = BlockingCost> {
         let block = &matrix.block;
         let nodes = matrix.stored().lines().nodes;
         let across = &block.ranges[1..];
@@ -304,7 +304,7 @@ impl BlockingShape {
                 })
                 .sum();
             let sections = section * (depth + 2) as f64;
-            Fit { sections, traffic: edges / depth as f64 + waiting, depth, width }
+            BlockingCost { sections, traffic: edges / depth as f64 + waiting, depth, width }
         })
     }
 }
@@ -337,7 +337,7 @@ fn for_each_in_strips(sizes: &[usize], width: usize, mut visit: impl FnMut(usize
 /// The tiles: `parts` nearly equal ranges of velocities at each cell, or at an element's nodes
 /// along the first axis.
 struct Tiling {
-    lines: Lines,
+    lines: RowLines,
     parts: usize,
     velocities: usize,
     tiles: Vec<Tile>,
@@ -467,7 +467,7 @@ impl BlockMatrix {
         &self,
         exchange: &mut GhostExchange,
         blocking: Option<&Blocking>,
-        steps: &Steps<'_>,
+        steps: &RecurrenceSteps<'_>,
         y: &mut Vec<Lanes>,
         x: &mut Vec<Lanes>,
         start: &[R],
@@ -481,12 +481,12 @@ impl BlockMatrix {
         &self,
         exchange: &mut GhostExchange,
         blocking: Option<&Blocking>,
-        steps: &Steps<'_>,
+        steps: &RecurrenceSteps<'_>,
         [y, x]: [&mut Vec<Lanes>; 2],
         start: &[R],
         read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
     ) {
-        let &Steps { levels, couplings } = steps;
+        let &RecurrenceSteps { levels, couplings } = steps;
         let Some(blocking) = blocking.filter(|_| levels.len() > 1) else {
             for (level, constants) in levels.iter().enumerate() {
                 self.step(exchange, constants, couplings, y, x, start);
@@ -528,7 +528,7 @@ impl BlockMatrix {
         &self,
         blocking: &Blocking,
         order: &[(u32, u32)],
-        steps: &Steps<'_>,
+        steps: &RecurrenceSteps<'_>,
         vectors: &mut [&mut [Lanes]; 2],
         start: &[R],
         read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
@@ -564,7 +564,7 @@ impl BlockMatrix {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parallel::partition::{Block, Mesh};
+    use crate::parallel::partition::{Block, ProcessMesh};
     use crate::problem::case::Case;
 
     /// The shape for a core with 1 MiB to itself and 16 MiB of the last cache.
@@ -580,7 +580,7 @@ mod tests {
             axis("v", 1.5)
         );
         let case = Case::parse("case", &text, &[]).expect("a case");
-        let block = Block::new(&case.space, &Mesh { space: vec![1], groups: 1 }, 0);
+        let block = Block::new(&case.space, &ProcessMesh { space: vec![1], groups: 1 }, 0);
         let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
         matrix.gather_elements();
         let caches = Caches { own: SHARE * 1048576.0, last: SHARE * 16777216.0 };

@@ -15,7 +15,7 @@
 
 use crate::base::error::Result;
 use crate::matrix::element_faces::ElementFaces;
-use crate::matrix::line_bounds::{Face, LineBounds, Lines};
+use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::problem::case::{Case, Delta, Method};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::Potential;
@@ -279,12 +279,12 @@ fn line_bounds(
         }
         let moves = !space.is_single(a) || jumps[a];
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
-        bounds.push(LineBounds::new(Lines {
+        bounds.push(LineBounds::new(PhaseLines {
             nodes: [x.nodes, v.nodes],
             flux: case.flux,
             pieces: faces.pieces(a),
             speeds: (0..v.cells as i64).map(speed).collect(),
-            ends: if case.is_closed() { Face::Closed } else { Face::Open },
+            ends: if case.is_closed() { FaceKind::Closed } else { FaceKind::Open },
         }));
     }
     Ok(bounds)
@@ -292,21 +292,22 @@ fn line_bounds(
 
 impl Causes {
     /// Adds what the lines along a pair of axes dissipate.
-    fn add(&mut self, lines: &Lines) {
-        let by = |cause: Face| {
-            let seen = move |face| if face == cause { face } else { Face::Unseen };
-            lines.dissipation_of(0.0, Face::Unseen, seen)
+    fn add(&mut self, lines: &PhaseLines) {
+        let by = |cause: FaceKind| {
+            let seen = move |face| if face == cause { face } else { FaceKind::Unseen };
+            lines.dissipation_of(0.0, FaceKind::Unseen, seen)
         };
-        let closed = if lines.ends == Face::Closed { Face::Closed } else { Face::Unseen };
+        let closed =
+            if lines.ends == FaceKind::Closed { FaceKind::Closed } else { FaceKind::Unseen };
         self.flux += lines.dissipation_of(lines.flux, closed, |face| match face {
-            Face::Open => Face::Unseen,
-            Face::Closed => face,
-            _ => Face::Inner,
+            FaceKind::Open => FaceKind::Unseen,
+            FaceKind::Closed => face,
+            _ => FaceKind::Inner,
         });
-        self.ends += by(Face::Open);
-        self.beyond += by(Face::Beyond);
-        self.reflection += by(Face::Upwind);
-        self.velocities += lines.dissipation_of(0.0, lines.ends, |_| Face::Unseen);
+        self.ends += by(FaceKind::Open);
+        self.beyond += by(FaceKind::Beyond);
+        self.reflection += by(FaceKind::Upwind);
+        self.velocities += lines.dissipation_of(0.0, lines.ends, |_| FaceKind::Unseen);
     }
 }
 

@@ -5,7 +5,7 @@
 //! distances, the values of all lines of a bundle stand side by side: a bundle takes one pass of
 //! vertical operations, with the sums of each row in the order of its own entries.
 
-use crate::matrix::rows::{Lines, Rows};
+use crate::matrix::rows::{RowLines, Rows};
 use std::collections::HashMap;
 
 /// Lines of a bundle.
@@ -17,7 +17,7 @@ const NONE: u32 = u32::MAX;
 const LEAST_REPEATS: usize = 2;
 
 /// A number for each line of a bundle.
-type Lanes = [f64; WIDTH];
+type BundleLanes = [f64; WIDTH];
 
 /// The bundles of gathered rows.
 #[derive(Clone, Debug, Default)]
@@ -27,19 +27,19 @@ pub(crate) struct Bundles {
     /// By layer, the bundle that each bundle repeats; or [`NONE`].
     like: Vec<u32>,
     /// `k` to the nodes of a line: row by row of a bundle, node by node.
-    dense: Vec<Lanes>,
+    dense: Vec<BundleLanes>,
     /// Entries `offsets[r]..offsets[r + 1]` are the others of row `r` of all bundles.
     offsets: Vec<usize>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
     /// `[s, k]`.
-    values: Vec<[Lanes; 2]>,
+    values: Vec<[BundleLanes; 2]>,
 }
 
 impl Bundles {
     /// The bundles of `rows`; none where lines are single rows, or rows hardly repeat.
     pub fn of(rows: &Rows) -> Self {
-        let Lines { nodes, stride, cells } = *rows.lines();
+        let RowLines { nodes, stride, cells } = *rows.lines();
         let mut this = Self { offsets: vec![0], ..Self::default() };
         if nodes == 1 || rows.templates() * LEAST_REPEATS > cells {
             return this;
@@ -71,7 +71,7 @@ impl Bundles {
         for m in 0..nodes {
             let dense = |lane: usize| rows.dense_row(rows.template(first + lane) + m);
             self.dense.extend(
-                (0..nodes).map(|n| -> Lanes { std::array::from_fn(|lane| dense(lane)[n]) }),
+                (0..nodes).map(|n| -> BundleLanes { std::array::from_fn(|lane| dense(lane)[n]) }),
             );
             for (e, distance) in distances(0, m).enumerate() {
                 let mut values = [[0.0; WIDTH]; 2];
@@ -90,7 +90,7 @@ impl Bundles {
 
     /// The bundle that begins with line `line` of `lines`, if one does.
     #[inline(always)]
-    pub fn at(&self, lines: &Lines, line: usize) -> Option<usize> {
+    pub fn at(&self, lines: &RowLines, line: usize) -> Option<usize> {
         if self.in_layer == 0 {
             return None;
         }
@@ -111,7 +111,7 @@ impl Bundles {
         y: &mut [f64],
         x: &[f64],
     ) {
-        let add = |sum: &mut Lanes, s: &Lanes, k: &Lanes, from: usize| {
+        let add = |sum: &mut BundleLanes, s: &BundleLanes, k: &BundleLanes, from: usize| {
             let x = &x[from..from + WIDTH];
             for lane in 0..WIDTH {
                 sum[lane] += entry(s[lane], k[lane]) * x[lane];
@@ -137,6 +137,6 @@ impl Bundles {
     pub fn bytes(&self) -> usize {
         4 * (self.like.len() + self.distances.len())
             + 8 * self.offsets.len()
-            + size_of::<Lanes>() * (self.dense.len() + 2 * self.values.len())
+            + size_of::<BundleLanes>() * (self.dense.len() + 2 * self.values.len())
     }
 }

@@ -1,6 +1,6 @@
 //! What the elements of a grid have at their faces, by what bounds of the spectrum tell apart.
 
-use crate::matrix::line_bounds::{Face, MOST_UNKNOWNS, Piece};
+use crate::matrix::line_bounds::{FaceKind, LinePiece, MOST_UNKNOWNS};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, for_each_cell};
 use crate::problem::potential::{JumpKind, Potential};
@@ -11,7 +11,7 @@ use std::ops::Range;
 pub struct ElementFaces<'a> {
     case: &'a Case,
     /// By axis: the faces below and above an element, and the steepest force on such elements.
-    found: [BTreeMap<[Face; 2], f64>; MAX_DIMENSION],
+    found: [BTreeMap<[FaceKind; 2], f64>; MAX_DIMENSION],
     /// The jumps where the first axis closes on itself, in the order of the other cells.
     turn: Vec<JumpKind>,
     /// By axis: the fewest elements between two jumps, or between a jump and an end of the axis.
@@ -76,13 +76,13 @@ impl<'a> ElementFaces<'a> {
         a: usize,
         upper: bool,
         turn: Option<JumpKind>,
-    ) -> Face {
+    ) -> FaceKind {
         let (space, closed) = (&self.case.space, self.case.is_closed());
         let axis = &space.x[a];
         let element = i[a] / axis.nodes.count();
         let at_end = if upper { element + 1 == axis.elements() } else { element == 0 };
         if at_end && !space.is_periodic(a) {
-            return if closed { Face::Closed } else { Face::Open };
+            return if closed { FaceKind::Closed } else { FaceKind::Open };
         }
         let mut cell = *i;
         cell[a] = element * axis.nodes.count() + if upper { axis.nodes.count() - 1 } else { 0 };
@@ -91,39 +91,39 @@ impl<'a> ElementFaces<'a> {
             None => potential.jump_kind(&cell, a, upper),
         };
         if kind.jump() == 0.0 {
-            return Face::Inner;
+            return FaceKind::Inner;
         }
         let reflects = |region: usize| self.case.potential[region].reflection.is_some();
         if kind.higher.is_some_and(reflects) {
-            return Face::Upwind;
+            return FaceKind::Upwind;
         }
         // On the lower side of V slower and reflected velocities are the partners.
         let is_higher = (kind.jump() < 0.0) == upper;
         let v = &space.v[a];
         let reflected = (2.0 * kind.jump().abs()).sqrt();
         match closed || !is_higher && reflected <= v.upper.min(-v.lower) {
-            true => Face::Inner,
-            false => Face::Beyond,
+            true => FaceKind::Inner,
+            false => FaceKind::Beyond,
         }
     }
 
     /// What lines along axis `a` are made of: single elements, by their faces. A short line without
     /// jumps is taken whole. Where none of the axis are steeper, the elements from an end or a jump
     /// on are taken together, as many as two such stretches have room for on any line.
-    pub fn pieces(&self, a: usize) -> Vec<Piece> {
+    pub fn pieces(&self, a: usize) -> Vec<LinePiece> {
         let space = &self.case.space;
         let (elements, count) = (space.x[a].elements(), space.x[a].nodes.count());
         let most = self.found[a].values().copied().fold(0.0, f64::max);
         if self.between[a] == elements && !space.is_periodic(a) && elements * count <= MOST_UNKNOWNS
         {
-            let end = if self.case.is_closed() { Face::Closed } else { Face::Open };
-            return vec![Piece { elements, faces: [end; 2], steepest: most }];
+            let end = if self.case.is_closed() { FaceKind::Closed } else { FaceKind::Open };
+            return vec![LinePiece { elements, faces: [end; 2], steepest: most }];
         }
         let together = (MOST_UNKNOWNS / count).min(self.between[a] / 2).max(1);
-        let piece = |(&faces, &steepest): (&[Face; 2], &f64)| {
-            let one_sided = faces.contains(&Face::Inner) && faces != [Face::Inner; 2];
+        let piece = |(&faces, &steepest): (&[FaceKind; 2], &f64)| {
+            let one_sided = faces.contains(&FaceKind::Inner) && faces != [FaceKind::Inner; 2];
             let elements = if one_sided && steepest == most { together } else { 1 };
-            Piece { elements, faces, steepest }
+            LinePiece { elements, faces, steepest }
         };
         self.found[a].iter().map(piece).collect()
     }

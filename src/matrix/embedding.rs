@@ -39,7 +39,7 @@
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
-use crate::matrix::inflow::Inflow;
+use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Delta};
 
@@ -62,7 +62,7 @@ impl BlockMatrix {
         }
         if self.shared {
             // Σ b_i²/(2 g_i), and the same with the rows' weights; one field has inflow.
-            let share = |aux: &Inflow| {
+            let share = |aux: &AuxiliaryRow| {
                 let term = 0.5 * aux.strength;
                 [term, pi[aux.row as usize] * term]
             };
@@ -158,7 +158,7 @@ impl BlockMatrix {
     /// `enters` of it.
     pub fn auxiliary(&self, k: usize, enters: bool) -> impl Iterator<Item = f64> + '_ {
         let uncoupled = if enters { self.uncoupled } else { 0.0 };
-        let own = move |aux: &Inflow| {
+        let own = move |aux: &AuxiliaryRow| {
             if aux.coupling == 0.0 { uncoupled } else { aux.values[k] / aux.coupling }
         };
         let common = self.shared.then_some(uncoupled);

@@ -1,14 +1,14 @@
 //! The rows that something enters through the boundary.
 
-use crate::problem::case::{Field, MOST_FIELDS};
+use crate::problem::case::{LiouvilleField, MOST_FIELDS};
 use crate::scheme::rows::Row;
 
 /// The rows that have an auxiliary unknown, or a share in the common one.
 pub(crate) struct InflowRows {
     /// In their order.
-    pub list: Vec<Inflow>,
+    pub list: Vec<AuxiliaryRow>,
     /// Where a varying inflow comes from, row by row of `list`; empty for a constant one.
-    pub entering: Entering,
+    pub entering: VaryingInflow,
     /// Whether one auxiliary unknown serves all rows.
     pub shared: bool,
 }
@@ -22,7 +22,7 @@ impl InflowRows {
 
 /// A row with an auxiliary unknown, its own or the common one.
 #[derive(Clone, Copy, Debug)]
-pub struct Inflow {
+pub struct AuxiliaryRow {
     /// Local number of row `i`.
     pub row: u32,
     /// `b_i` of each field; at the start, if it varies.
@@ -36,7 +36,7 @@ pub struct Inflow {
     pub coupling: f64,
 }
 
-impl Inflow {
+impl AuxiliaryRow {
     /// The coupling that lets this row and its unknown grow by at most `growth`: of degree 0 that
     /// of `κ² = 2 g θ`; of a higher degree, where `g` may be zero, the root of `λ_i = θ`.
     pub fn planned_coupling(&self, growth: f64, by_elements: bool) -> f64 {
@@ -57,13 +57,13 @@ impl Inflow {
 
 /// Where a varying inflow comes from: `b_i(t) = Σ rate · value(ghost centre, t)`, row by row.
 #[derive(Clone, Debug, Default)]
-pub struct Entering {
+pub struct VaryingInflow {
     /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.
     ends: Vec<usize>,
     ghosts: Vec<(f64, [f64; 6])>,
 }
 
-impl Entering {
+impl VaryingInflow {
     /// Adds a row.
     pub(crate) fn push(&mut self, row: &Row) {
         self.ghosts.extend_from_slice(&row.ghosts);
@@ -71,7 +71,7 @@ impl Entering {
     }
 
     /// `b_i(time)` of `field`, row by row of the list of inflow rows.
-    pub fn values(&self, field: &Field, time: f64) -> impl Iterator<Item = f64> {
+    pub fn values(&self, field: &LiouvilleField, time: f64) -> impl Iterator<Item = f64> {
         let formula = field.entering();
         self.sums(move |point| formula.at_point(point, time))
     }
@@ -89,7 +89,7 @@ impl Entering {
     }
 
     /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
-    pub fn worst(&self, field: &Field, m: usize, time: f64) -> (f64, [f64; 6]) {
+    pub fn worst(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
         let value =
             |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
         let mut values = self.ghosts_of(m).iter().map(value);

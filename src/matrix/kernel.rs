@@ -37,7 +37,7 @@ impl StartRow for f64 {
 
 /// The constants of a step, in registers.
 #[derive(Clone, Copy)]
-struct Constants<V> {
+struct KernelConstants<V> {
     scale: V,
     shift: V,
     minus_shift: V,
@@ -46,7 +46,7 @@ struct Constants<V> {
     coefficient: V,
 }
 
-impl<V: Vector> Constants<V> {
+impl<V: Vector> KernelConstants<V> {
     #[inline(always)]
     fn load(constants: &StepConstants) -> Self {
         let StepConstants { scale, shift, wavenumber, coefficient } = constants;
@@ -86,7 +86,7 @@ impl<V: Vector> Products<V> {
 
     /// The step of a row: `a ((−iμ S + K) x + i c x) + y`.
     #[inline(always)]
-    fn finish(&self, constants: &Constants<V>, own: [V; 2], out: [V; 2]) -> [V; 2] {
+    fn finish(&self, constants: &KernelConstants<V>, own: [V; 2], out: [V; 2]) -> [V; 2] {
         let ([s_re, s_im], [k_re, k_im]) = (self.s, self.k);
         // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
         let re = k_re.add_product(constants.wavenumber, s_im);
@@ -109,7 +109,7 @@ struct Vectors<'a, R> {
 fn step_rows<V: Vector, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
-    constants: &Constants<V>,
+    constants: &KernelConstants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
     let behind = matrix.lines().cells - matrix.lines().of_cells();
@@ -133,7 +133,7 @@ const MANY: usize = 8;
 fn step_nodes<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
-    constants: &Constants<V>,
+    constants: &KernelConstants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
     match matrix.lines().nodes {
@@ -165,7 +165,7 @@ fn step_nodes_of<
 >(
     matrix: &Rows,
     lines: Range<usize>,
-    constants: &Constants<V>,
+    constants: &KernelConstants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
     let stride = matrix.lines().stride;
@@ -214,7 +214,7 @@ impl NodeLine {
         self,
         matrix: &Rows,
         from: usize,
-        constants: &Constants<V>,
+        constants: &KernelConstants<V>,
         vectors: &mut Vectors<'_, R>,
     ) {
         let Vectors { y, x, start } = vectors;
@@ -254,7 +254,7 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     start: &[R],
 ) {
     assert!(x.len() >= matrix.reach(), "vector and matrix do not fit");
-    let constants = Constants::load(constants);
+    let constants = KernelConstants::load(constants);
     let end = matrix.lines().of_cells();
     let gathered = lines.start.min(end)..lines.end.min(end);
     let single = lines.start.max(end)..lines.end.max(end);
@@ -264,7 +264,7 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
 }
 
 /// The step of some lines.
-pub struct Step<'a, R> {
+pub struct LineStep<'a, R> {
     /// The rows.
     pub matrix: &'a Rows,
     /// The lines.
@@ -279,7 +279,7 @@ pub struct Step<'a, R> {
     pub start: &'a [R],
 }
 
-impl<R: StartRow> Compiled for Step<'_, R> {
+impl<R: StartRow> Vectorized for LineStep<'_, R> {
     #[inline(always)]
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
         let Self { matrix, lines, constants, y, x, start } = self;
@@ -289,7 +289,7 @@ impl<R: StartRow> Compiled for Step<'_, R> {
 }
 
 /// Work that is compiled for each instruction set.
-pub trait Compiled {
+pub trait Vectorized {
     /// Does it. `#[inline(always)]`, as only then it is compiled for the set: with vectors `V`, and
     /// as many rows of a line at a time as registers take (`step_lines`). `FMA` only where the
     /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
@@ -298,13 +298,13 @@ pub trait Compiled {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn on_avx512(work: impl Compiled) {
+fn on_avx512(work: impl Vectorized) {
     work.run::<vector::Avx512, true, 4, true>();
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn on_avx2(work: impl Compiled) {
+fn on_avx2(work: impl Vectorized) {
     work.run::<vector::Avx2, true, 2, false>();
 }
 
@@ -367,7 +367,7 @@ impl InstructionSet {
     ///
     /// # Panics
     /// Where the processor does not have it.
-    pub fn run(self, work: impl Compiled) {
+    pub fn run(self, work: impl Vectorized) {
         assert!(self.is_here(), "{self:?} is not there");
         match self {
             // SAFETY: the processor has AVX-512, as was just asked.
@@ -412,7 +412,7 @@ impl InstructionSet {
 mod tests {
     use super::*;
     use crate::matrix::lanes::LANES;
-    use crate::matrix::rows::{Builder, Entry, Lines};
+    use crate::matrix::rows::{MatrixEntry, RowLines, RowsBuilder};
 
     /// Numbers of anything between −1 and 1.
     fn noise(number: usize) -> f64 {
@@ -424,7 +424,7 @@ mod tests {
     }
 
     /// Rows of cells that reach around a circle and, the first ones, to ghosts behind the rows.
-    fn entries(rows: usize, cells: usize, ghosts: usize) -> Vec<Vec<Entry>> {
+    fn entries(rows: usize, cells: usize, ghosts: usize) -> Vec<Vec<MatrixEntry>> {
         let row = |i: usize| {
             let mut columns = vec![i, (i + 1) % cells, (i + cells - 2) % cells];
             columns.extend((i < ghosts).then_some(rows + i));
@@ -440,11 +440,11 @@ mod tests {
     fn steps_are_those_of_the_formula() {
         let (rows, cells, ghosts) = (27, 24, 3);
         let list = entries(rows, cells, ghosts);
-        let mut builder = Builder::with_capacity(rows);
+        let mut builder = RowsBuilder::with_capacity(rows);
         list.iter().for_each(|row| builder.push(row));
         let single = builder.finish();
         let gathered = [(2, 3), (3, 2), (4, 1), (6, 4)]
-            .map(|(nodes, stride)| single.gathered(Lines { nodes, stride, cells }));
+            .map(|(nodes, stride)| single.gathered(RowLines { nodes, stride, cells }));
         let x: Vec<Lanes> = (0..rows + ghosts).map(lanes).collect();
         let before: Vec<Lanes> = (0..rows).map(|i| lanes(1000 + i)).collect();
         let start: Vec<f64> = (0..rows).map(|i| noise(5 * i)).collect();
@@ -462,11 +462,11 @@ mod tests {
             let mut y = before.clone();
             let lines = 0..matrix.line_count();
             let constants = &constants;
-            set.run(Step { matrix, lines, constants, y: &mut y, x: &x, start: &start });
+            set.run(LineStep { matrix, lines, constants, y: &mut y, x: &x, start: &start });
             for (i, row) in list.iter().enumerate() {
                 for l in 0..LANES {
                     let at = |j: u32| [l, LANES + l].map(|part| x[j as usize].0[part]);
-                    let sum = |of: fn(&Entry) -> f64, part: usize| -> f64 {
+                    let sum = |of: fn(&MatrixEntry) -> f64, part: usize| -> f64 {
                         row.iter().map(|entry| of(entry) * at(entry.0)[part]).sum()
                     };
                     let (a, c) = (constants.scale[l], constants.shift[l]);

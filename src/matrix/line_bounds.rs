@@ -17,7 +17,7 @@
 //! ```
 //!
 //! which the Bloch waves of the periodic line attain. Other faces have the coefficients of
-//! [`Face`]; a short line without jumps is taken whole.
+//! [`FaceKind`]; a short line without jumps is taken whole.
 //!
 //! Lines along a space axis have the speeds `|v_j|/Δx`, so that bounds `x` of an element at speed 1
 //! are the diagonal `x |v_j|/Δx` in velocity. To it comes the force, a velocity line of the speed
@@ -59,7 +59,7 @@ pub const MOST_UNKNOWNS: usize = 24;
 
 /// What is at a face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Face {
+pub enum FaceKind {
     /// The next element, maybe behind a jump of `V`.
     Inner,
     /// An open end of the box: the flux is upwind.
@@ -76,65 +76,65 @@ pub enum Face {
 
 /// The form `μS + i skew K` of the scheme with flux `α`.
 #[derive(Clone, Copy)]
-struct Form {
+struct HermitianForm {
     flux: f64,
     mu: f64,
     skew: f64,
 }
 
-impl Form {
+impl HermitianForm {
     /// What a face takes from the form at one side of it, in lower and in upper bound.
-    fn taken(self, face: Face) -> [f64; 2] {
+    fn taken(self, face: FaceKind) -> [f64; 2] {
         let cut = |flux: f64| {
             let (half, root) = (0.5 * flux * self.mu, 0.5 * (flux * self.mu).hypot(self.skew));
             [half + root, half - root]
         };
         let ([most, least], end) = (cut(self.flux), 0.5 * self.mu);
         match face {
-            Face::Inner => [most, least],
-            Face::Open => [end, end],
-            Face::Closed => [self.flux * end, self.flux * end],
-            Face::Beyond => [most.max(end), least.min(end)],
-            Face::Upwind => cut(1.0),
-            Face::Unseen => [0.0, 0.0],
+            FaceKind::Inner => [most, least],
+            FaceKind::Open => [end, end],
+            FaceKind::Closed => [self.flux * end, self.flux * end],
+            FaceKind::Beyond => [most.max(end), least.min(end)],
+            FaceKind::Upwind => cut(1.0),
+            FaceKind::Unseen => [0.0, 0.0],
         }
     }
 }
 
 /// The elements of a line along a space axis that have the same faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
+pub struct LinePiece {
     /// So many elements, one behind the other.
     pub elements: usize,
     /// What is at the two ends.
-    pub faces: [Face; 2],
+    pub faces: [FaceKind; 2],
     /// Steepest force on them, `|∂V/∂x|/Δv`.
     pub steepest: f64,
 }
 
 /// The lines along a space axis and its velocity axis.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lines {
+pub struct PhaseLines {
     /// Nodes of an element of the space axis, and of the velocity axis.
     pub nodes: [Nodes; 2],
     /// `α` of the flux.
     pub flux: f64,
     /// What the lines along the space axis are made of.
-    pub pieces: Vec<Piece>,
+    pub pieces: Vec<LinePiece>,
     /// `|v|/Δx` at all velocities.
     pub speeds: Vec<f64>,
     /// The ends of the velocity axis.
-    pub ends: Face,
+    pub ends: FaceKind,
 }
 
 /// The matrix of an element: `Q̂` and its traces.
-struct Element {
+struct ElementMatrix {
     skew: Vec<Vec<f64>>,
     left: Vec<f64>,
     right: Vec<f64>,
 }
 
-impl Element {
+impl ElementMatrix {
     fn new(nodes: Nodes) -> Self {
         let e = nodes.reference();
         // Weighted unknowns √(w/2) f: of width 1, `w/2` is the quadrature weight.
@@ -154,14 +154,20 @@ impl Element {
 /// Elements one behind the other, of speed 1.
 struct Stretch {
     elements: usize,
-    faces: [Face; 2],
+    faces: [FaceKind; 2],
     /// `|v|/Δx` at the nodes; at the nodes of a space axis nothing.
     speeds: Vec<f64>,
 }
 
 impl Stretch {
     /// The entry of the form in `row` and `column`, with `taken` at the two ends.
-    fn entry(&self, of: &Element, form: Form, taken: [f64; 2], at: [usize; 2]) -> c64 {
+    fn entry(
+        &self,
+        of: &ElementMatrix,
+        form: HermitianForm,
+        taken: [f64; 2],
+        at: [usize; 2],
+    ) -> c64 {
         let count = of.left.len();
         let ([e, f], [m, n]) = (at.map(|i| i / count), at.map(|i| i % count));
         let cross = 0.5 * form.flux * form.mu;
@@ -179,7 +185,13 @@ impl Stretch {
     }
 
     /// Bounds of `rate` times the form, and `added` times the speeds, below and above.
-    fn interval(&self, of: &Element, form: Form, rate: f64, added: [f64; 2]) -> [f64; 2] {
+    fn interval(
+        &self,
+        of: &ElementMatrix,
+        form: HermitianForm,
+        rate: f64,
+        added: [f64; 2],
+    ) -> [f64; 2] {
         let taken = self.faces.map(|face| form.taken(face));
         let size = self.elements * of.left.len();
         [0, 1].map(|side| {
@@ -199,7 +211,7 @@ impl Stretch {
     }
 }
 
-impl Lines {
+impl PhaseLines {
     /// The velocity axis: whole, or its two ends and the elements in between.
     fn stretches(&self) -> Vec<Stretch> {
         let (count, speeds) = (self.nodes[1].count(), &self.speeds);
@@ -214,20 +226,24 @@ impl Lines {
         let ends = speeds.iter().zip(mirrored).take(length * count).map(|(a, b)| a.max(*b));
         let inside = &speeds[length * count..speeds.len() - length * count];
         let fastest = inside.iter().copied().fold(0.0, f64::max);
-        let inner = Stretch { elements: 1, faces: [Face::Inner; 2], speeds: vec![fastest; count] };
-        let end =
-            Stretch { elements: length, faces: [self.ends, Face::Inner], speeds: ends.collect() };
+        let inner =
+            Stretch { elements: 1, faces: [FaceKind::Inner; 2], speeds: vec![fastest; count] };
+        let end = Stretch {
+            elements: length,
+            faces: [self.ends, FaceKind::Inner],
+            speeds: ends.collect(),
+        };
         if inside.is_empty() { vec![end] } else { vec![end, inner] }
     }
 
     /// Bounds of `form`, at most and at least 0.
-    fn interval(&self, form: Form) -> [f64; 2] {
-        let of = self.nodes.map(Element::new);
+    fn interval(&self, form: HermitianForm) -> [f64; 2] {
+        let of = self.nodes.map(ElementMatrix::new);
         let fastest = self.speeds.iter().copied().fold(0.0, f64::max);
         let stretches = self.stretches();
         let wider = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         self.pieces.iter().fold([0.0; 2], |widest, piece| {
-            let Piece { elements, faces, steepest } = *piece;
+            let LinePiece { elements, faces, steepest } = *piece;
             let line = Stretch { elements, faces, speeds: Vec::new() };
             let x = match fastest > 0.0 {
                 true => line.interval(&of[0], form, 1.0, [0.0; 2]),
@@ -243,13 +259,18 @@ impl Lines {
 
     /// Bound on the spectrum of `−S`.
     pub fn dissipation(&self) -> f64 {
-        -self.interval(Form { flux: self.flux, mu: 1.0, skew: 0.0 })[0]
+        -self.interval(HermitianForm { flux: self.flux, mu: 1.0, skew: 0.0 })[0]
     }
 
     /// The same of the faces in space for which `seen` alone, with this flux and these ends of the
     /// velocity axis.
-    pub fn dissipation_of(&self, flux: f64, ends: Face, seen: impl Fn(Face) -> Face) -> f64 {
-        let pieces = self.pieces.iter().map(|p| Piece { faces: p.faces.map(&seen), ..*p });
+    pub fn dissipation_of(
+        &self,
+        flux: f64,
+        ends: FaceKind,
+        seen: impl Fn(FaceKind) -> FaceKind,
+    ) -> f64 {
+        let pieces = self.pieces.iter().map(|p| LinePiece { faces: p.faces.map(&seen), ..*p });
         Self { flux, ends, pieces: pieces.collect(), ..self.clone() }.dissipation()
     }
 }
@@ -260,7 +281,7 @@ pub struct LineBounds(Arc<Bounded>);
 
 #[derive(Debug)]
 struct Bounded {
-    lines: Lines,
+    lines: PhaseLines,
     /// Bound on `−S`.
     dissipation: f64,
     /// Bound on `‖K‖`.
@@ -277,15 +298,15 @@ impl PartialEq for LineBounds {
 
 impl LineBounds {
     /// Bounds of these lines.
-    pub fn new(lines: Lines) -> Self {
-        let [lower, upper] = lines.interval(Form { flux: lines.flux, mu: 0.0, skew: 1.0 });
+    pub fn new(lines: PhaseLines) -> Self {
+        let [lower, upper] = lines.interval(HermitianForm { flux: lines.flux, mu: 0.0, skew: 1.0 });
         let dissipation = lines.dissipation();
         let table = vec![OnceLock::new(); wavenumbers().len()];
         Self(Arc::new(Bounded { lines, dissipation, skew: upper.max(-lower), table }))
     }
 
     /// What they are the bounds of.
-    pub fn lines(&self) -> &Lines {
+    pub fn lines(&self) -> &PhaseLines {
         &self.0.lines
     }
 
@@ -294,7 +315,7 @@ impl LineBounds {
         let Bounded { lines, table, .. } = &*self.0;
         // A plan asks for all modes of a run, whose loop allocates nothing.
         *table[k].get_or_init(|| {
-            lines.interval(Form { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 })
+            lines.interval(HermitianForm { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 })
         })
     }
 
@@ -328,22 +349,22 @@ mod tests {
     use super::*;
 
     /// Lines of one speed along a space axis.
-    fn lines(nodes: Nodes, flux: f64, rate: f64, faces: &[[Face; 2]]) -> Lines {
-        let piece = |&faces: &[Face; 2]| Piece { elements: 1, faces, steepest: 0.0 };
-        Lines {
+    fn lines(nodes: Nodes, flux: f64, rate: f64, faces: &[[FaceKind; 2]]) -> PhaseLines {
+        let piece = |&faces: &[FaceKind; 2]| LinePiece { elements: 1, faces, steepest: 0.0 };
+        PhaseLines {
             nodes: [nodes, Nodes::default()],
             flux,
             pieces: faces.iter().map(piece).collect(),
             speeds: vec![rate],
-            ends: Face::Open,
+            ends: FaceKind::Open,
         }
     }
 
-    const INNER: [Face; 2] = [Face::Inner; 2];
+    const INNER: [FaceKind; 2] = [FaceKind::Inner; 2];
 
     #[test]
     fn degree_0_has_the_bounds_of_the_upwind_scheme() {
-        let faces = [INNER, [Face::Open, Face::Inner]];
+        let faces = [INNER, [FaceKind::Open, FaceKind::Inner]];
         let bounds = LineBounds::new(lines(Nodes::default(), 1.0, 3.0, &faces));
         for mu in [0.0f64, 0.01, 0.7, 12.0, 3000.0] {
             let root = mu.hypot(1.0);
@@ -357,10 +378,10 @@ mod tests {
 
     #[test]
     fn bounds_hold_beyond_the_table() {
-        let of = lines(Nodes::of_space(2), 0.7, 3.0, &[INNER, [Face::Open, Face::Inner]]);
+        let of = lines(Nodes::of_space(2), 0.7, 3.0, &[INNER, [FaceKind::Open, FaceKind::Inner]]);
         let bounds = LineBounds::new(of.clone());
         for mu in [1.5e5, 1e7] {
-            let [lower, upper] = of.interval(Form { flux: 0.7, mu, skew: 1.0 });
+            let [lower, upper] = of.interval(HermitianForm { flux: 0.7, mu, skew: 1.0 });
             let [below, above] = bounds.interval(mu);
             let size = 1e-9 * mu;
             assert!(below <= lower + size && above >= upper - size, "{mu}: {below} {lower}");
@@ -395,15 +416,15 @@ mod tests {
             let nodes = Nodes::of_velocity(degree);
             let elements = 60 / nodes.count();
             let speeds: Vec<f64> = (0..60).map(|j| (j as f64 + 0.5 - 20.0).abs() / 40.0).collect();
-            let piece = Piece { elements: 1, faces: INNER, steepest: 1.2 };
+            let piece = LinePiece { elements: 1, faces: INNER, steepest: 1.2 };
             let of = lines(Nodes::of_space(2), flux, 1.0, &[]);
-            let of = Lines { nodes: [of.nodes[0], nodes], pieces: vec![piece], speeds, ..of };
-            let whole = Stretch { elements, faces: [Face::Open; 2], speeds: of.speeds.clone() };
+            let of = PhaseLines { nodes: [of.nodes[0], nodes], pieces: vec![piece], speeds, ..of };
+            let whole = Stretch { elements, faces: [FaceKind::Open; 2], speeds: of.speeds.clone() };
             for mu in [0.0, 0.4, 7.0] {
-                let form = Form { flux, mu, skew: 1.0 };
+                let form = HermitianForm { flux, mu, skew: 1.0 };
                 let x = Stretch { elements: 1, faces: INNER, speeds: Vec::new() };
-                let x = x.interval(&Element::new(of.nodes[0]), form, 1.0, [0.0; 2]);
-                let exact = whole.interval(&Element::new(nodes), form, 1.2, x);
+                let x = x.interval(&ElementMatrix::new(of.nodes[0]), form, 1.0, [0.0; 2]);
+                let exact = whole.interval(&ElementMatrix::new(nodes), form, 1.2, x);
                 let [lower, upper] = of.interval(form);
                 assert!(lower <= exact[0] + 1e-12 && exact[1] <= upper + 1e-12);
                 let ratio = (upper - lower) / (exact[1] - exact[0]);

@@ -6,7 +6,7 @@
 
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
 use crate::matrix::elements::{Element, apply_in_elements};
-use crate::problem::element::{AT_END, Family, MORE_POINTS, Nodes};
+use crate::problem::element::{AT_END, MORE_POINTS, NodeFamily, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
@@ -51,12 +51,12 @@ struct PartRule {
 
 /// The part `[−1 + 2 index/2^level, …]` of an axis of the reference element.
 #[derive(Clone, Copy)]
-struct Part {
+struct IntervalPart {
     level: usize,
     index: usize,
 }
 
-impl Part {
+impl IntervalPart {
     const WHOLE: Self = Self { level: 0, index: 0 };
 
     fn ends(self) -> [f64; 2] {
@@ -90,7 +90,7 @@ impl Projection {
     ) -> Vec<f64> {
         let axes = self.axes.len();
         let mut sum = vec![0.0; element.shape().iter().product()];
-        let mut open = vec![[Part::WHOLE; 2 * MAX_DIMENSION]];
+        let mut open = vec![[IntervalPart::WHOLE; 2 * MAX_DIMENSION]];
         while let Some(parts) = open.pop() {
             let rules: Vec<&PartRule> = self.rules(&parts).collect();
             let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
@@ -117,7 +117,7 @@ impl Projection {
     }
 
     /// The rules on `parts` of the axes.
-    fn rules(&self, parts: &[Part]) -> impl Iterator<Item = &PartRule> {
+    fn rules(&self, parts: &[IntervalPart]) -> impl Iterator<Item = &PartRule> {
         self.axes.iter().zip(parts).map(|(axis, part)| &axis.parts[part.level][part.index])
     }
 
@@ -176,7 +176,7 @@ impl AxisRules {
         let points: Vec<f64> = rule.iter().map(|p| p.node).collect();
         let level = |level: usize| -> Vec<PartRule> {
             (0..1 << level)
-                .map(|index| PartRule::new(nodes, &rule, Part { level, index }))
+                .map(|index| PartRule::new(nodes, &rule, IntervalPart { level, index }))
                 .collect()
         };
         let ends = [-1.0 + 2.0 * AT_END, 1.0 - 2.0 * AT_END];
@@ -193,7 +193,7 @@ impl AxisRules {
 }
 
 impl PartRule {
-    fn new(nodes: Nodes, rule: &[QuadraturePoint], part: Part) -> Self {
+    fn new(nodes: Nodes, rule: &[QuadraturePoint], part: IntervalPart) -> Self {
         let [lower, upper] = part.ends();
         let rule: Vec<_> = rule.iter().map(|point| point.moved_to([lower, upper])).collect();
         let inside = AT_END * (upper - lower);
@@ -232,7 +232,7 @@ pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
     let (k, reference) = (nodes.degree, nodes.reference());
     (0..=k)
         .map(|j| {
-            let lobatto = j == k && k > 0 && nodes.family == Family::Lobatto;
+            let lobatto = j == k && k > 0 && nodes.family == NodeFamily::Lobatto;
             let norm = if lobatto { 2.0 / k as f64 } else { 2.0 / (2 * j + 1) as f64 };
             let rule = reference.nodes.iter().zip(&reference.weights);
             rule.map(|(xi, w)| w * legendre_values(k, *xi)[j] / norm).collect()

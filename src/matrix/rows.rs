@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 /// An entry: local column, `s` and `k`.
-pub type Entry = (u32, f64, f64);
+pub type MatrixEntry = (u32, f64, f64);
 
 /// Most rows of a line: the nodes of an element of the largest degree.
 pub const MOST_NODES: usize = 9;
@@ -22,7 +22,7 @@ pub const MOST_NODES: usize = 9;
 #[derive(Clone, Debug)]
 pub struct Rows {
     /// How the rows of cells are gathered.
-    lines: Lines,
+    lines: RowLines,
     /// Template of the first row of each line; those of its other rows follow.
     template: Vec<u32>,
     /// `k` of each template to the nodes of its line, `lines.nodes` a template; empty where a line
@@ -41,7 +41,7 @@ pub struct Rows {
 /// How rows of cells are gathered into lines: the nodes of a line are `stride` rows apart, and the
 /// lines of a layer of elements begin in its first `stride` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lines {
+pub struct RowLines {
     /// Rows of a line of cells.
     pub nodes: usize,
     /// From one to the next.
@@ -50,9 +50,9 @@ pub struct Lines {
     pub cells: usize,
 }
 
-impl Lines {
+impl RowLines {
     /// Every row is a line.
-    const SINGLE: Lines = Lines { nodes: 1, stride: 1, cells: 0 };
+    const SINGLE: RowLines = RowLines { nodes: 1, stride: 1, cells: 0 };
 
     /// Lines of cells.
     pub fn of_cells(&self) -> usize {
@@ -97,7 +97,7 @@ impl Lines {
 
 impl Rows {
     /// How they are gathered.
-    pub fn lines(&self) -> &Lines {
+    pub fn lines(&self) -> &RowLines {
         &self.lines
     }
 
@@ -172,9 +172,9 @@ impl Rows {
     }
 
     /// The same rows with entries changed by `change(row, entries)`.
-    pub fn changed(&self, mut change: impl FnMut(usize, &mut Vec<Entry>)) -> Self {
-        let mut builder = Builder::with_capacity(self.len());
-        let mut entries: Vec<Entry> = Vec::new();
+    pub fn changed(&self, mut change: impl FnMut(usize, &mut Vec<MatrixEntry>)) -> Self {
+        let mut builder = RowsBuilder::with_capacity(self.len());
+        let mut entries: Vec<MatrixEntry> = Vec::new();
         for i in 0..self.len() {
             entries.clear();
             entries.extend(self.row(i).map(|(column, s, k)| (column as u32, s, k)));
@@ -187,7 +187,7 @@ impl Rows {
     /// The same rows gathered into `lines`, of rows that are not. Couplings between the nodes of a
     /// line whose `s` is round-off of `k` are of `K` alone, as they are in exact arithmetic: the
     /// derivative in an element is skew but for its ends.
-    pub(crate) fn gathered(&self, lines: Lines) -> Self {
+    pub(crate) fn gathered(&self, lines: RowLines) -> Self {
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
         let mut gathered = Self {
             lines,
@@ -226,7 +226,7 @@ impl Rows {
 
     /// The template of row `i` with `entries`.
     fn push_gathered(&mut self, i: usize, entries: impl Iterator<Item = (usize, f64, f64)>) {
-        let Lines { nodes, cells, .. } = self.lines;
+        let RowLines { nodes, cells, .. } = self.lines;
         let begin = self.dense.len();
         self.dense.resize(begin + nodes, 0.0);
         let (line, _) = self.lines.place(i);
@@ -259,7 +259,7 @@ impl Hasher for AsItIs {
 }
 
 /// Makes [`Rows`], row by row.
-pub struct Builder {
+pub struct RowsBuilder {
     rows: Rows,
     /// Templates by hash.
     seen: HashMap<u64, u32, BuildHasherDefault<AsItIs>>,
@@ -268,12 +268,12 @@ pub struct Builder {
 /// Templates that are remembered: rows that repeat do so within a few layers of cells.
 const REMEMBERED: usize = 1 << 20;
 
-impl Builder {
+impl RowsBuilder {
     /// For about so many rows.
     pub fn with_capacity(rows: usize) -> Self {
         Self {
             rows: Rows {
-                lines: Lines::SINGLE,
+                lines: RowLines::SINGLE,
                 template: Vec::with_capacity(rows),
                 dense: Vec::new(),
                 offsets: vec![0],
@@ -286,14 +286,15 @@ impl Builder {
     }
 
     /// The next row.
-    pub fn push(&mut self, entries: &[Entry]) {
+    pub fn push(&mut self, entries: &[MatrixEntry]) {
         let rows = &mut self.rows;
         let i = rows.template.len() as u32;
         for &(column, ..) in entries {
             rows.reach = rows.reach.max(column as usize + 1);
         }
-        let words =
-            |&(column, s, k): &Entry| [u64::from(column.wrapping_sub(i)), s.to_bits(), k.to_bits()];
+        let words = |&(column, s, k): &MatrixEntry| {
+            [u64::from(column.wrapping_sub(i)), s.to_bits(), k.to_bits()]
+        };
         // Multiply and fold (as wyhash does): all bits of a word reach all bits of the hash.
         let mix = |hash: u64, word: u64| {
             let product = u128::from(hash ^ word ^ 0x9e37_79b9_7f4a_7c15) * 0xd1b5_4a32_d192_ed03;
@@ -341,7 +342,7 @@ mod tests {
 
     #[test]
     fn rows_come_back_and_those_that_repeat_are_stored_once() {
-        let list: Vec<Vec<Entry>> = vec![
+        let list: Vec<Vec<MatrixEntry>> = vec![
             vec![(0, -1.0, 0.0), (1, 0.5, -0.5)],
             vec![(1, -1.0, 0.0), (2, 0.5, -0.5)],
             vec![],
@@ -349,12 +350,12 @@ mod tests {
             vec![(4, -1.0, 0.0), (5, 0.5, -0.5)],
             vec![(5, -1.0, -0.0), (6, 0.5, -0.5)],
         ];
-        let mut builder = Builder::with_capacity(list.len());
+        let mut builder = RowsBuilder::with_capacity(list.len());
         list.iter().for_each(|row| builder.push(row));
         let rows = builder.finish();
         // Rows 0, 1 and 4 are one; the sign of zero tells 5 from them.
         assert_eq!((rows.len(), rows.templates()), (6, 4));
-        let back = |rows: &Rows| -> Vec<Vec<Entry>> {
+        let back = |rows: &Rows| -> Vec<Vec<MatrixEntry>> {
             (0..rows.len())
                 .map(|i| rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect())
                 .collect()
@@ -370,13 +371,14 @@ mod tests {
     /// is kept.
     #[test]
     fn gathered_rows_keep_small_symmetric_parts() {
-        let list: Vec<Vec<Entry>> =
+        let list: Vec<Vec<MatrixEntry>> =
             vec![vec![(0, -1e-6, 0.0), (1, 1e-6, -0.5)], vec![(0, 1e-6, 0.5), (1, 0.0, -2.0)]];
-        let mut builder = Builder::with_capacity(list.len());
+        let mut builder = RowsBuilder::with_capacity(list.len());
         list.iter().for_each(|row| builder.push(row));
-        let rows = builder.finish().gathered(Lines { nodes: 2, stride: 1, cells: 2 });
+        let rows = builder.finish().gathered(RowLines { nodes: 2, stride: 1, cells: 2 });
         for (i, expected) in list.iter().enumerate() {
-            let mut found: Vec<Entry> = rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect();
+            let mut found: Vec<MatrixEntry> =
+                rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect();
             found.sort_by_key(|entry| entry.0);
             assert_eq!(found, *expected);
         }

@@ -26,7 +26,7 @@ const BATCH: usize = 1024;
 
 /// The cells of a block that a rank samples: whole elements.
 #[derive(Clone)]
-pub struct Part<'a> {
+pub struct SampledCells<'a> {
     /// The block.
     pub block: &'a Block,
     /// Numbers of the sampled cells in the block.
@@ -35,7 +35,7 @@ pub struct Part<'a> {
     pub ranges: &'a [Range<usize>],
 }
 
-impl<'a> Part<'a> {
+impl<'a> SampledCells<'a> {
     /// All of `block`.
     pub fn whole(block: &'a Block) -> Self {
         Self { block, cells: 0..block.cells(), ranges: &block.ranges }
@@ -69,7 +69,7 @@ impl<'a> Part<'a> {
 /// A function of many points at the centres of the cells of `part`, of those on a face just inside.
 pub fn sample_with(
     space: &PhaseSpace,
-    part: &Part<'_>,
+    part: &SampledCells<'_>,
     values_at: impl FnMut(&[[f64; 6]]) -> Vec<f64>,
 ) -> Vec<f64> {
     part.at_cells(space, |cell| space.inner_point(cell), values_at)
@@ -82,7 +82,7 @@ pub fn sample_with(
 pub fn sample(
     world: &Group,
     space: &PhaseSpace,
-    part: &Part<'_>,
+    part: &SampledCells<'_>,
     formula: &Expression,
     time: f64,
 ) -> Result<Vec<f64>> {
@@ -110,7 +110,7 @@ pub fn sample(
 fn projected(
     world: &Group,
     space: &PhaseSpace,
-    part: &Part<'_>,
+    part: &SampledCells<'_>,
     values_at: &mut impl FnMut(&[[f64; 6]]) -> Vec<f64>,
 ) -> Vec<f64> {
     let nodal = sample_with(space, part, |points| values_at(points));

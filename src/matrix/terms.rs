@@ -3,7 +3,7 @@
 //!
 //! As the steps of [`kernel`](crate::matrix::kernel), compiled for each instruction set.
 
-use crate::matrix::kernel::{Compiled, InstructionSet};
+use crate::matrix::kernel::{InstructionSet, Vectorized};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::matrix::vector::{Vector, multiply_add};
@@ -33,7 +33,7 @@ pub struct TermRows<'a> {
     pub values: &'a mut [[f64; LANES]],
 }
 
-impl Compiled for TermRows<'_> {
+impl Vectorized for TermRows<'_> {
     #[inline(always)]
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
         read_moments::<FMA>(self);

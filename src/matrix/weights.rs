@@ -98,7 +98,7 @@ impl Weights {
 
     /// `π = 1`, with its certificate, for `matrix` as it is.
     pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
-        let mut state = State::new(matrix);
+        let mut state = SweepState::new(matrix);
         let certificate = state.certificate(matrix, exchange, space);
         Self {
             pi: vec![1.0; matrix.length()],
@@ -124,7 +124,7 @@ impl Weights {
         let cells = matrix.block.cells();
         let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
         space.agree(not_negative(entries))?;
-        let mut state = State::new(matrix);
+        let mut state = SweepState::new(matrix);
         let mut sweeps = 0;
         let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
         let most_sweeps = max_weight_sweeps.saturating_add((MOST_SWEEPS * rate / shift) as usize);
@@ -151,7 +151,7 @@ impl Weights {
     }
 }
 
-struct State {
+struct SweepState {
     /// `π' = π − 1`, rows and ghosts.
     extra: Vec<f64>,
     /// `Aᵀ π`.
@@ -164,7 +164,7 @@ struct State {
     pi: Vec<f64>,
 }
 
-impl State {
+impl SweepState {
     fn new(matrix: &BlockMatrix) -> Self {
         let (cells, length) = (matrix.block.cells(), matrix.length());
         let diagonal = (0..cells)

@@ -10,7 +10,7 @@ pub mod vote;
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
 use crate::base::machine;
-use crate::parallel::partition::{Block, Mesh};
+use crate::parallel::partition::{Block, ProcessMesh};
 use mpi::collective::SystemOperation;
 use mpi::ffi;
 use mpi::topology::{Color, SimpleCommunicator};
@@ -416,7 +416,7 @@ pub struct Communicator {
 
 impl Communicator {
     /// Splits `world` into the process mesh (see [`crate::parallel::partition`]).
-    pub fn new(world: &World, mesh: &Mesh) -> Self {
+    pub fn new(world: &World, mesh: &ProcessMesh) -> Self {
         let world = world.group();
         let rank = world.rank();
         Self {

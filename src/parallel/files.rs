@@ -1,6 +1,6 @@
 //! HDF5 files that all ranks read.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::parallel::communicator::Group;
 use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
 use ndarray::IxDyn;
@@ -24,7 +24,7 @@ pub fn open(world: &Group, path: &Path) -> hdf5::Result<File> {
 ///
 /// # Errors
 /// What HDF5 says.
-pub fn read_slab(dataset: &Dataset, slab: &Slab) -> hdf5::Result<Vec<f64>> {
+pub fn read_slab(dataset: &Dataset, slab: &DatasetBox) -> hdf5::Result<Vec<f64>> {
     let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
         .map(|(&start, &count)| SliceOrIndex::SliceTo {
             start,

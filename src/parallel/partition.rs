@@ -10,7 +10,7 @@ use std::ops::Range;
 
 /// The process mesh.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Mesh {
+pub struct ProcessMesh {
     /// Number of blocks along each x-axis.
     pub space: Vec<usize>,
     /// Number of mode groups.
@@ -48,7 +48,7 @@ fn split_elements(axis: &Axis, range: &Range<usize>, parts: usize, part: usize) 
     elements.start * count..elements.end * count
 }
 
-impl Mesh {
+impl ProcessMesh {
     /// Number of space blocks `S`.
     pub fn blocks(&self) -> usize {
         self.space.iter().product()
@@ -128,7 +128,7 @@ impl Mesh {
 
 /// A layer of a neighbour's cells.
 #[derive(Clone, Debug)]
-pub struct Slab {
+pub struct GhostLayer {
     /// The neighbouring block.
     pub neighbour: usize,
     /// The neighbour's cells that are needed here.
@@ -151,7 +151,7 @@ pub struct Block {
     /// Whether the first x-axis is periodic: the first cells of the block along it are next to the
     /// last ones.
     pub closed: bool,
-    slabs: Vec<Slab>,
+    slabs: Vec<GhostLayer>,
     shape: Vec<usize>,
 }
 
@@ -207,7 +207,7 @@ pub enum LocalIndex {
 
 impl Block {
     /// The block `block` of `mesh`.
-    pub fn new(space: &PhaseSpace, mesh: &Mesh, block: usize) -> Self {
+    pub fn new(space: &PhaseSpace, mesh: &ProcessMesh, block: usize) -> Self {
         let ranges = mesh.ranges(space, block);
         let position = mesh.position(block);
         let velocity_cells = space.velocity_cells();
@@ -237,7 +237,7 @@ impl Block {
                     layer[a] = i..i + 1;
                     layer
                 };
-                let slab = Slab { neighbour, ghost: layer(ghost), edge: layer(edge), start };
+                let slab = GhostLayer { neighbour, ghost: layer(ghost), edge: layer(edge), start };
                 start += volume(&slab.ghost) * velocity_cells;
                 slabs.push(slab);
             }
@@ -383,7 +383,7 @@ mod tests {
             (vec![3, 4, 5], vec![2, 1, 2], vec![3, 2, 2]),
         ] {
             let space = space(&x, &v);
-            let mesh = Mesh { space: blocks, groups: 2 };
+            let mesh = ProcessMesh { space: blocks, groups: 2 };
             let all: Vec<Block> =
                 (0..mesh.blocks()).map(|b| Block::new(&space, &mesh, b)).collect();
             let mut owner = vec![usize::MAX; space.cells()];

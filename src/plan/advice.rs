@@ -13,14 +13,14 @@ const SHOWN: usize = 4;
 
 /// A node of the machine that a run is planned for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Node {
+pub struct MachineNode {
     /// Bytes it has for its ranks, if known.
     pub memory: Option<u64>,
     /// Ranks on it.
     pub ranks: usize,
 }
 
-impl Node {
+impl MachineNode {
     /// Nodes that so many ranks take.
     pub fn count(&self, ranks: usize) -> usize {
         ranks.div_ceil(self.ranks)
@@ -40,7 +40,7 @@ impl Node {
 
 /// A process mesh that the ranks can have.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Candidate {
+pub struct MeshCandidate {
     /// Blocks along each x-axis: what `--ranks-x` takes.
     pub space: Vec<usize>,
     /// Mode groups.
@@ -62,12 +62,12 @@ pub struct Candidate {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
-    pub meshes: Vec<Candidate>,
+    pub meshes: Vec<MeshCandidate>,
     /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
     /// with most to do, in which the exchange of ghosts counts as rows.
     pub row_applications: f64,
     /// The node.
-    pub node: Option<Node>,
+    pub node: Option<MachineNode>,
     /// Nodes that the ranks take.
     pub nodes: Option<usize>,
     /// Planned bytes on a full node, each of its ranks as the fullest.
@@ -92,17 +92,17 @@ impl Advice {
         case: &Case,
         plan: &Plan,
         resources: &Resources,
-        node: Option<Node>,
+        node: Option<MachineNode>,
         here: u64,
     ) -> Self {
         let limit = resources.memory_per_rank;
         let (warp, ranks) = (plan.warp.as_ref(), plan.layout.mesh.ranks());
         let bounds: &Bounds = &plan.bounds;
-        let mut meshes: Vec<Candidate> = Layout::every(case, bounds, warp, ranks)
+        let mut meshes: Vec<MeshCandidate> = Layout::every(case, bounds, warp, ranks)
             .map(|layout| {
                 let (rows, split) = layout.rows(case, warp);
                 let memory = layout.memory();
-                Candidate {
+                MeshCandidate {
                     cost: layout.cost(case, warp),
                     imbalance: layout.imbalance,
                     split: split / (rows + split),
@@ -114,8 +114,9 @@ impl Advice {
             })
             .collect();
         // What a run takes comes first: it changes to a cheaper mesh only where that saves enough.
-        let chosen =
-            |mesh: &Candidate| resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space;
+        let chosen = |mesh: &MeshCandidate| {
+            resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space
+        };
         meshes.sort_by(|a, b| {
             let fits = chosen(b).cmp(&chosen(a)).then(b.fits.cmp(&a.fits));
             fits.then(a.cost.total_cmp(&b.cost))

@@ -90,7 +90,7 @@ fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
             lightest
         })
         .collect();
-    let mut search = Search {
+    let mut search = LoadSearch {
         costs: &sorted,
         least: sorted.iter().sum::<usize>().div_ceil(groups),
         most: loads.iter().copied().max().unwrap_or(0),
@@ -106,7 +106,7 @@ fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
 }
 
 /// The search for the least load of the group with most to do, piece by piece.
-struct Search<'a> {
+struct LoadSearch<'a> {
     /// Falling.
     costs: &'a [usize],
     /// No choice is better than this.
@@ -118,7 +118,7 @@ struct Search<'a> {
     steps: usize,
 }
 
-impl Search<'_> {
+impl LoadSearch<'_> {
     fn place(&mut self, choice: &mut Vec<usize>, loads: &mut [usize]) {
         let Some(cost) = self.costs.get(choice.len()) else {
             // Everything fits below the best so far.

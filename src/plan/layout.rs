@@ -4,7 +4,7 @@ use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance;
 use crate::plan::balance::Batch;
 use crate::plan::memory::{arrays, memory_of_points};
@@ -29,7 +29,7 @@ const ROWS_A_GHOST: f64 = 3.0;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Layout {
     /// The process mesh.
-    pub mesh: Mesh,
+    pub mesh: ProcessMesh,
     /// The batches of each mode group, longest first.
     pub groups: Vec<Vec<Batch>>,
     /// Largest and mean modelled cost of a group, as a ratio.
@@ -51,7 +51,7 @@ pub struct Resources {
 
 impl Resources {
     /// The same ranks on the blocks of `mesh`.
-    pub fn on_mesh(&self, mesh: &Mesh) -> Self {
+    pub fn on_mesh(&self, mesh: &ProcessMesh) -> Self {
         Self { ranks_x: Some(mesh.space.clone()), ..self.clone() }
     }
 }
@@ -145,7 +145,7 @@ impl Layout {
         meshes(case, ranks).map(move |mesh| Self::of_mesh(case, bounds, warp, mesh))
     }
 
-    fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
+    fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: ProcessMesh) -> Self {
         let work = warp.map_or(&[][..], |w| &w.work);
         let coupling = descriptor(case.propagator.method).batch_coupling();
         let groups = balance::share_out(work, &BTreeSet::new(), coupling, mesh.groups);
@@ -166,13 +166,13 @@ impl Layout {
         bounds: &Bounds,
         warp: &WarpPlan,
         resources: &Resources,
-    ) -> Option<(usize, Mesh)> {
+    ) -> Option<(usize, ProcessMesh)> {
         let limit = resources.memory_per_rank?;
         let meshes = match &resources.ranks_x {
             Some(space) => vec![mesh_of(case, space, resources.ranks).ok()?],
             None => meshes(case, resources.ranks).collect(),
         };
-        let mut best: Option<(usize, Mesh)> = None;
+        let mut best: Option<(usize, ProcessMesh)> = None;
         for mesh in meshes {
             let memory = |points| memory_of_points(case, bounds, warp, &mesh, points);
             let most = most_points(LARGEST_POINTS, limit, memory);
@@ -252,10 +252,10 @@ impl Layout {
 }
 
 /// Every split of `ranks` into blocks × groups, fewest blocks first.
-fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = Mesh> {
+fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = ProcessMesh> {
     let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
     blocks.filter_map(move |blocks| {
-        Some(Mesh { space: split_axes(case, blocks)?, groups: ranks / blocks })
+        Some(ProcessMesh { space: split_axes(case, blocks)?, groups: ranks / blocks })
     })
 }
 
@@ -302,7 +302,7 @@ fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option
     Some(2 * low).filter(|points| *points > 0)
 }
 
-fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
+fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<ProcessMesh> {
     let n = case.space.dimension();
     if space.len() > n {
         return Err(Error::Ranks(format!(
@@ -312,7 +312,7 @@ fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
     }
     let mut space = space.to_vec();
     space.resize(n, 1);
-    let mesh = Mesh { space, groups: 1 };
+    let mesh = ProcessMesh { space, groups: 1 };
     mesh.validate(&case.space)?;
     let blocks = mesh.blocks();
     if !ranks.is_multiple_of(blocks) {
@@ -323,7 +323,7 @@ fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
             divisors.join(", ")
         )));
     }
-    Ok(Mesh { groups: ranks / blocks, ..mesh })
+    Ok(ProcessMesh { groups: ranks / blocks, ..mesh })
 }
 
 /// `blocks` split over the x-axes with the fewest ghosts; `None` if no axis has that many cells.

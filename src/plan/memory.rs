@@ -1,10 +1,10 @@
 //! Memory of a run on a rank, in bytes, before anything is allocated.
 
 use crate::matrix::bounds::Bounds;
-use crate::matrix::inflow::Inflow;
+use crate::matrix::inflow::AuxiliaryRow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
-use crate::parallel::partition::{BlockSize, Mesh, largest_part};
+use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
 use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -48,7 +48,7 @@ pub(crate) fn memory_of_points(
     case: &Case,
     bounds: &Bounds,
     warp: &WarpPlan,
-    mesh: &Mesh,
+    mesh: &ProcessMesh,
     points: usize,
 ) -> u64 {
     let modes = points / 2 + 1;
@@ -64,7 +64,7 @@ pub(crate) fn memory_of_points(
 
 /// What HDF5 takes while it writes a dataset of the user's grid in chunks: measured 11.5 kB a chunk
 /// on one rank in one dimension, 13.4 kB in two, about half of that on two ranks.
-fn chunk_bytes(case: &Case, mesh: &Mesh) -> u64 {
+fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let (space, storage) = (grid(case), &case.storage);
     let chunks = storage.most_chunks(&space);
     // Ranks have their shares along the first axis, and the chunks at their ends together.
@@ -84,7 +84,7 @@ pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
     warp: Option<&WarpPlan>,
-    mesh: &Mesh,
+    mesh: &ProcessMesh,
     most: usize,
 ) -> Vec<(String, u64)> {
     let rank = FullestRank::new(case, bounds, mesh);
@@ -104,7 +104,7 @@ pub(crate) fn arrays(
 struct FullestRank<'a> {
     case: &'a Case,
     bounds: &'a Bounds,
-    mesh: &'a Mesh,
+    mesh: &'a ProcessMesh,
     /// Points of space of the block.
     points: u64,
     /// Cells of the block.
@@ -118,7 +118,7 @@ struct FullestRank<'a> {
 }
 
 impl<'a> FullestRank<'a> {
-    fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a Mesh) -> Self {
+    fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a ProcessMesh) -> Self {
         let BlockSize { points, cells, ghosts, .. } = mesh.fullest_block(&case.space);
         let [points, cells, ghosts] = [points, cells, ghosts].map(|n| n as u64);
         let ends = inflow_rows(case, bounds, cells);
@@ -191,7 +191,7 @@ impl<'a> FullestRank<'a> {
             list.push((format!("table of {}", file.of.key()), 8 * table.values().len() as u64));
         }
         if self.listed > 0 {
-            let each = size_of::<Inflow>() as u64 + 8 * bounds.stages as u64;
+            let each = size_of::<AuxiliaryRow>() as u64 + 8 * bounds.stages as u64;
             list.push(("inflow".to_owned(), self.listed * each));
         }
         list
@@ -326,7 +326,7 @@ impl<'a> FullestRank<'a> {
         let layers = largest_part(&shown.x[0], mesh.space[0]) as u64;
         // One cell is not shared among the groups.
         let groups = mesh.groups.min(case.space.x[0].cells);
-        let mesh = Mesh { space: mesh.space.clone(), groups };
+        let mesh = ProcessMesh { space: mesh.space.clone(), groups };
         let share = there / layers * largest_share(&shown.x[0], &mesh);
         let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
         Some(("results as shown".to_owned(), 8 * self.fields() * times * share))
@@ -398,7 +398,7 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
 }
 
 /// Cells along the first space axis of the largest share of a rank of a block.
-fn largest_share(axis: &Axis, mesh: &Mesh) -> u64 {
+fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
     let elements = axis.elements().div_ceil(mesh.space[0]).div_ceil(mesh.groups);
     (elements * axis.nodes.count()) as u64
 }

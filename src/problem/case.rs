@@ -26,16 +26,16 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
-    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile, TableOf,
-    WarpedStart,
+    Data, Exact, Inflow, LiouvilleField, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile,
+    TableOf, WarpedStart,
 };
-pub use crate::problem::case::keys::Kind;
+pub use crate::problem::case::keys::ValueKind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
-pub use crate::problem::case::readout::{Effort, Readout};
+pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, DEFAULT_FLUX, Ends, Integrator, Interface, Limiter, Method, Propagation,
-    PropagatorMethod,
+    Allowed, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
+    Propagation, PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
     Coefficients, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice, RecoveryMethod,
@@ -86,7 +86,7 @@ struct Tables {
 }
 
 /// All keys that a case file may have, as the table that the whole file is.
-pub fn keys() -> Kind {
+pub fn keys() -> ValueKind {
     keys::of::<Tables>()
 }
 
@@ -117,7 +117,7 @@ pub struct Case {
     pub data: Data,
     /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets
     /// `ψ_a`.
-    pub fields: Vec<Field>,
+    pub fields: Vec<LiouvilleField>,
     /// `initial.warped`; `f(0)` is not known then, and its formula stands for nothing.
     pub start: Option<WarpedStart>,
     /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
@@ -133,7 +133,7 @@ pub struct Case {
     /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
     pub flux: f64,
     /// `scheme.ends`.
-    pub ends: Ends,
+    pub ends: EndFlux,
     /// `scheme.limiter`.
     pub limiter: Limiter,
     /// `solver.method`.
@@ -187,7 +187,7 @@ pub struct Case {
     /// none.
     pub checkpoint_every: Option<Duration>,
     /// `[readout]`.
-    pub readout: Option<Readout>,
+    pub readout: Option<ReadoutSettings>,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.
@@ -312,7 +312,7 @@ impl Case {
 
     /// Whether nothing leaves or enters through the ends of the box.
     pub fn is_closed(&self) -> bool {
-        self.ends == Ends::Closed
+        self.ends == EndFlux::Closed
     }
 
     /// Whether the scheme is the unitary one, but for partial reflection: the central flux and
@@ -330,7 +330,7 @@ impl Case {
     fn of_table(&self, of: TableOf) -> Option<&Expression> {
         match of {
             TableOf::Initial => self.fields.first().map(|field| &field.initial),
-            TableOf::Inflow => self.fields.first().map(Field::entering),
+            TableOf::Inflow => self.fields.first().map(LiouvilleField::entering),
             TableOf::Potential(i) => self.potential.get(i).map(|region| &region.value),
         }
     }
@@ -386,7 +386,7 @@ impl Case {
 
     /// Whether anything may enter, of any field.
     pub fn enters(&self) -> bool {
-        self.fields.iter().any(Field::enters)
+        self.fields.iter().any(LiouvilleField::enters)
     }
 
     /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all
@@ -423,7 +423,7 @@ impl Case {
 
     /// Whether what enters depends on time, of any field.
     pub fn varies(&self) -> bool {
-        self.fields.iter().any(Field::varies)
+        self.fields.iter().any(LiouvilleField::varies)
     }
 }
 

@@ -16,7 +16,7 @@ pub const LARGEST_DEGREE: usize = 8;
 
 /// The family of an element's nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Family {
+pub enum NodeFamily {
     /// Gauss–Legendre: inside of the element.
     #[default]
     Gauss,
@@ -36,7 +36,7 @@ pub struct Nodes {
     /// Degree `k` of the polynomials.
     pub degree: usize,
     /// Where the `k + 1` nodes are.
-    pub family: Family,
+    pub family: NodeFamily,
 }
 
 impl Nodes {
@@ -44,13 +44,13 @@ impl Nodes {
     pub fn of_space(degree: usize) -> Self {
         match degree {
             0 => Self::default(),
-            _ => Self { degree, family: Family::Lobatto },
+            _ => Self { degree, family: NodeFamily::Lobatto },
         }
     }
 
     /// The nodes of a velocity axis of degree `degree`.
     pub fn of_velocity(degree: usize) -> Self {
-        Self { degree, family: Family::Gauss }
+        Self { degree, family: NodeFamily::Gauss }
     }
 
     /// Number of nodes in an element, `k + 1`.
@@ -65,10 +65,11 @@ impl Nodes {
     pub fn reference(&self) -> &'static ReferenceElement {
         static TABLE: OnceLock<Vec<[ReferenceElement; 2]>> = OnceLock::new();
         let table = TABLE.get_or_init(|| {
-            let pair = |k| [Family::Gauss, Family::Lobatto].map(|f| ReferenceElement::new(f, k));
+            let pair =
+                |k| [NodeFamily::Gauss, NodeFamily::Lobatto].map(|f| ReferenceElement::new(f, k));
             (0..=LARGEST_DEGREE).map(pair).collect()
         });
-        &table[self.degree][usize::from(self.family == Family::Lobatto)]
+        &table[self.degree][usize::from(self.family == NodeFamily::Lobatto)]
     }
 }
 
@@ -89,11 +90,11 @@ pub struct ReferenceElement {
 }
 
 impl ReferenceElement {
-    fn new(family: Family, degree: usize) -> Self {
+    fn new(family: NodeFamily, degree: usize) -> Self {
         let rule = match (degree, family) {
             (0, _) => vec![QuadraturePoint { node: 0.0, weight: 2.0 }],
-            (_, Family::Gauss) => gauss_legendre(degree + 1),
-            (_, Family::Lobatto) => gauss_lobatto(degree + 1),
+            (_, NodeFamily::Gauss) => gauss_legendre(degree + 1),
+            (_, NodeFamily::Lobatto) => gauss_lobatto(degree + 1),
         };
         let (nodes, weights): (Vec<f64>, Vec<f64>) =
             rule.iter().map(|p| (p.node, p.weight)).unzip();
@@ -168,7 +169,7 @@ mod tests {
     use super::*;
 
     fn all() -> impl Iterator<Item = Nodes> {
-        let families = [Family::Gauss, Family::Lobatto];
+        let families = [NodeFamily::Gauss, NodeFamily::Lobatto];
         (0..=LARGEST_DEGREE).flat_map(move |degree| families.map(|family| Nodes { degree, family }))
     }
 
@@ -177,8 +178,8 @@ mod tests {
         for nodes in all() {
             let element = nodes.reference();
             let degree = match nodes.family {
-                Family::Gauss => 2 * nodes.degree + 1,
-                Family::Lobatto => (2 * nodes.degree).max(2) - 1,
+                NodeFamily::Gauss => 2 * nodes.degree + 1,
+                NodeFamily::Lobatto => (2 * nodes.degree).max(2) - 1,
             };
             for power in 0..=degree {
                 let rule = element.nodes.iter().zip(&element.weights);

@@ -118,7 +118,7 @@ pub struct Tracer<'a> {
 }
 
 /// A particle on its way.
-struct Particle {
+struct TracedParticle {
     /// The space cell it is in; what decides on which side of a face it is, whatever the round-off
     /// of `x`.
     cell: [usize; MAX_DIMENSION],
@@ -308,7 +308,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Puts a particle on the faces it has reached but for round-off.
-    fn snap(&self, particle: &mut Particle) {
+    fn snap(&self, particle: &mut TracedParticle) {
         for (a, faces) in self.faces.iter().enumerate() {
             let x = &mut particle.x[a];
             let i = self.cell_at(a, *x);
@@ -320,9 +320,9 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    fn start(&self, point: &[f64; 6]) -> Option<Particle> {
+    fn start(&self, point: &[f64; 6]) -> Option<TracedParticle> {
         let space = &self.space;
-        let mut particle = Particle {
+        let mut particle = TracedParticle {
             cell: [0; MAX_DIMENSION],
             x: [0.0; MAX_DIMENSION],
             w: [0.0; MAX_DIMENSION],
@@ -344,26 +344,26 @@ impl<'a> Tracer<'a> {
     }
 
     /// Where a particle is that is still in the box.
-    fn followed(&self, particle: &Particle) -> Followed {
+    fn followed(&self, particle: &TracedParticle) -> Followed {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
             // Zero added, so that −0 does not come out for a particle at rest.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        let Particle { history, turns, .. } = *particle;
+        let TracedParticle { history, turns, .. } = *particle;
         Followed { point, left: None, exit: None, history, turns }
     }
 
     /// The end of its velocity box, along axis `a`, at or beyond which a particle is.
-    fn velocity_end(&self, particle: &Particle, a: usize, at_jump: bool) -> Exit {
+    fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> Exit {
         let v = &self.space.v[a];
         let velocity = self.direction * particle.w[a];
         let upper = (velocity - v.lower).abs() > (v.upper - velocity).abs();
         Exit { axis: self.space.dimension() + a, upper, at_jump }
     }
 
-    fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
+    fn speed_is_inside(&self, particle: &TracedParticle, a: usize) -> bool {
         let v = &self.space.v[a];
         (v.lower..=v.upper).contains(&(self.direction * particle.w[a]))
     }
@@ -384,7 +384,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// First and last cell along axis `a` of the block the particle crosses in one step.
-    fn block(&self, particle: &Particle, a: usize) -> (usize, usize) {
+    fn block(&self, particle: &TracedParticle, a: usize) -> (usize, usize) {
         let axes = &self.space.x;
         let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
         let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
@@ -393,12 +393,12 @@ impl<'a> Tracer<'a> {
     }
 
     /// Lower and upper face of that block along axis `a`.
-    fn faces(&self, particle: &Particle, a: usize) -> (f64, f64) {
+    fn faces(&self, particle: &TracedParticle, a: usize) -> (f64, f64) {
         let (first, last) = self.block(particle, a);
         (self.faces[a][first], self.faces[a][last + 1])
     }
 
-    fn face_event(&self, particle: &Particle, a: usize, slope: f64) -> Event {
+    fn face_event(&self, particle: &TracedParticle, a: usize, slope: f64) -> Event {
         let (lower, upper) = self.faces(particle, a);
         let (time, w, up) = arrival(particle.x[a], particle.w[a], -slope, lower, upper);
         Event { time, axis: a, w, face: Some((if up { upper } else { lower }, up)) }
@@ -406,7 +406,7 @@ impl<'a> Tracer<'a> {
 
     /// The first event on any axis that moves; of those at the same time but for `round_off`, that
     /// of the lowest axis, and arrivals at a face before velocities that leave their box.
-    fn next_event(&self, particle: &Particle, round_off: f64) -> Option<Event> {
+    fn next_event(&self, particle: &TracedParticle, round_off: f64) -> Option<Event> {
         let mut first: Option<Event> = None;
         let mut take = |event: Event| {
             if first.is_none_or(|f| event.time < f.time - round_off) {
@@ -429,7 +429,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Moves on all axes for a time in which no face is met, but for round-off.
-    fn advance(&self, particle: &mut Particle, time: f64) {
+    fn advance(&self, particle: &mut TracedParticle, time: f64) {
         let slopes = self.potential.slopes(&particle.cell).iter().enumerate();
         for (a, slope) in slopes.take(self.space.dimension()) {
             if !particle.rests[a] {
@@ -445,7 +445,7 @@ impl<'a> Tracer<'a> {
     /// along `a`. Returns the end of the phase-space box, if it leaves through one.
     fn cross(
         &self,
-        particle: &mut Particle,
+        particle: &mut TracedParticle,
         a: usize,
         upper: bool,
         meet: &mut dyn FnMut(&Crossing),
@@ -494,7 +494,12 @@ impl<'a> Tracer<'a> {
 
     /// The cell of its block in which the particle is that has arrived at the block's upper or
     /// lower face along `a`.
-    fn cell_at_face(&self, particle: &Particle, a: usize, upper: bool) -> [usize; MAX_DIMENSION] {
+    fn cell_at_face(
+        &self,
+        particle: &TracedParticle,
+        a: usize,
+        upper: bool,
+    ) -> [usize; MAX_DIMENSION] {
         let mut cell = particle.cell;
         for (b, i) in cell.iter_mut().enumerate().take(self.space.dimension()) {
             let (first, last) = self.block(particle, b);
@@ -511,7 +516,7 @@ impl<'a> Tracer<'a> {
 
     /// How far from a face the slope of its cell lets a particle get that is there:
     /// `w²/(2|slope|)`, infinite unless the slope pushes it in the direction `to_face`.
-    fn reach(&self, particle: &Particle, a: usize, to_face: f64) -> f64 {
+    fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }
     }

@@ -13,7 +13,7 @@ pub const DESCRIPTION: &str = "description.json";
 /// What was exported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Kind {
+pub enum ExportKind {
     /// Matrices and vectors.
     Matrix,
     /// States, `H` and circuits.
@@ -24,7 +24,7 @@ pub enum Kind {
     Pictures,
 }
 
-impl Kind {
+impl ExportKind {
     /// The word for it.
     pub fn word(self) -> &'static str {
         match self {
@@ -40,14 +40,14 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Owner {
     /// What it is.
-    pub export: Kind,
+    pub export: ExportKind,
     /// Every value of its case, by its key.
     pub settings: Settings,
 }
 
 impl Owner {
     /// An export of `case`.
-    pub fn new(export: Kind, case: &Case) -> Self {
+    pub fn new(export: ExportKind, case: &Case) -> Self {
         Self { export, settings: case.settings.clone() }
     }
 

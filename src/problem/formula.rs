@@ -19,7 +19,7 @@ mod tree;
 pub use crate::problem::formula::parser::{Constants, is_reserved, is_word, words};
 
 use crate::base::error::Error;
-use crate::problem::formula::tree::{COORDINATES, LANES, Node, TIMES};
+use crate::problem::formula::tree::{COORDINATES, FormulaNode, LANES, TIMES};
 use crate::problem::table::Table;
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Expression {
     text: String,
-    tree: Node,
+    tree: FormulaNode,
     place: String,
 }
 
@@ -45,14 +45,14 @@ impl Expression {
     /// The values of a file, which stands at `place`, of coordinates at `positions` at most;
     /// undefined until [`with_table`](Self::with_table) has them.
     pub fn of_file(text: String, place: String, positions: Vec<usize>) -> Self {
-        Self { text, tree: Node::Unread(positions), place }
+        Self { text, tree: FormulaNode::Unread(positions), place }
     }
 
     /// The same with the values that were read of the file.
     pub fn with_table(&self, table: Table) -> Self {
         let steps = if table.is_stepped() { ", constant around each" } else { "" };
         let text = format!("{} ({} points{steps})", self.text, table.shape_text());
-        Self { text, tree: Node::Table(Arc::new(table)), place: self.place.clone() }
+        Self { text, tree: FormulaNode::Table(Arc::new(table)), place: self.place.clone() }
     }
 
     /// Whether it jumps between the points of a table: whether it is the same all over a cell.
@@ -63,21 +63,21 @@ impl Expression {
     /// The table, if this is the values of a file.
     pub fn table(&self) -> Option<&Table> {
         match &self.tree {
-            Node::Table(table) => Some(table),
+            FormulaNode::Table(table) => Some(table),
             _ => None,
         }
     }
 
     /// This formula with the constant value zero.
     pub fn vanishing(&self) -> Self {
-        Self { text: "0".to_owned(), tree: Node::Number(0.0), place: self.place.clone() }
+        Self { text: "0".to_owned(), tree: FormulaNode::Number(0.0), place: self.place.clone() }
     }
 
     /// This formula times `factor`.
     pub fn times(&self, factor: f64) -> Self {
         Self {
             text: format!("{factor} * ({})", self.text),
-            tree: Node::Number(factor).then(TIMES, self.tree.clone()),
+            tree: FormulaNode::Number(factor).then(TIMES, self.tree.clone()),
             place: self.place.clone(),
         }
     }
@@ -139,7 +139,7 @@ impl Expression {
     /// The value, if the formula has no variables.
     pub fn constant(&self) -> Option<f64> {
         match self.tree {
-            Node::Number(value) => Some(value),
+            FormulaNode::Number(value) => Some(value),
             _ => None,
         }
     }

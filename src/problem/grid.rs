@@ -9,7 +9,7 @@
 
 mod axis;
 
-pub use crate::problem::grid::axis::{Axis, Part};
+pub use crate::problem::grid::axis::{Axis, AxisPart};
 
 use std::ops::Range;
 

@@ -21,7 +21,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
-use crate::problem::potential::pieces::{Piece, element_centre, piece, space_point};
+use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, space_point};
 use std::collections::HashSet;
 use std::ops::Range;
 
@@ -65,23 +65,23 @@ impl JumpKind {
 }
 
 /// Values of a case's potential, and the first that is not finite.
-struct Values<'c> {
+struct PotentialValues<'c> {
     case: &'c Case,
     failure: Option<Error>,
 }
 
-impl Values<'_> {
+impl PotentialValues<'_> {
     /// The piece of the element around `centre`.
-    fn piece(&mut self, centre: &[f64; 6]) -> Piece {
+    fn piece(&mut self, centre: &[f64; 6]) -> PotentialPiece {
         piece(&self.case.potential, centre).unwrap_or_else(|condition| {
             let place = describe_space_point(self.case.space.dimension(), centre);
             self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
-            Piece { region: 0, level: None }
+            PotentialPiece { region: 0, level: None }
         })
     }
 
     /// `V` of a piece at a point.
-    fn value(&mut self, piece: Piece, point: &[f64; 6]) -> f64 {
+    fn value(&mut self, piece: PotentialPiece, point: &[f64; 6]) -> f64 {
         let formula = &self.case.potential[piece.region].value;
         let value = piece.level.unwrap_or_else(|| formula.eval(point));
         if !value.is_finite() {
@@ -98,8 +98,8 @@ impl Values<'_> {
         &mut self,
         i: &[usize; MAX_DIMENSION],
         a: usize,
-        own: Piece,
-        below: Option<Piece>,
+        own: PotentialPiece,
+        below: Option<PotentialPiece>,
     ) -> [f64; 2] {
         let axes = &self.case.space.x;
         let axis = &axes[a];
@@ -143,7 +143,7 @@ impl Values<'_> {
         &mut self,
         point: &[f64; 6],
         a: usize,
-        piece: Piece,
+        piece: PotentialPiece,
         element: i64,
         node: usize,
     ) -> f64 {
@@ -188,11 +188,11 @@ impl Potential {
             }),
         };
         let reflects = case.potential.iter().any(|region| region.reflection.is_some());
-        let mut values = Values { case, failure: None };
+        let mut values = PotentialValues { case, failure: None };
         for_each_cell(ranges, |i| {
             let own = values.piece(&element_centre(axes, i));
             // Pieces of the elements below.
-            let below: [Option<Piece>; MAX_DIMENSION] = std::array::from_fn(|a| {
+            let below: [Option<PotentialPiece>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
                 let element = (a < n).then(|| axes[a].split(i[a] as i64).0)?;
                 let last = element * axes[a].nodes.count() as i64 - 1;

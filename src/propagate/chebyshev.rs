@@ -28,12 +28,12 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, MOST_LEVELS, Steps};
+use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare, Start};
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare, StateRows};
 use crate::propagate::method::{
-    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, RunWork, Setting,
+    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
@@ -194,7 +194,7 @@ impl Chebyshev {
             self.levels.clear();
             let levels = system.interruption.before_look(left.min(most));
             self.levels.extend((left - levels..left).rev().map(constants));
-            let steps = Steps { levels: &self.levels, couplings };
+            let steps = RecurrenceSteps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
             matrix.steps(exchange, self.blocking.as_ref(), &steps, y, x, start);
             left -= levels;
@@ -242,7 +242,7 @@ impl Chebyshev {
             self.levels.clear();
             self.levels.extend((done..to).map(constants));
             terms.expect(done + 1..to + 1);
-            let steps = Steps { levels: &self.levels, couplings: None };
+            let steps = RecurrenceSteps { levels: &self.levels, couplings: None };
             let vectors = [&mut self.previous, &mut self.current];
             let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
             matrix.steps_and_read::<()>(exchange, blocking, &steps, vectors, &[], &mut read);
@@ -266,8 +266,8 @@ impl Propagator for Chebyshev {
         let (constants, report) = self.prepare(system, batch, system.time);
         let degree = batch.largest_work();
         match initial.state {
-            Start::Real(start) => self.series(system, &constants, degree, None, start)?,
-            Start::Lanes(start) => self.series(system, &constants, degree, None, start)?,
+            StateRows::Real(start) => self.series(system, &constants, degree, None, start)?,
+            StateRows::Lanes(start) => self.series(system, &constants, degree, None, start)?,
         }
         Ok(report)
     }
@@ -283,8 +283,8 @@ impl Propagator for Chebyshev {
         passed.prepare(system, batch);
         let degree = batch.largest_work();
         match initial.state {
-            Start::Real(start) => self.forwards(system, &constants, degree, start, passed)?,
-            Start::Lanes(start) => self.forwards(system, &constants, degree, start, passed)?,
+            StateRows::Real(start) => self.forwards(system, &constants, degree, start, passed)?,
+            StateRows::Lanes(start) => self.forwards(system, &constants, degree, start, passed)?,
         }
         Ok(report)
     }
@@ -295,9 +295,9 @@ impl Propagator for Chebyshev {
 }
 
 /// Describes the series of the exponential.
-pub struct Method;
+pub struct ChebyshevMethod;
 
-impl Descriptor for Method {
+impl Descriptor for ChebyshevMethod {
     fn batch_coupling(&self) -> BatchCoupling {
         BatchCoupling::Independent
     }
@@ -330,7 +330,11 @@ impl Descriptor for Method {
         format!("chebyshev: degree {} to {}", work.least, work.most)
     }
 
-    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+    fn propagator(
+        &self,
+        setting: &PropagatorSetting,
+        matrix: &BlockMatrix,
+    ) -> Result<Box<dyn Propagator>> {
         Ok(Box::new(Chebyshev::new(matrix, setting.largest_work)))
     }
 }

@@ -9,7 +9,7 @@ use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::GhostExchange;
-use crate::problem::case::{Case, Field, Integrator};
+use crate::problem::case::{Case, Integrator, LiouvilleField};
 use crate::propagate::limiter::{Reconstruction, longest_step};
 use std::ops::Range;
 
@@ -116,7 +116,7 @@ pub struct Classical<'a> {
     /// couples it.
     held: Vec<f64>,
     /// An inflow that varies, and `√π_i` of its rows.
-    source: Option<(&'a Field, Vec<f64>)>,
+    source: Option<(&'a LiouvilleField, Vec<f64>)>,
     /// The time at which a state begins, for an inflow that depends on time.
     begin: f64,
     progress: Progress,
@@ -151,8 +151,8 @@ impl<'a> Classical<'a> {
     }
 
     /// With what enters of `field`, which varies with time, in unknowns weighted by `√π`.
-    pub fn with_source(self, field: &'a Field, pi: &[f64]) -> Self {
-        let root = |aux: &crate::matrix::inflow::Inflow| pi[aux.row as usize].sqrt();
+    pub fn with_source(self, field: &'a LiouvilleField, pi: &[f64]) -> Self {
+        let root = |aux: &crate::matrix::inflow::AuxiliaryRow| pi[aux.row as usize].sqrt();
         let roots = self.matrix.inflow.iter().map(root).collect();
         Self { source: Some((field, roots)), ..self }
     }

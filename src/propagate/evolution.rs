@@ -5,7 +5,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::parallel::communicator::{GhostExchange, Group};
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::problem::case::Case;
 use crate::propagate::interruption::Interruption;
 use std::ops::Range;
@@ -79,23 +79,23 @@ pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>>
 
 /// This rank's rows of the state that is propagated.
 #[derive(Clone, Copy)]
-pub enum Start<'a> {
+pub enum StateRows<'a> {
     /// A real vector, the same in every mode.
     Real(&'a [f64]),
     /// A complex vector a mode.
     Lanes(&'a [Lanes]),
 }
 
-impl Start<'_> {
+impl StateRows<'_> {
     /// Row `i` of every lane.
     pub fn row(&self, i: usize) -> Lanes {
         match self {
-            Start::Real(state) => {
+            StateRows::Real(state) => {
                 let mut row = Lanes::ZERO;
                 row.0[..LANES].fill(state[i]);
                 row
             }
-            Start::Lanes(state) => state[i],
+            StateRows::Lanes(state) => state[i],
         }
     }
 }
@@ -104,7 +104,7 @@ impl Start<'_> {
 #[derive(Clone, Copy)]
 pub struct Initial<'a> {
     /// The state.
-    pub state: Start<'a>,
+    pub state: StateRows<'a>,
     /// Norm of each lane over all ranks of the space group, or a bound on it.
     pub norms: [f64; LANES],
 }
@@ -112,7 +112,7 @@ pub struct Initial<'a> {
 impl<'a> Initial<'a> {
     /// The real vector `state` of norm `norm` in every mode.
     pub fn real(state: &'a [f64], norm: f64) -> Self {
-        Self { state: Start::Real(state), norms: [norm; LANES] }
+        Self { state: StateRows::Real(state), norms: [norm; LANES] }
     }
 }
 
@@ -145,7 +145,7 @@ pub struct MatrixShare<'a> {
     /// Bounds of its generator.
     pub bounds: &'a Bounds,
     /// The ranks.
-    pub mesh: &'a Mesh,
+    pub mesh: &'a ProcessMesh,
     /// Rows.
     pub rows: u64,
     /// Rows and ghosts.

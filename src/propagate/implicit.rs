@@ -24,7 +24,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::method::{
-    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, RunWork, Setting,
+    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
 use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted, factor_bytes};
 use num_complex::Complex64;
@@ -159,18 +159,18 @@ pub fn steps(step: f64, time: f64) -> usize {
 }
 
 /// Describes an implicit method.
-pub struct Method {
+pub struct ImplicitMethod {
     name: &'static str,
     order: usize,
 }
 
 /// Crank–Nicolson.
-pub static CRANK_NICOLSON: Method = Method { name: "crank-nicolson", order: 2 };
+pub static CRANK_NICOLSON: ImplicitMethod = ImplicitMethod { name: "crank-nicolson", order: 2 };
 
 /// Backward Euler.
-pub static BACKWARD_EULER: Method = Method { name: "backward-euler", order: 1 };
+pub static BACKWARD_EULER: ImplicitMethod = ImplicitMethod { name: "backward-euler", order: 1 };
 
-impl Descriptor for Method {
+impl Descriptor for ImplicitMethod {
     fn batch_coupling(&self) -> BatchCoupling {
         BatchCoupling::Sequential
     }
@@ -205,7 +205,11 @@ impl Descriptor for Method {
         format!("{}: {} steps of {step:.6e}", self.name, work.steps)
     }
 
-    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+    fn propagator(
+        &self,
+        setting: &PropagatorSetting,
+        matrix: &BlockMatrix,
+    ) -> Result<Box<dyn Propagator>> {
         let made = Implicit::new(matrix, self.order, setting.split)?;
         Ok(Box::new(made))
     }

@@ -34,7 +34,7 @@ use crate::matrix::lanes::{LANES, Lanes, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::method::{
-    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, RunWork, Setting,
+    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
 use num_complex::Complex64;
 
@@ -447,9 +447,9 @@ impl Propagator for Krylov {
 }
 
 /// Describes the exponential in Krylov spaces.
-pub struct Method;
+pub struct KrylovMethod;
 
-impl Descriptor for Method {
+impl Descriptor for KrylovMethod {
     fn batch_coupling(&self) -> BatchCoupling {
         BatchCoupling::Coupled
     }
@@ -476,7 +476,11 @@ impl Descriptor for Method {
         format!("krylov: at most {least} to {most} applications a mode{capped}")
     }
 
-    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+    fn propagator(
+        &self,
+        setting: &PropagatorSetting,
+        matrix: &BlockMatrix,
+    ) -> Result<Box<dyn Propagator>> {
         Ok(Box::new(Krylov::new(matrix, setting.propagation.step)))
     }
 }

@@ -63,7 +63,7 @@ enum Beyond {
 
 /// A face with a jump, or at an end of the box.
 #[derive(Clone, Debug)]
-struct Face {
+struct LimitedFace {
     /// The first of the face's sources in `shares`.
     first: u32,
     count: u32,
@@ -76,7 +76,7 @@ struct Face {
 
 /// A source of a face.
 #[derive(Clone, Copy, Debug)]
-struct Share {
+struct SourceShare {
     /// Local number.
     column: u32,
     /// In the cell itself, by reflection.
@@ -85,13 +85,13 @@ struct Share {
 }
 
 /// Transport along a space axis.
-struct Transport {
+struct LimitedTransport {
     /// `v/Δx`, by velocity cell.
     speed: Vec<f64>,
     /// What lies below and above each space cell.
     beyond: Vec<[Beyond; 2]>,
-    faces: Vec<Face>,
-    shares: Vec<Share>,
+    faces: Vec<LimitedFace>,
+    shares: Vec<SourceShare>,
 }
 
 /// Force along a velocity axis.
@@ -110,7 +110,7 @@ struct Force {
 pub struct Reconstruction {
     limiter: Limiter,
     velocity_cells: usize,
-    transport: Vec<Transport>,
+    transport: Vec<LimitedTransport>,
     force: Vec<Force>,
     half: Vec<f64>,
 }
@@ -131,7 +131,7 @@ impl Reconstruction {
             limiter: case.limiter,
             velocity_cells: matrix.block.velocity_cells,
             transport: (0..n)
-                .map(|a| Transport::new(case, &scheme, matrix, a, field, &mut row))
+                .map(|a| LimitedTransport::new(case, &scheme, matrix, a, field, &mut row))
                 .collect(),
             force: (0..n)
                 .map(|a| Force::new(case, &scheme, matrix, a, field, &mut row))
@@ -166,7 +166,7 @@ impl Reconstruction {
     }
 }
 
-impl Transport {
+impl LimitedTransport {
     fn new(
         case: &Case,
         scheme: &Scheme<'_>,
@@ -212,7 +212,7 @@ impl Transport {
                     }
                     let shares = row.entries.iter().filter_map(|&(column, weight)| {
                         let same = column / nv == first / nv;
-                        Some(Share { column: local(column)?, same, weight })
+                        Some(SourceShare { column: local(column)?, same, weight })
                     });
                     // What leaves the grid through this face is not what enters there.
                     let leaves = (speed > 0.0) == above;
@@ -228,7 +228,7 @@ impl Transport {
     /// Adds the face of the next velocity cell, with its `shares` of cells and of the inflow.
     fn add_face(
         &mut self,
-        shares: impl Iterator<Item = Share>,
+        shares: impl Iterator<Item = SourceShare>,
         known: bool,
         outside: f64,
         entering: f64,
@@ -236,10 +236,10 @@ impl Transport {
         let first = self.shares.len();
         self.shares.extend(shares);
         let count = (self.shares.len() - first) as u32;
-        self.faces.push(Face { first: first as u32, count, outside, entering, known });
+        self.faces.push(LimitedFace { first: first as u32, count, outside, entering, known });
     }
 
-    fn shares(&self, face: &Face) -> &[Share] {
+    fn shares(&self, face: &LimitedFace) -> &[SourceShare] {
         &self.shares[face.first as usize..][..face.count as usize]
     }
 
@@ -249,7 +249,7 @@ impl Transport {
             Beyond::Cell(first) => Some(state[first as usize + v]),
             Beyond::Faces(first) => {
                 let face = &self.faces[first as usize + v];
-                let sum = |sum, s: &Share| sum + s.weight * state[s.column as usize];
+                let sum = |sum, s: &SourceShare| sum + s.weight * state[s.column as usize];
                 face.known.then(|| self.shares(face).iter().fold(face.entering, sum))
             }
         }

@@ -111,7 +111,7 @@ impl BatchCoupling {
 
 /// What a propagator is made for.
 #[derive(Clone, Copy, Debug)]
-pub struct Setting {
+pub struct PropagatorSetting {
     /// Method and time step.
     pub propagation: Propagation,
     /// The most that a mode takes: see [`Descriptor::work`].
@@ -179,5 +179,9 @@ pub trait Descriptor: Sync {
     ///
     /// # Errors
     /// Where the matrix of an implicit step cannot be analysed. Not collective.
-    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>>;
+    fn propagator(
+        &self,
+        setting: &PropagatorSetting,
+        matrix: &BlockMatrix,
+    ) -> Result<Box<dyn Propagator>>;
 }

@@ -97,7 +97,7 @@ struct Gmres {
 
 /// How a system was solved.
 #[derive(Clone, Copy, Debug)]
-pub struct Solved {
+pub struct SolveCounts {
     /// `‖w − Mz‖/‖w‖`, what round-off may hide in it included.
     pub residual: f64,
     /// Applications of `G`.
@@ -226,7 +226,7 @@ impl Shifted {
         z: &mut [Complex64],
         w: &[Complex64],
         norm: f64,
-    ) -> Result<Solved> {
+    ) -> Result<SolveCounts> {
         let (local, gmres) = (&mut self.local, &mut self.gmres);
         let rows = local.count();
         let interval = system.bounds.interval(local.wavenumber);
@@ -247,7 +247,7 @@ impl Shifted {
             let found = length(system, &gmres.residual);
             let stays = found > 0.5 * before;
             if found <= aim * norm || (stays && found <= limit * norm) {
-                return Ok(Solved { residual: found / norm + round_off, applications });
+                return Ok(SolveCounts { residual: found / norm + round_off, applications });
             }
             if applications >= MOST_ITERATIONS || !found.is_finite() {
                 return Err(Error::Solver {

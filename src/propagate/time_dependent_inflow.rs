@@ -25,7 +25,7 @@ use crate::base::memory;
 use crate::base::text::bytes_text;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
-use crate::matrix::inflow::Inflow;
+use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Delta, Embedding};
 use crate::problem::grid::describe_point;
@@ -186,7 +186,7 @@ pub struct WeightedField<'a> {
 }
 
 /// A run of so many steps, of the real field itself.
-struct Run {
+struct RealRun {
     /// `b̄_i`, stage by stage.
     values: Vec<f64>,
     /// The weighted field at the end.
@@ -194,7 +194,7 @@ struct Run {
 }
 
 /// Runs of the real field, to see how many steps they take.
-struct Search<'a> {
+struct StepSearch<'a> {
     case: &'a Case,
     matrix: &'a BlockMatrix,
     communicator: &'a Communicator,
@@ -203,9 +203,9 @@ struct Search<'a> {
     roots: Vec<f64>,
 }
 
-impl Search<'_> {
+impl StepSearch<'_> {
     /// The run of `steps` steps. Collective.
-    fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<Run> {
+    fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<RealRun> {
         let world = &self.communicator.world;
         world.agree(fits(self.matrix, steps))?;
         let values = stage_values(self.case, self.matrix, steps);
@@ -220,7 +220,7 @@ impl Search<'_> {
             classical.hold(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
             classical.exponential(exchange, &mut state, span, NEGLIGIBLE);
         }
-        Ok(Run { values, state })
+        Ok(RealRun { values, state })
     }
 
     /// `‖f‖` of the weighted unknowns `f(row)`. Collective over the space group.
@@ -254,7 +254,7 @@ impl Search<'_> {
 
     /// Whether a run sees the inflow: steps so long that they miss a pulse agree with each other,
     /// too. Collective over the space group.
-    fn sees(&self, run: &Run, largest: f64) -> bool {
+    fn sees(&self, run: &RealRun, largest: f64) -> bool {
         let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
         self.communicator.space.max(found) >= 0.9 * largest
     }
@@ -285,7 +285,7 @@ pub fn schedule(
         });
     }
     let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
-    let search = Search { case, matrix, communicator, start, roots };
+    let search = StepSearch { case, matrix, communicator, start, roots };
     let goal = TIME_SHARE * case.tolerance;
     // The run of half as many steps, and the distance of the last two.
     let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
@@ -327,7 +327,7 @@ pub fn schedule(
 impl Schedule {
     /// Couplings and auxiliary unknowns from the values `b̄_i`, stage by stage, where `largest` is
     /// the largest inflow. Collective over the space group.
-    fn couple(&mut self, search: &Search<'_>, values: Vec<f64>, largest: f64) {
+    fn couple(&mut self, search: &StepSearch<'_>, values: Vec<f64>, largest: f64) {
         let (inflow, roots) = (&search.matrix.inflow, &search.roots);
         let (space, warp) = (&search.communicator.space, &search.case.warp);
         let rows = inflow.len();
@@ -352,7 +352,7 @@ impl Schedule {
             self.unknowns = vec![delta];
             vec![delta; rows]
         } else {
-            let own = |(aux, most): (&Inflow, &f64)| match given {
+            let own = |(aux, most): (&AuxiliaryRow, &f64)| match given {
                 Some(delta) => delta,
                 None if *most == 0.0 => 0.0,
                 None => most / aux.planned_coupling(allowed, search.matrix.by_elements),

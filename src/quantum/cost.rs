@@ -13,7 +13,7 @@
 //!
 //! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
 
-use crate::base::table::Values;
+use crate::base::table::ColumnValues;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
@@ -253,13 +253,16 @@ pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
 
 impl CostTable<'_> {
     /// The columns of the table, a row for each cost.
-    pub fn columns(&self) -> Vec<Values> {
+    pub fn columns(&self) -> Vec<ColumnValues> {
         let figures = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
             LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
         };
         vec![
-            Values::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
-            Values::new("access", self.0.iter().map(|(_, cost)| cost.access.to_string().into())),
+            ColumnValues::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
+            ColumnValues::new(
+                "access",
+                self.0.iter().map(|(_, cost)| cost.access.to_string().into()),
+            ),
             figures("alpha", |cost| &cost.alpha),
             figures("steps", |cost| &cost.steps),
             figures("toffoli_a_step", |cost| &cost.toffoli_a_step),

@@ -36,7 +36,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Method};
-use crate::problem::exported::{self, Kind, Owner};
+use crate::problem::exported::{self, ExportKind, Owner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
 use crate::propagate::interruption::Interruption;
@@ -308,7 +308,7 @@ impl ExportDescription {
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
         Self {
-            owner: Owner::new(Kind::Quantum, case),
+            owner: Owner::new(ExportKind::Quantum, case),
             title: case.title.clone(),
             qubits_p: registers.p,
             qubits_phase_space: registers.phase_space.clone(),

@@ -1,7 +1,7 @@
 //! A number of the quantum side with its trust: exact, of emitted gates, an upper bound, an
 //! estimate, of a model, or unavailable.
 
-use crate::base::table::{Label, Values};
+use crate::base::table::{ColumnValues, Label};
 use crate::base::text::short;
 use serde::Serialize;
 use std::fmt;
@@ -120,8 +120,8 @@ impl LabelledNumber {
     }
 
     /// Figures as a column of a table, with their labels.
-    pub fn column<'a>(name: &str, figures: impl Iterator<Item = &'a Self>) -> Values {
-        let mut column = Values::new(name, []);
+    pub fn column<'a>(name: &str, figures: impl Iterator<Item = &'a Self>) -> ColumnValues {
+        let mut column = ColumnValues::new(name, []);
         for figure in figures {
             column.cells.push(figure.value().into());
             column.labels.push(figure.column_label());

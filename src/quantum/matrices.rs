@@ -18,8 +18,8 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, Field};
-use crate::problem::exported::{self, Kind, Owner};
+use crate::problem::case::{Case, LiouvilleField};
+use crate::problem::exported::{self, ExportKind, Owner};
 use crate::quantum::export::numpy;
 use crate::scheme::rows::{Row, Scheme};
 use crate::solve::prepared::Prepared;
@@ -78,7 +78,8 @@ struct MatrixDescription<'a> {
 
 /// Names of all files but the description.
 pub fn names(case: &Case) -> Vec<String> {
-    let vectors = |field: &Field| ["b", "initial"].map(|what| format!("{what}_{}.npy", field.name));
+    let vectors =
+        |field: &LiouvilleField| ["b", "initial"].map(|what| format!("{what}_{}.npy", field.name));
     let fixed = ["A.mtx", "S.mtx", "K.mtx", "weights.npy"].map(str::to_owned);
     fixed.into_iter().chain(case.fields.iter().flat_map(vectors)).collect()
 }
@@ -144,7 +145,7 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
         write(&format!("initial_{}.npy", field.name), &numpy::real(&state[..unknowns]))?;
     }
     let counts = MatrixCounts { cells, unknowns, entries };
-    let owner = Owner::new(Kind::Matrix, case);
+    let owner = Owner::new(ExportKind::Matrix, case);
     exported::write(directory, &MatrixDescription { owner, title: &case.title, counts })?;
     Ok(counts)
 }

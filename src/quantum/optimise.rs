@@ -19,7 +19,7 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{
-    Alpha, Case, Coefficients, Delta, Ends, Interface, Limiter, Method, ProfileChoice,
+    Alpha, Case, Coefficients, Delta, EndFlux, Interface, Limiter, Method, ProfileChoice,
     RecoveryMethod, Shift,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
@@ -28,7 +28,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
 use crate::schrodingerization::placement::{forecast_modes, place, takes_one_mode};
-use crate::schrodingerization::profile::Form;
+use crate::schrodingerization::profile::ProfileForm;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::solve::system::StateNorms;
 use serde::Serialize;
@@ -78,7 +78,7 @@ pub fn unitary_of(case: &Case) -> Result<Case> {
 
 /// `case` with that scheme, which is unitary if nothing enters or is reflected in part.
 pub fn with_unitary_scheme(case: &Case) -> Case {
-    let mut case = Case { flux: 0.0, ends: Ends::Closed, ..case.clone() };
+    let mut case = Case { flux: 0.0, ends: EndFlux::Closed, ..case.clone() };
     (case.interface, case.warp.weights) = (Interface::Conservative, false);
     (case.limiter, case.method) = (Limiter::None, Method::Schrodingerized);
     case
@@ -385,7 +385,7 @@ pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparati
     const WINDOW: f64 = 3.0;
     let placement = place(case, bounds, ratio)?;
     let series = match placement.profile.as_ref().map(|profile| profile.form()) {
-        Some(Form::Transform(shape)) => {
+        Some(ProfileForm::Transform(shape)) => {
             let planned = &placement.series;
             let highest = planned.wavenumber(planned.modes() - 1);
             let least = planned.period + WINDOW;

@@ -3,13 +3,13 @@
 //! Their axes are the centres of the elements, `/axis/element_x`, …, `/axis/element_vz`. Along an
 //! axis of degree 0 these are the cells.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
 use crate::matrix::elements::apply_in_elements;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::dataset::Results;
-use crate::results::writer::{Outcome, Writer};
+use crate::results::writer::{Hdf5Result, Writer};
 use std::ops::Range;
 
 /// Names of the axes of elements: in space, and in velocity.
@@ -32,7 +32,7 @@ pub fn numbers(space: &PhaseSpace) -> usize {
 }
 
 /// The axes of the elements. To be agreed on.
-pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
+pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     if case.space.degree() == 0 {
         return Ok(());
     }
@@ -66,7 +66,7 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
         [("f", results.fields[0], 2 * n), ("density", &results.moments.density[..], n)]
     {
         let averages = averages(&all[..over], &ranges[..over], values);
-        let slab = Slab::of(&ranges[..over]);
+        let slab = DatasetBox::of(&ranges[..over]);
         let (path, axes) = (format!("averages/{name}"), &names(n)[..over]);
         let what = format!("average of {name} over each element");
         writer.field(&path, axes, &[(slab, &averages)], &what)?;

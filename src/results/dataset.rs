@@ -3,7 +3,7 @@
 use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::problem::exact::sheet::{Curve, ExactMoments};
+use crate::problem::exact::sheet::{ExactMoments, MultivaluedVelocity};
 use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -77,7 +77,7 @@ impl<'a> Results<'a> {
     }
 
     /// The branches of the exact velocity, where they are known.
-    pub(crate) fn curve(&self) -> Option<&'a Curve> {
+    pub(crate) fn curve(&self) -> Option<&'a MultivaluedVelocity> {
         match self.exact {
             Some(ExactSolution::Moments(exact)) => exact.curve.as_ref(),
             _ => None,

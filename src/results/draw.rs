@@ -22,7 +22,7 @@ pub mod ticks;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::draw::panel::{ABOVE, BELOW, BOLD, PanelFrame};
-use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, pixels};
+use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, pixels};
 use crate::results::figure::Figure;
 use crate::results::figure::palette::{INK, PAPER};
 use plotters::prelude::*;
@@ -89,7 +89,7 @@ pub(crate) struct Sheet<'a> {
     columns: Vec<f64>,
     /// Room left of the frames, by column.
     left: Vec<f64>,
-    size: Place,
+    size: PixelPoint,
     top: f64,
 }
 
@@ -131,8 +131,9 @@ impl<'a> Sheet<'a> {
     /// Draws all of it.
     fn draw<DB: DrawingBackend>(&self, root: &Area<DB>) -> Drawn {
         root.fill(&PAPER).map_err(|e| e.to_string())?;
-        let write =
-            |line: &str, at: Place, style| text::draw(root, line, at.map(|c| c * PIXELS), &style);
+        let write = |line: &str, at: PixelPoint, style| {
+            text::draw(root, line, at.map(|c| c * PIXELS), &style)
+        };
         for (k, line) in self.title.iter().enumerate() {
             let at = [MARGIN, MARGIN + 8.0 + TITLE_LINE * k as f64];
             write(line, at, text::bold(TITLE, INK))?;
@@ -159,7 +160,7 @@ impl<'a> Sheet<'a> {
 mod tests {
     use super::*;
     use crate::results::figure::palette::Style;
-    use crate::results::figure::{Axis, Layer, Map, Panel};
+    use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 
     fn example() -> Figure {
         let map = Map {
@@ -171,23 +172,27 @@ mod tests {
             differences: false,
             label: "f".into(),
         };
-        let lines = Panel::new("errors & <costs>", Axis::log("applications"), Axis::log("error"))
-            .line("a", Style::of(0), vec![[1e2, 1e-2], [1e3, 1e-5], [-1.0, 3.0]])
-            .points("b", Style::of(1).hollow(), vec![[2e2, 1e-3], [f64::NAN, 1.0]])
-            .vertical("here", 300.0)
-            .horizontal("there", 1e-4);
-        let bars =
-            Panel::new("", Axis::linear("s"), Axis::named("", vec!["one".into(), "two".into()]))
-                .with(Layer::Bars {
-                    style: Style::of(2),
-                    bars: vec![([0.0, 1.0], "1 s".into()), ([1.0, 3.0], String::new())],
-                });
-        let empty = Panel::new("nothing", Axis::log("x"), Axis::linear("y")).line(
+        let lines =
+            Panel::new("errors & <costs>", PlotAxis::log("applications"), PlotAxis::log("error"))
+                .line("a", Style::of(0), vec![[1e2, 1e-2], [1e3, 1e-5], [-1.0, 3.0]])
+                .points("b", Style::of(1).hollow(), vec![[2e2, 1e-3], [f64::NAN, 1.0]])
+                .vertical("here", 300.0)
+                .horizontal("there", 1e-4);
+        let bars = Panel::new(
+            "",
+            PlotAxis::linear("s"),
+            PlotAxis::named("", vec!["one".into(), "two".into()]),
+        )
+        .with(Layer::Bars {
+            style: Style::of(2),
+            bars: vec![([0.0, 1.0], "1 s".into()), ([1.0, 3.0], String::new())],
+        });
+        let empty = Panel::new("nothing", PlotAxis::log("x"), PlotAxis::linear("y")).line(
             "none",
             Style::theory(),
             Vec::new(),
         );
-        let phase = Panel::new("f", Axis::linear("x"), Axis::linear("v")).map(map);
+        let phase = Panel::new("f", PlotAxis::linear("x"), PlotAxis::linear("v")).map(map);
         Figure::new("All kinds", vec![lines, bars, empty, phase])
             .caption("A sentence that is long enough to be broken somewhere. ".repeat(6))
     }
@@ -213,8 +218,8 @@ mod tests {
     fn labels_cover_no_data() {
         let height = |data: f64| -> f64 {
             let points = (0..40).map(|k| [f64::from(k), data]).collect();
-            let axis = Axis::linear("y").within(0.0, 1.0);
-            let panel = Panel::new("", Axis::linear("x"), axis)
+            let axis = PlotAxis::linear("y").within(0.0, 1.0);
+            let panel = Panel::new("", PlotAxis::linear("x"), axis)
                 .line("", Style::of(0), points)
                 .vertical("here", 10.0);
             let svg = Figure::new("", vec![panel]).svg().unwrap();

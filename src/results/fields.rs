@@ -1,7 +1,7 @@
 //! The datasets over space and phase space, as a table: name, description, axes. They stand in
 //! `result.h5` and, with the time as first index, in its `/history`.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::matrix::observables::Moments;
 use crate::problem::case::Data;
 use crate::problem::grid::{PhaseSpace, axis_names};
@@ -140,14 +140,14 @@ pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
 }
 
 /// Where a rank's share of datasets lies.
-pub struct Layout {
+pub struct DatasetLayout {
     names: Vec<&'static str>,
     dimension: usize,
     /// The rank's cells along every axis of phase space.
     cells: Vec<Range<usize>>,
 }
 
-impl Layout {
+impl DatasetLayout {
     /// The layout of `share`, one range a space axis, with all velocities of `space`.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let velocities = space.v.iter().map(|axis| 0..axis.cells);
@@ -180,9 +180,9 @@ impl Layout {
     }
 
     /// The rank's values of a dataset, by where they lie.
-    pub fn slabs<'a>(&self, field: &Field<'a>) -> Vec<(Slab, &'a [f64])> {
+    pub fn slabs<'a>(&self, field: &Field<'a>) -> Vec<(DatasetBox, &'a [f64])> {
         (field.components.iter().enumerate())
-            .map(|(k, values)| (Slab::of(&self.ranges(field.kind, k..k + 1)), *values))
+            .map(|(k, values)| (DatasetBox::of(&self.ranges(field.kind, k..k + 1)), *values))
             .collect()
     }
 }

@@ -29,7 +29,7 @@ pub enum Scale {
 
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub struct PlotAxis {
     /// Label of the axis.
     pub label: String,
     /// Scale of the axis.
@@ -42,7 +42,7 @@ pub struct Axis {
     pub whole: bool,
 }
 
-impl Axis {
+impl PlotAxis {
     /// In proportion.
     pub fn linear(label: impl Into<String>) -> Self {
         Self {
@@ -165,16 +165,16 @@ pub struct Panel {
     /// Above it.
     pub title: String,
     /// The horizontal axis.
-    pub x: Axis,
+    pub x: PlotAxis,
     /// The vertical one.
-    pub y: Axis,
+    pub y: PlotAxis,
     /// From below to above.
     pub layers: Vec<Layer>,
 }
 
 impl Panel {
     /// Axes without anything between them.
-    pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
+    pub fn new(title: impl Into<String>, x: PlotAxis, y: PlotAxis) -> Self {
         Self { title: title.into(), x, y, layers: Vec::new() }
     }
 

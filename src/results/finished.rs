@@ -14,7 +14,7 @@ use crate::results::readback::{read_text, text_attribute};
 use crate::results::report;
 use crate::results::untrusted::{self, Inspection};
 use crate::results::warped;
-use crate::results::writer::Outcome;
+use crate::results::writer::Hdf5Result;
 use crate::results::xdmf;
 use hdf5::File;
 use std::path::Path;
@@ -86,7 +86,7 @@ fn modified(path: &Path) -> Option<SystemTime> {
 }
 
 /// How the case and the program of `result.h5` differ from `case` and this program, if they do.
-fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
+fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
     let file = File::open(path)?;

@@ -17,7 +17,7 @@ use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::results::dataset::RESULT;
 use crate::results::views::{Grid, Step, View};
-use crate::results::writer::Outcome;
+use crate::results::writer::Hdf5Result;
 use crate::results::xdmf::item;
 use hdf5::filters::deflate_available;
 use hdf5::{File, Group, H5Type, Hyperslab, SliceOrIndex};
@@ -108,7 +108,7 @@ fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
 }
 
 /// Writes points, cells and values into the file `path`.
-fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Outcome<()> {
+fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
     let result = File::open(result)?;
     let file = File::create(path)?;
     for name in GRIDS {
@@ -117,7 +117,7 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Outcome<()> {
             continue;
         };
         let group = file.create_group(name)?;
-        let mesh = Mesh::new(first);
+        let mesh = UnstructuredGrid::new(first);
         table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
         table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))?;
         for (k, (_, grid)) in times.iter().enumerate() {
@@ -130,11 +130,11 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Outcome<()> {
 }
 
 /// A grid as a list of points and a list of cells, both x fastest.
-struct Mesh<'a> {
+struct UnstructuredGrid<'a> {
     grid: &'a Grid,
 }
 
-impl<'a> Mesh<'a> {
+impl<'a> UnstructuredGrid<'a> {
     fn new(grid: &'a Grid) -> Self {
         Self { grid }
     }
@@ -208,7 +208,7 @@ fn table<T: H5Type>(
     name: &str,
     [rows, width]: [usize; 2],
     fill: impl Fn(usize, &mut Vec<T>),
-) -> Outcome<()> {
+) -> Hdf5Result<()> {
     let mut builder = group.new_dataset::<T>().chunk([rows.min(PIECE), width]);
     if deflate_available() {
         builder = builder.shuffle().deflate(1);
@@ -237,7 +237,7 @@ fn selection(ranges: &[Range<usize>]) -> Hyperslab {
 }
 
 /// A view as a list of cells, without a copy.
-fn values(group: &Group, result: &File, view: &View, cells: usize) -> Outcome<()> {
+fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result<()> {
     let there = result.dataset(&view.dataset)?.shape();
     let mut from: Vec<Range<usize>> = there.iter().map(|n| 0..*n).collect();
     if let Some(moment) = &view.moment {
@@ -261,7 +261,7 @@ fn document(name: &str, times: &[(f64, &Grid)]) -> String {
          <Grid Name=\"{name}\" GridType=\"Collection\" CollectionType=\"Temporal\">\n"
     );
     for (k, (time, grid)) in times.iter().enumerate() {
-        let mesh = Mesh::new(grid);
+        let mesh = UnstructuredGrid::new(grid);
         let (cells, corners) = (mesh.cells(), mesh.corners());
         let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
         let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
@@ -313,7 +313,7 @@ mod tests {
     fn corners_are_those_of_the_cells() {
         for dimension in [2, 3] {
             let grid = grid(dimension);
-            let mesh = Mesh::new(&grid);
+            let mesh = UnstructuredGrid::new(&grid);
             let mut seen = std::collections::BTreeSet::new();
             for k in 0..mesh.cells() {
                 let mut corners = Vec::new();

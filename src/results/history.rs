@@ -10,13 +10,13 @@
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
 use crate::matrix::observables::Totals;
 use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, Results};
-use crate::results::fields::{self, Field, Layout};
-use crate::results::writer::{Outcome, Writer};
+use crate::results::fields::{self, DatasetLayout, Field};
+use crate::results::writer::{Hdf5Result, Writer};
 use std::ops::Range;
 
 /// Name of the axis of output times.
@@ -30,7 +30,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
 }
 
 /// The axes of times, where there are some. To be agreed on.
-pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
+pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }
@@ -46,7 +46,7 @@ pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
 }
 
 /// Writes the group. Collective.
-pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
+pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }
@@ -57,7 +57,7 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Res
 }
 
 /// Density, momentum and mean velocity, computed and exact, all times at once: moments are small.
-fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
+fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     let times = fields::moments_by_time(results);
     for (k, field) in times[0].iter().enumerate() {
         let kind = field.kind;
@@ -67,7 +67,7 @@ fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Resul
         ranges.extend(layout.ranges(kind, 0..field.components.len()));
         let axes = with_time(TIME, layout.axes(kind));
         let name = format!("history/{}", kind.name);
-        writer.field(&name, &axes, &[(Slab::of(&ranges), &values)], kind.what)?;
+        writer.field(&name, &axes, &[(DatasetBox::of(&ranges), &values)], kind.what)?;
     }
     Ok(())
 }
@@ -80,8 +80,8 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
     let totals: Vec<Totals> = early.chain([results.totals]).collect();
-    type Column = (&'static str, fn(&Totals) -> f64, &'static str);
-    let columns: [Column; 3] = [
+    type TotalsColumn = (&'static str, fn(&Totals) -> f64, &'static str);
+    let columns: [TotalsColumn; 3] = [
         ("mass", |t| t.mass, "integral of f"),
         ("kinetic_energy", |t| t.kinetic, "integral of |v|^2 f / 2"),
         ("potential_energy", |t| t.potential, "integral of V f"),
@@ -94,7 +94,7 @@ fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
 }
 
 /// The fields, one time after the other.
-fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
+fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     let times: Vec<Vec<Field<'_>>> = with_fields(results)
         .map(|e| fields::fields(&results.case.data, e.fields.iter().map(Vec::as_slice)))
         .collect();
@@ -106,9 +106,9 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result
         let at = |time: usize, component: usize| {
             let mut ranges: Vec<Range<usize>> = std::iter::once(time..time + 1).collect();
             ranges.extend(layout.ranges(kind, component..component + 1));
-            Slab::of(&ranges)
+            DatasetBox::of(&ranges)
         };
-        let slabs: Vec<(Slab, &[f64])> = (times.iter().enumerate())
+        let slabs: Vec<(DatasetBox, &[f64])> = (times.iter().enumerate())
             .flat_map(|(time, fields)| {
                 let components = fields[k].components.iter().enumerate();
                 components.map(move |(component, values)| (at(time, component), *values))

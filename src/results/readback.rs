@@ -2,13 +2,13 @@
 //! one it carries.
 
 use crate::base::checksum;
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, open, read_slab};
 use crate::problem::table::check_size;
-use crate::results::writer::Outcome;
+use crate::results::writer::Hdf5Result;
 use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
 use hdf5::sync::sync;
@@ -28,7 +28,7 @@ const DEEPEST: usize = 6;
 const MOST_DEFLATED: u64 = 1040;
 
 /// By name, a part of the checksum of each dataset, and the checksum that it carries.
-pub type Sums = BTreeMap<String, [u64; 2]>;
+pub type ChecksumParts = BTreeMap<String, [u64; 2]>;
 
 /// Reads every dataset of a file that this run wrote, each piece on one rank, mostly another one
 /// than wrote it; gives their number. Collective over `world`.
@@ -40,7 +40,7 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let opened = open(world, path).map_err(|e| fail(&e));
     // Closing waits for all ranks: a file that only some could open stays open.
     let file = ManuallyDrop::new(world.agree(opened)?);
-    let share = Share { rank: world.rank(), ranks: world.size() };
+    let share = FileShare { rank: world.rank(), ranks: world.size() };
     let sums = sums_of(share, &file, |_, _| Ok(())).map_err(|e| fail(&e));
     let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
     // All ranks have the same outcome, so that all close it.
@@ -51,7 +51,7 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
 
 /// Compares the sums of the ranks' parts with the checksums that datasets carry; gives their
 /// number. Collective.
-pub(crate) fn compare(world: &Group, path: &Path, sums: &Sums) -> Result<usize> {
+pub(crate) fn compare(world: &Group, path: &Path, sums: &ChecksumParts) -> Result<usize> {
     let fail = |what: &str| world.agree(Err(failure(path, &what)));
     if !world.same(sums.len() as u64) {
         return fail("holds other datasets on some ranks");
@@ -74,7 +74,7 @@ pub(crate) fn differs(name: &str) -> String {
 
 /// The pieces of a file that a process reads: every `ranks`-th.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Share {
+pub struct FileShare {
     /// Number of the process.
     pub rank: usize,
     /// How many there are.
@@ -87,7 +87,7 @@ fn error(what: String) -> hdf5::Error {
 
 /// Every dataset of a file by its name, as far as a run writes them: by hard links, in a few
 /// groups. One that has several names is there once, by that in the innermost group.
-pub(crate) fn datasets(file: &hdf5::Group) -> Outcome<BTreeMap<String, Dataset>> {
+pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Dataset>> {
     let (mut found, mut objects) = (BTreeMap::<String, (LocationToken, Dataset)>::new(), 0);
     let mut left = vec![(file.group("/")?, String::new(), 0)];
     while let Some((group, path, depth)) = left.pop() {
@@ -125,7 +125,7 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Outcome<BTreeMap<String, Dataset>>
 
 /// Whether a dataset can be read as the numbers or the text of its shape: they are in this file,
 /// and all there. Gives the bytes of a chunk, 0 where there are none.
-pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Outcome<u64> {
+pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     let list = dataset.dcpl()?;
     if !list.external().is_empty() || list.layout() == Layout::Virtual {
         return Err(error("its values are in another file".to_owned()));
@@ -166,10 +166,10 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
 /// By name, a share of the checksum of each dataset, and the one the dataset carries. What is read
 /// is shown to `visit` piece by piece, with the name.
 pub(crate) fn sums_of(
-    share: Share,
+    share: FileShare,
     file: &hdf5::Group,
-    mut visit: impl FnMut(&str, &[f64]) -> Outcome<()>,
-) -> Outcome<Sums> {
+    mut visit: impl FnMut(&str, &[f64]) -> Hdf5Result<()>,
+) -> Hdf5Result<ChecksumParts> {
     let sum = |(name, dataset): (String, Dataset)| {
         let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
             .map_err(|_| error(format!("dataset {name} carries no checksum")))?;
@@ -182,10 +182,10 @@ pub(crate) fn sums_of(
 
 /// A share of the checksum of a dataset.
 fn sum_of(
-    Share { rank, ranks }: Share,
+    FileShare { rank, ranks }: FileShare,
     dataset: &Dataset,
-    mut visit: impl FnMut(&[f64]) -> Outcome<()>,
-) -> Outcome<u64> {
+    mut visit: impl FnMut(&[f64]) -> Hdf5Result<()>,
+) -> Hdf5Result<u64> {
     let unread = |e: hdf5::Error| error(format!("cannot be read: {e}"));
     let written = dataset.dtype().and_then(|written| written.to_descriptor());
     if let TypeDescriptor::FixedUnicode(length) = written.map_err(unread)? {
@@ -196,7 +196,7 @@ fn sum_of(
     }
     let shape = dataset.shape();
     let mut sum: u64 = 0;
-    for (k, slab) in Slab::pieces(&shape, PIECE).enumerate() {
+    for (k, slab) in DatasetBox::pieces(&shape, PIECE).enumerate() {
         // One further than the ranks that wrote, as far as shares go by the first axis.
         if (k + 1) % ranks != rank {
             continue;
@@ -209,25 +209,25 @@ fn sum_of(
 }
 
 /// An attribute that [`crate::results::writer::text`] made.
-pub(crate) fn text_attribute(at: &Location, name: &str) -> Outcome<String> {
+pub(crate) fn text_attribute(at: &Location, name: &str) -> Hdf5Result<String> {
     let text: VarLenUnicode = at.attr(name)?.read_scalar()?;
     utf8(text.as_bytes().to_vec())
 }
 
 /// A text of a file, which the HDF5 crate takes for UTF-8 without a look.
-fn utf8(bytes: Vec<u8>) -> Outcome<String> {
+fn utf8(bytes: Vec<u8>) -> Hdf5Result<String> {
     String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))
 }
 
 /// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one
 /// zero byte.
-pub(crate) fn read_text(dataset: &Dataset) -> Outcome<String> {
+pub(crate) fn read_text(dataset: &Dataset) -> Hdf5Result<String> {
     let text = utf8(read_bytes(dataset, dataset.dtype()?.size())?)?;
     Ok(text.trim_end_matches('\0').to_owned())
 }
 
 /// Reads a text whose length is known at run time only, which the safe interface has no type for.
-fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
+fn read_bytes(dataset: &Dataset, length: usize) -> Hdf5Result<Vec<u8>> {
     let kind = dataset.dtype()?;
     if !dataset.is_scalar() || kind.size() != length {
         return Err(hdf5::Error::from("a text could not be read"));

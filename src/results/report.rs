@@ -18,7 +18,7 @@ use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
-use crate::results::report::html::{Rows, Text, shown};
+use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
 use crate::results::report::trust::{main_warning, trust};
 use crate::results::summary::{Accuracy, Continued};
@@ -362,7 +362,7 @@ impl Report<'_> {
     }
 
     fn errors(&self) -> Markup {
-        let mut rows = Rows::default();
+        let mut rows = ReportRows::default();
         rows.values(&TO_SEMIDISCRETE, self.summary);
         for (error, exact, label) in TO_EXACT {
             let relative = self.number(exact).filter(|e| *e > 0.0);
@@ -451,7 +451,7 @@ impl Report<'_> {
     }
 
     fn cost(&self) -> Markup {
-        let mut rows = Rows::default();
+        let mut rows = ReportRows::default();
         rows.values(&COST, self.summary);
         for (key, label) in MEMORY {
             rows.text(label, self.summary[key].as_u64().map(bytes_text));
@@ -473,7 +473,7 @@ impl Report<'_> {
     /// With what probability each step of a measurement succeeds, at the slice and in the window.
     fn probabilities(&self) -> Markup {
         let found = &self.summary["probabilities"];
-        let mut rows = Rows::default();
+        let mut rows = ReportRows::default();
         rows.values(&[("points", "points N_p"), ("window", "window in p")], found);
         html! {
             @if !found.is_null() {
@@ -533,7 +533,7 @@ impl Report<'_> {
     }
 
     fn provenance(&self) -> Markup {
-        let mut rows = Rows::default();
+        let mut rows = ReportRows::default();
         for (name, value) in &self.run.provenance {
             rows.text(name, Some(value.clone()));
         }

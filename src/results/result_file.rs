@@ -29,15 +29,15 @@ use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Data};
-use crate::problem::exact::sheet::{Curve, curve_points};
+use crate::problem::exact::sheet::{MultivaluedVelocity, curve_points};
 use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
 use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::numbers as readout_numbers;
 use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
-use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
+use crate::results::fields::{self, COMPONENT, DIRECTION, DatasetLayout, POINT};
 use crate::results::views::Step;
-use crate::results::writer::{Outcome, Writer, attribute, text};
+use crate::results::writer::{Hdf5Result, Writer, attribute, text};
 use crate::results::{averages, grids, history, readback, views};
 use std::path::Path;
 
@@ -91,7 +91,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
     writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
     let outcome = axes(&mut writer, results);
     writer.agree(outcome)?;
-    let layout = Layout::new(&results.case.space, results.share);
+    let layout = DatasetLayout::new(&results.case.space, results.share);
     for field in fields::at_the_end(results) {
         let (kind, slabs) = (field.kind, layout.slabs(&field));
         writer.field(kind.name, &layout.axes(kind), &slabs, kind.what)?;
@@ -181,7 +181,7 @@ pub(crate) fn attributes(
     ranks: usize,
     about: &FileAttributes<'_>,
     plan: &str,
-) -> Outcome<()> {
+) -> Hdf5Result<()> {
     let (file, case) = (writer.file(), about.case);
     for (name, value) in about.provenance {
         attribute(file, name, &text(value))?;
@@ -205,7 +205,7 @@ pub(crate) fn attributes(
 }
 
 /// The dimension scales of phase space. To be agreed on.
-pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
+pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
     let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
@@ -225,7 +225,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
 }
 
 /// The dimension scales. To be agreed on.
-fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
+fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
     let n = results.case.space.dimension();
@@ -241,13 +241,13 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
 }
 
 /// The plateau, which is the same on all ranks. To be agreed on.
-fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
+fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     if points.is_empty() {
         return Ok(());
     }
     writer.file().create_group("plateau")?;
-    type Column = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
-    let columns: [Column; 3] = [
+    type PlateauColumn = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
+    let columns: [PlateauColumn; 3] = [
         ("p", |k| k.p, "recovery point"),
         ("distance", |k| k.distance, "relative l2 distance of f read at p to f"),
         ("norm", |k| k.norm, "l2 norm of f read at p"),
@@ -260,7 +260,7 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
 }
 
 /// What a quantum computer would tell, which is the same on all ranks. To be agreed on.
-fn measured(writer: &Writer<'_>, readout: &Readout) -> Outcome<()> {
+fn measured(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;
     let single = [
@@ -280,7 +280,7 @@ fn measured(writer: &Writer<'_>, readout: &Readout) -> Outcome<()> {
 }
 
 /// The multivalued velocity, the same on all ranks. Collective.
-fn multivalued(writer: &Writer<'_>, curve: &Curve) -> Result<()> {
+fn multivalued(writer: &Writer<'_>, curve: &MultivaluedVelocity) -> Result<()> {
     writer.group("multivalued")?;
     for (name, values, what) in [
         ("x", &curve.x, "position on a branch"),

@@ -8,7 +8,7 @@ use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::Block;
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::problem::grid::{Axis, Part, PhaseSpace};
+use crate::problem::grid::{Axis, AxisPart, PhaseSpace};
 use crate::results::dataset::EarlyResult;
 use crate::scheme::reduce::grid;
 use crate::solve::place::Place;
@@ -100,7 +100,7 @@ fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Ve
             let value = |place: usize| Some(place * step);
             match from.part {
                 _ if from == to => (0..range.len()).map(value).collect(),
-                Part::Window { .. } => (0..to.cells)
+                AxisPart::Window { .. } => (0..to.cells)
                     .map(|j| {
                         j.checked_sub(from.first_cell()).filter(|j| *j < from.cells).and_then(value)
                     })

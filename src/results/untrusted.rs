@@ -17,8 +17,10 @@ use crate::results::FileResult;
 use crate::results::dataset::RESULT;
 use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
-use crate::results::readback::{Share, Sums, compare, datasets, differs, numbers, sound, sums_of};
-use crate::results::writer::Outcome;
+use crate::results::readback::{
+    ChecksumParts, FileShare, compare, datasets, differs, numbers, sound, sums_of,
+};
+use crate::results::writer::Hdf5Result;
 use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -45,14 +47,14 @@ const LARGEST: f64 = 1e150;
 
 /// The role of this process in the inspection of files.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Role {
+enum ProcessRole {
     /// The process that reads files, after a subprocess has inspected them.
     Parent,
     /// The subprocess that inspects files.
     Child,
 }
 
-static ROLE: OnceLock<Role> = OnceLock::new();
+static ROLE: OnceLock<ProcessRole> = OnceLock::new();
 
 /// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -60,7 +62,7 @@ pub(crate) enum Inspection {
     /// The names and shapes of the datasets.
     Shapes,
     /// As well the values of a share of them.
-    Values(Share),
+    Values(FileShare),
     /// `result.h5` of a directory: all values, and what pictures need besides.
     Directory,
     /// Datasets by their names, and values of lists: what a warped field to start from is read of.
@@ -70,21 +72,21 @@ pub(crate) enum Inspection {
 }
 
 /// The sums of the datasets of a file, or what is wrong with it.
-type InspectionResult = FileResult<Sums>;
+type InspectionResult = FileResult<ChecksumParts>;
 
 /// To be called by the program before anything else, and before MPI starts: where this process is
 /// the subprocess, does its work and gives its exit code. Otherwise it will have subprocesses.
 pub fn serve() -> Option<i32> {
     let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
     let [call, inspection, path] = &arguments[..] else {
-        let _ = ROLE.set(Role::Parent);
+        let _ = ROLE.set(ProcessRole::Parent);
         return None;
     };
     if call != CALL {
-        let _ = ROLE.set(Role::Parent);
+        let _ = ROLE.set(ProcessRole::Parent);
         return None;
     }
-    let _ = ROLE.set(Role::Child);
+    let _ = ROLE.set(ProcessRole::Child);
     machine::end_with_parent();
     machine::limit_memory(MEMORY);
     progress(0);
@@ -104,7 +106,7 @@ pub fn serve() -> Option<i32> {
 /// # Errors
 /// What is wrong with it.
 pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
-    if ROLE.get() != Some(&Role::Parent) {
+    if ROLE.get() != Some(&ProcessRole::Parent) {
         return inspect_here(path, inspection);
     }
     let call = serde_json::to_string(&inspection).map_err(|e| e.to_string())?;
@@ -159,7 +161,7 @@ fn answer(child: &mut Child) -> Option<InspectionResult> {
 
 /// Reports progress, and allows time until the next report: for `bytes`, and [`SECONDS_A_STEP`].
 fn progress(bytes: u64) {
-    if ROLE.get() == Some(&Role::Child) {
+    if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_processor_time(SECONDS_A_STEP + bytes / BYTES_A_SECOND);
         let _ = writeln!(std::io::stdout());
     }
@@ -177,10 +179,10 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
-        Inspection::Shapes => shapes(&opened()?, bytes).map_err(said).map(|_| Sums::new()),
+        Inspection::Shapes => shapes(&opened()?, bytes).map_err(said).map(|_| ChecksumParts::new()),
         Inspection::Values(share) => values(&opened()?, bytes, share).map_err(said),
         Inspection::Directory => {
-            let sums = values(&opened()?, bytes, Share { rank: 0, ranks: 1 }).map_err(said)?;
+            let sums = values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(said)?;
             Stored::read(path)?;
             Ok(sums)
         }
@@ -194,17 +196,17 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
                     numbers(name, &dataset)?;
                 }
             }
-            Ok(Sums::new())
+            Ok(ChecksumParts::new())
         }
         Inspection::Start => {
             start(&opened()?, bytes)?;
-            Ok(Sums::new())
+            Ok(ChecksumParts::new())
         }
     }
 }
 
 /// Whether all datasets can be read; gives the bytes of the largest chunk.
-fn shapes(file: &File, bytes: u64) -> Outcome<u64> {
+fn shapes(file: &File, bytes: u64) -> Hdf5Result<u64> {
     let mut largest = 0;
     for (name, dataset) in datasets(file)? {
         let chunk = sound(&dataset, bytes)
@@ -214,7 +216,7 @@ fn shapes(file: &File, bytes: u64) -> Outcome<u64> {
     Ok(largest)
 }
 
-fn values(file: &File, bytes: u64, share: Share) -> Outcome<Sums> {
+fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
     let chunk = shapes(file, bytes)?;
     allow(chunk);
     sums_of(share, file, |name, values| {
@@ -230,7 +232,7 @@ fn values(file: &File, bytes: u64, share: Share) -> Outcome<Sums> {
 
 /// Room for chunks of so many bytes, as they are stored, while filters work on them and after.
 fn allow(chunk: u64) {
-    if ROLE.get() == Some(&Role::Child) {
+    if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_memory(MEMORY.saturating_add(chunk.saturating_mul(4)));
     }
     progress(chunk);
@@ -334,7 +336,7 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
 /// # Errors
 /// [`Error::Output`], naming the first dataset that is not as written.
 pub(crate) fn check(world: &Group, path: &Path) -> Result<usize> {
-    let share = Share { rank: world.rank(), ranks: world.size() };
+    let share = FileShare { rank: world.rank(), ranks: world.size() };
     let sums = inspect(path, Inspection::Values(share)).map_err(|e| failure(path, &e));
     compare(world, path, &world.agree(sums)?)
 }

@@ -8,7 +8,7 @@
 //! `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole of phase space, and
 //! moments need no second copy. What was there before the end is in `/xdmf/history`, a time first.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::dataset::{ExactSolution, Results};
@@ -148,8 +148,8 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
         for (k, field) in case.fields.iter().enumerate() {
             let values: Vec<Vec<f64>> =
                 with_fields(results).map(|e| part.values(&e.fields[k], shape[1])).collect();
-            let slab = |time| Slab::of(&[time..time + 1, 0..shape[1], part.cells.clone()]);
-            let slabs: Vec<(Slab, &[f64])> =
+            let slab = |time| DatasetBox::of(&[time..time + 1, 0..shape[1], part.cells.clone()]);
+            let slabs: Vec<(DatasetBox, &[f64])> =
                 values.iter().enumerate().map(|(time, v)| (slab(time), &v[..])).collect();
             let path = format!("/xdmf/history/{name}/{}", field.name);
             let what = format!("{} on this plane at the field times", field.name);
@@ -185,9 +185,9 @@ fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step])
             let axes: Vec<&str> = [TIME].into_iter().chain(copies[0].axes.clone()).collect();
             let slab = |time: usize| {
                 let time = std::iter::once(time..time + 1);
-                Slab::of(&time.chain(copies[0].ranges.clone()).collect::<Vec<_>>())
+                DatasetBox::of(&time.chain(copies[0].ranges.clone()).collect::<Vec<_>>())
             };
-            let slabs: Vec<(Slab, &[f64])> =
+            let slabs: Vec<(DatasetBox, &[f64])> =
                 copies.iter().enumerate().map(|(t, copy)| (slab(t), &copy.values[..])).collect();
             let what = format!("copy of /history/{}, axes reversed", kind.name);
             writer.field(&path, &axes, &slabs, &what)?;
@@ -294,7 +294,7 @@ impl Copied<'_> {
 fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
     let Copied { axes, ranges, values } = Copied::new(results, field);
     let what = format!("copy of /{}, axes reversed", field.kind.name);
-    writer.field(path, &axes, &[(Slab::of(&ranges), &values)], &what)
+    writer.field(path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)
 }
 
 /// The fields on the planes (x_a, v_a) through the middle cells of the other axes, of an even
@@ -321,7 +321,7 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
             let path = format!("/xdmf/{}/{name}", grid.name);
             let what = format!("{name} on this plane through the middle of the other axes");
             let axes = [names[n + a], names[a]];
-            writer.field(&path, &axes, &[(Slab::of(&ranges), &values)], &what)?;
+            writer.field(&path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)?;
             grid.show(name, path, false);
         }
         grids.push(grid);

@@ -6,7 +6,7 @@
 //! own; chunked ones take all ranks together, also those with nothing to write, as HDF5 hands the
 //! pieces of a chunk to the one rank that compresses it.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::base::{checksum, machine};
@@ -24,7 +24,7 @@ use std::mem::ManuallyDrop;
 use std::path::Path;
 
 /// A value, or the error of HDF5.
-pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
+pub type Hdf5Result<T> = std::result::Result<T, hdf5::Error>;
 
 /// A dimension scale.
 struct DimensionScale {
@@ -57,7 +57,7 @@ pub fn text(s: &str) -> VarLenUnicode {
 ///
 /// # Errors
 /// The error of HDF5.
-pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
+pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Hdf5Result<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }
 
@@ -105,7 +105,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
-    pub fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
+    pub fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
         let outcome = match self.trouble.take() {
             Some(trouble) => Err(trouble),
             None => outcome,
@@ -114,7 +114,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Something that rank 0 writes alone.
-    fn alone(&self, write: impl FnOnce() -> Outcome<()>) {
+    fn alone(&self, write: impl FnOnce() -> Hdf5Result<()>) {
         if self.world.rank() == 0
             && let Err(error) = write()
         {
@@ -124,7 +124,7 @@ impl<'a> Writer<'a> {
 
     /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable
     /// length. To be agreed on.
-    pub fn text(&self, name: &str, value: &str) -> Outcome<Dataset> {
+    pub fn text(&self, name: &str, value: &str) -> Hdf5Result<Dataset> {
         let bytes = value.as_bytes();
         let dataset = self
             .file
@@ -139,13 +139,13 @@ impl<'a> Writer<'a> {
     }
 
     /// A list of numbers that all ranks know, written by rank 0. To be agreed on.
-    pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Outcome<Dataset> {
+    pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Hdf5Result<Dataset> {
         let dataset = self.file.new_dataset::<f64>().shape(values.len()).create(name)?;
         if let Some(what) = what {
             attribute(&dataset, "long_name", &text(what))?;
         }
         attribute(&dataset, "units", &text("1"))?;
-        let slab = Slab::of(std::slice::from_ref(&(0..values.len())));
+        let slab = DatasetBox::of(std::slice::from_ref(&(0..values.len())));
         let sum = checksum::of_slab(&[values.len()], &slab, values);
         attribute(&dataset, CHECKSUM, &sum)?;
         self.alone(|| dataset.write(values));
@@ -161,7 +161,7 @@ impl<'a> Writer<'a> {
         name: &'static str,
         values: &[f64],
         chunk: Option<usize>,
-    ) -> Outcome<Dataset> {
+    ) -> Hdf5Result<Dataset> {
         let dataset = self.list(name, values, None)?;
         terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
@@ -171,7 +171,7 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {
+    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Hdf5Result<Dataset> {
         let scales: Vec<&DimensionScale> = axes.iter().map(|a| &self.scales[a]).collect();
         let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
         let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
@@ -192,7 +192,7 @@ impl<'a> Writer<'a> {
             let reference = self.file.reference::<ObjectReference1>(&path)?;
             Ok(VarLenArray::from_slice(&[reference]))
         };
-        let list = axes.iter().map(scale).collect::<Outcome<Vec<_>>>()?;
+        let list = axes.iter().map(scale).collect::<Hdf5Result<Vec<_>>>()?;
         dataset
             .new_attr::<VarLenArray<ObjectReference1>>()
             .shape(list.len())
@@ -207,7 +207,7 @@ impl<'a> Writer<'a> {
         &self,
         name: &str,
         axes: &[&str],
-        slabs: &[(Slab, &[f64])],
+        slabs: &[(DatasetBox, &[f64])],
         what: &str,
     ) -> Result<()> {
         let mut field = self.slabs(name, axes, what)?;
@@ -224,7 +224,7 @@ impl<'a> Writer<'a> {
             0 => values.len(),
             _ => 0,
         };
-        let slab = Slab::of(std::slice::from_ref(&(0..count)));
+        let slab = DatasetBox::of(std::slice::from_ref(&(0..count)));
         self.field(name, &[axis], &[(slab, &values[..count])], what)
     }
 
@@ -269,7 +269,7 @@ pub struct Slabs<'a> {
 impl Slabs<'_> {
     /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any
     /// rank overlap.
-    pub fn write(&mut self, slab: &Slab, values: &[f64]) -> Result<()> {
+    pub fn write(&mut self, slab: &DatasetBox, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
         self.writer.agree(write_slab(&self.dataset, slab, values, self.together))
@@ -307,7 +307,7 @@ fn chunks(scales: &[&DimensionScale], storage: &Storage) -> Option<Vec<usize>> {
 
 /// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of
 /// HDF5 takes and one that the safe interface does not make.
-fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
+fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Hdf5Result<()> {
     use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
     let name = CString::new(name).unwrap_or_default();
     // SAFETY: no other thread is in the library (`sync`). The dataset is open as long as `at` is
@@ -330,7 +330,7 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
 }
 
 /// Writes a text whose length is known at run time only, which the safe interface has no type for.
-fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
+fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Hdf5Result<()> {
     let kind = dataset.dtype()?;
     assert!(dataset.is_scalar() && kind.size() == bytes.len(), "a text and its dataset");
     // SAFETY: no other thread is in the library (`sync`). The dataset has one element, of the type
@@ -374,7 +374,12 @@ fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
 }
 
 /// Writes this rank's slab; `together` with all ranks, and then also one with nothing to write.
-fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) -> Outcome<()> {
+fn write_slab(
+    dataset: &Dataset,
+    slab: &DatasetBox,
+    values: &[f64],
+    together: bool,
+) -> Hdf5Result<()> {
     use hdf5_sys::{h5d, h5p, h5s, h5t};
     assert_eq!(slab.size(), values.len(), "a slab and its values");
     assert_eq!(slab.start.len(), dataset.ndim(), "a slab and its dataset");

@@ -5,7 +5,7 @@ use crate::problem::case::Case;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::solve::checkpoint::store::{Generation, Store};
-use crate::solve::checkpoint::watch::Times;
+use crate::solve::checkpoint::watch::CheckpointTimes;
 use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub(crate) struct Checkpointing {
     /// The checkpoint to continue from, until it is read.
     pub generation: Option<Generation>,
     /// When they are made.
-    pub times: Times,
+    pub times: CheckpointTimes,
 }
 
 impl Checkpointing {
@@ -67,9 +67,9 @@ impl Checkpointing {
     }
 }
 
-fn times(case: &Case, output: &Output<'_>, program_start: Instant) -> Times {
+fn times(case: &Case, output: &Output<'_>, program_start: Instant) -> CheckpointTimes {
     let wall = output.options.walltime;
-    Times {
+    CheckpointTimes {
         every: case.checkpoint_every,
         wall: wall.map(|wall| (program_start, wall)),
         stop: Arc::clone(&output.options.stop),

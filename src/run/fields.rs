@@ -7,7 +7,7 @@ use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, slices};
 use crate::results::summary::Summary;
-use crate::run::files::{EarlyStates, Files, SolvedFields};
+use crate::run::files::{EarlyStates, RunFiles, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
@@ -18,7 +18,7 @@ use crate::solve::prepared::Prepared;
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.
 pub(crate) fn solve(
     prepared: &mut Prepared,
-    files: Option<Files<'_>>,
+    files: Option<RunFiles<'_>>,
     summary: &mut Summary,
 ) -> Result<SolvedFields> {
     let found = match prepared.plan.warp {

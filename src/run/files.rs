@@ -17,7 +17,7 @@ pub(crate) struct WarpedOutput<'a> {
 }
 
 /// The files that a run writes while it solves.
-pub(crate) struct Files<'a> {
+pub(crate) struct RunFiles<'a> {
     /// Warped fields.
     pub warped: WarpedOutput<'a>,
     /// Checkpoints of a run by modes.

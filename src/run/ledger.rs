@@ -20,7 +20,9 @@ use crate::problem::exact::Tracer;
 use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
-use crate::run::ledger::draw::{AxisEnd, Drawer, Particle, SampleBox, Sequence, Source, resampled};
+use crate::run::ledger::draw::{
+    AxisEnd, Drawer, Particle, ParticleSource, SampleBox, SampleSequence, resampled,
+};
 use crate::run::ledger::flight::{Flight, NUMBERS, Tally, end_index};
 use crate::solve::prepared::Prepared;
 
@@ -134,12 +136,12 @@ impl Sources {
     /// Draws and follows the particles of all sources. Collective.
     fn follow(world: &Group, drawer: &Drawer<'_>, flight: &mut Flight<'_>, points: usize) -> Self {
         let case = drawer.case;
-        let initial = replicated(world, drawer, flight, Source::Initial, points);
+        let initial = replicated(world, drawer, flight, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
         let entering = open_ends(case).into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
-            let source = Source::Entering(end);
+            let source = ParticleSource::Entering(end);
             (end, replicated(world, drawer, flight, source, points))
         };
         let entering = entering.map(&mut follow).collect();
@@ -250,14 +252,14 @@ fn replicated(
     world: &Group,
     drawer: &Drawer<'_>,
     flight: &mut Flight<'_>,
-    source: Source,
+    source: ParticleSource,
     points: usize,
 ) -> TallyEstimate {
     let mine = (world.rank()..REPLICATES).step_by(world.size());
     let many = points / REPLICATES;
     let tallies: Vec<[f64; NUMBERS]> = mine
         .map(|replicate| {
-            let sequence = Sequence::new(drawer.dimensions(), replicate);
+            let sequence = SampleSequence::new(drawer.dimensions(), replicate);
             let drawn = drawer.draw(source, &sequence, 0..many);
             let mut tally = Tally::default();
             let mut inside: Vec<Particle> = Vec::new();
@@ -267,7 +269,7 @@ fn replicated(
                     inside.push(particle);
                 }
             }
-            let followed = FOLLOWED[usize::from(source != Source::Initial)];
+            let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !drawer.case.reflects() {
                 for particle in resampled(&inside, followed) {
                     flight.follow(&mut tally, &particle, 1.0 / many as f64);
@@ -308,10 +310,10 @@ impl Support {
         };
         let slot = |a: usize| if a < n { a } else { 3 + a - n };
         let wide = SampleBox::whole(space, BEYOND);
-        let sequence = Sequence::new(2 * n, 0);
+        let sequence = SampleSequence::new(2 * n, 0);
         let drawer = Drawer { case, within: wide.clone(), force: &|_, _| 0.0 };
         let numbers = (world.rank()..points).step_by(world.size());
-        let drawn = drawer.draw(Source::Initial, &sequence, numbers).into_iter();
+        let drawn = drawer.draw(ParticleSource::Initial, &sequence, numbers).into_iter();
         let (inside, beyond): (Vec<_>, Vec<_>) = drawn.partition(|particle| particle.inside);
         let beyond: Vec<f64> = beyond.iter().map(|particle| particle.mass.abs()).collect();
         look_at(inside.iter().map(|particle| particle.point).collect());

@@ -19,7 +19,7 @@ use crate::results::warped;
 use crate::results::warped::given::{Domain, ReadField, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{EarlyStates, Files, Solved, WarpedOutput};
+use crate::run::files::{EarlyStates, RunFiles, Solved, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
@@ -44,7 +44,7 @@ use std::time::Instant;
 /// Where the plan has no modes.
 pub(crate) fn by_modes(
     prepared: &mut Prepared,
-    files: Option<Files<'_>>,
+    files: Option<RunFiles<'_>>,
     summary: &mut Summary,
 ) -> Result<Solved<EarlyStates>> {
     let Prepared { case, plan, communicator, place, system, .. } = prepared;

@@ -30,7 +30,7 @@ use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::{JumpKind, Potential};
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use crate::scheme::interface::velocity;
-use crate::scheme::row::{Entering, Row};
+use crate::scheme::row::{InflowTerm, Row};
 use std::collections::HashMap;
 
 /// What is common to the rows of elements.
@@ -103,7 +103,7 @@ fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<Coupling> {
 }
 
 /// A line of nodes through a cell, along one axis.
-struct Line<'a> {
+struct CellLine<'a> {
     reference: &'static ReferenceElement,
     axis: &'a Axis,
     /// The element of the cell, and the cell's node in it.
@@ -115,7 +115,7 @@ struct Line<'a> {
     rate: f64,
 }
 
-impl<'a> Line<'a> {
+impl<'a> CellLine<'a> {
     fn new(axis: &'a Axis, cell: usize, speed: f64) -> Self {
         let (element, node) = axis.split(cell as i64);
         Self {
@@ -161,7 +161,7 @@ impl<'a> Line<'a> {
 }
 
 /// The terms along the lines of a grid.
-pub(super) struct Lines<'a> {
+pub(super) struct LineTerms<'a> {
     /// The grid.
     pub space: &'a PhaseSpace,
     /// Jumps and slopes of `V`.
@@ -169,10 +169,10 @@ pub(super) struct Lines<'a> {
     /// What is common to all rows.
     pub elements: &'a Elements,
     /// What enters.
-    pub entering: Entering<'a>,
+    pub entering: InflowTerm<'a>,
 }
 
-impl Lines<'_> {
+impl LineTerms<'_> {
     /// The row of `cell`.
     pub fn row(&self, row: &mut Row, cell: &Cell) {
         row.entries.push((self.space.index(cell), 0.0));
@@ -197,7 +197,7 @@ impl Lines<'_> {
     }
 
     /// Adds the derivative along a line of axis `axis` of the `2n`.
-    fn add_derivative(&self, row: &mut Row, cell: &Cell, axis: usize, line: &Line<'_>) {
+    fn add_derivative(&self, row: &mut Row, cell: &Cell, axis: usize, line: &CellLine<'_>) {
         let sign = if line.up { -1.0 } else { 1.0 };
         let first = line.first(line.element) as usize;
         for (n, d) in line.reference.derivative[line.node].iter().enumerate() {
@@ -215,7 +215,7 @@ impl Lines<'_> {
         if speed == 0.0 || single {
             return;
         }
-        let line = Line::new(&self.space.x[a], cell[a], speed);
+        let line = CellLine::new(&self.space.x[a], cell[a], speed);
         self.add_derivative(row, cell, a, &line);
         // Of Gauss–Lobatto nodes one has a trace.
         if line.entry()[line.node] != 0.0 {
@@ -228,7 +228,7 @@ impl Lines<'_> {
 
     /// The cell next to the element of `line` against the flow or, if `with`, with the flow; `None`
     /// beyond the box.
-    fn across(&self, a: usize, line: &Line<'_>, with: bool) -> Option<usize> {
+    fn across(&self, a: usize, line: &CellLine<'_>, with: bool) -> Option<usize> {
         let up = line.up == with;
         let beyond = match up {
             true => line.first(line.element + 1),
@@ -238,7 +238,7 @@ impl Lines<'_> {
     }
 
     /// Adds the flux through the face where the flow comes in along space axis `a`.
-    fn add_entry(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
+    fn add_entry(&self, row: &mut Row, cell: &Cell, a: usize, line: &CellLine<'_>) {
         let (n, rate) = (self.space.dimension(), line.lifted_rate());
         let Some(across) = self.across(a, line, false) else {
             if self.elements.closed {
@@ -289,7 +289,7 @@ impl Lines<'_> {
     }
 
     /// Adds the flux through the face where the flow goes out along space axis `a`.
-    fn add_exit(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
+    fn add_exit(&self, row: &mut Row, cell: &Cell, a: usize, line: &CellLine<'_>) {
         let n = self.space.dimension();
         let outer = self.elements.outflow_part * line.lifted_rate();
         let Some(across) = self.across(a, line, true) else {
@@ -332,7 +332,7 @@ impl Lines<'_> {
         }
         let axis = self.space.dimension() + a;
         let v = &self.space.v[a];
-        let line = Line::new(v, cell[axis], speed);
+        let line = CellLine::new(v, cell[axis], speed);
         self.add_derivative(row, cell, axis, &line);
         let [against, with] = line.neighbours();
         let inside = |e: i64| (0..v.elements() as i64).contains(&e);

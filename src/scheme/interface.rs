@@ -8,7 +8,7 @@ pub mod energy;
 pub mod hat;
 pub mod law;
 
-pub use crate::scheme::interface::law::{InterfaceLaw, Side, Source, velocity};
+pub use crate::scheme::interface::law::{FluxSource, InterfaceLaw, Side, velocity};
 
 use crate::problem::case::Interface;
 use crate::problem::grid::Axis;
@@ -23,10 +23,10 @@ pub fn law_of(interface: Interface) -> &'static dyn InterfaceLaw {
 
 /// Sources of velocity cell `j` behind a face where the potential rises by `rise` from the source
 /// side to the target side (see [`InterfaceLaw::sources`]); without a jump the cell across.
-pub fn sources(out: &mut Vec<Source>, axis: &Axis, interface: Interface, j: i64, rise: f64) {
+pub fn sources(out: &mut Vec<FluxSource>, axis: &Axis, interface: Interface, j: i64, rise: f64) {
     out.clear();
     if rise == 0.0 {
-        out.push(Source { side: Side::Across, velocity: j, weight: 1.0 });
+        out.push(FluxSource { side: Side::Across, velocity: j, weight: 1.0 });
     } else {
         law_of(interface).sources(out, axis, j, rise);
     }
@@ -46,7 +46,7 @@ mod tests {
         (-1.0, 1.0, 1),
     ];
 
-    fn each(interface: Interface, mut check: impl FnMut(&Axis, i64, f64, &[Source])) {
+    fn each(interface: Interface, mut check: impl FnMut(&Axis, i64, f64, &[FluxSource])) {
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
             let axis = Axis::new(lower, upper, cells);

@@ -13,8 +13,8 @@
 //! - Modes `l < 0` go always. Data and `A` are real: `w_{−l}` is the conjugate of `w_l`.
 //!
 //! An axis keeps its place: it has one cell as long as all of them
-//! ([`Part::Merged`](crate::problem::grid::Part)), so that mass and momentum are right, or is a
-//! window of the case's cells ([`Part::Window`](crate::problem::grid::Part)), whose centres have
+//! ([`AxisPart::Merged`](crate::problem::grid::Part)), so that mass and momentum are right, or is a
+//! window of the case's cells ([`AxisPart::Window`](crate::problem::grid::Part)), whose centres have
 //! the same bits. Results are put back onto the case's velocities, zero where none were kept, and
 //! with `output.expand` onto all of its grid.
 //!
@@ -27,7 +27,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact, Integrator, Method, Reductions};
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, Part, PhaseSpace, axis_names};
+use crate::problem::grid::{Axis, AxisPart, PhaseSpace, axis_names};
 use crate::scheme::interface::velocity;
 
 /// `case` without the cells, axes and modes that its solution does not need; a reduced case stays
@@ -188,7 +188,7 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
 /// The grid on which the results of `case` are shown.
 pub fn grid(case: &Case) -> PhaseSpace {
     let shown = |axis: &Axis| match axis.part {
-        Part::Merged { .. } if !case.expand => axis.clone(),
+        AxisPart::Merged { .. } if !case.expand => axis.clone(),
         _ => axis.whole(),
     };
     let mut space = case.space.clone();

@@ -1,7 +1,7 @@
 //! One row of `A` and `b`, whatever the degree.
 
-use crate::problem::case::{Field, MOST_FIELDS};
-use crate::scheme::interface::Source;
+use crate::problem::case::{LiouvilleField, MOST_FIELDS};
+use crate::scheme::interface::FluxSource;
 
 /// One row of `A` and `b`.
 #[derive(Clone, Debug, Default)]
@@ -20,14 +20,14 @@ pub struct Row {
     pub damping: f64,
     /// First place where an inflow formula was not finite.
     pub(super) bad: Option<(usize, f64, [f64; 6])>,
-    pub(super) scratch: Vec<Source>,
+    pub(super) scratch: Vec<FluxSource>,
 }
 
 /// What enters.
 #[derive(Clone, Copy)]
-pub(super) struct Entering<'a> {
+pub(super) struct InflowTerm<'a> {
     /// The fields of which something does; none if nothing enters.
-    pub fields: &'a [Field],
+    pub fields: &'a [LiouvilleField],
     /// The start, at which a varying inflow is taken.
     pub time: f64,
 }
@@ -55,8 +55,8 @@ impl Row {
     }
 
     /// Adds `rate` times what `enters` at `point`.
-    pub(super) fn enter(&mut self, enters: Entering<'_>, rate: f64, point: [f64; 6]) {
-        let Entering { fields, time } = enters;
+    pub(super) fn enter(&mut self, enters: InflowTerm<'_>, rate: f64, point: [f64; 6]) {
+        let InflowTerm { fields, time } = enters;
         if fields.is_empty() {
             return;
         }

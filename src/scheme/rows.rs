@@ -16,12 +16,12 @@
 //! [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Field, Interface};
+use crate::problem::case::{Case, Interface, LiouvilleField};
 use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
-use crate::scheme::galerkin::{Elements, Lines};
+use crate::scheme::galerkin::{Elements, LineTerms};
 use crate::scheme::interface::{Side, sources, velocity};
-use crate::scheme::row::Entering;
+use crate::scheme::row::InflowTerm;
 pub use crate::scheme::row::Row;
 use std::ops::Range;
 
@@ -95,8 +95,8 @@ impl<'a> Scheme<'a> {
     }
 
     /// The terms along lines of elements; none of degree 0.
-    fn lines(&self) -> Option<Lines<'_>> {
-        self.elements.as_ref().map(|elements| Lines {
+    fn lines(&self) -> Option<LineTerms<'_>> {
+        self.elements.as_ref().map(|elements| LineTerms {
             space: self.space,
             potential: &self.potential,
             elements,
@@ -219,9 +219,9 @@ impl<'a> Scheme<'a> {
     }
 
     /// What enters.
-    fn entering(&self) -> Entering<'_> {
-        let fields: &[Field] = if self.no_inflow { &[] } else { &self.case.fields };
-        Entering { fields, time: self.case.begin }
+    fn entering(&self) -> InflowTerm<'_> {
+        let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
+        InflowTerm { fields, time: self.case.begin }
     }
 
     /// `Σ rate b²` over the ghosts of a row, of the field with inflow; of degree 0, `b²/g` with the

@@ -11,7 +11,9 @@ use crate::scheme::interface::law_of;
 use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::window::PLATEAU;
-use crate::schrodingerization::profile::{Demand, Form, Profile, Shape, Window};
+use crate::schrodingerization::profile::{
+    Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
+};
 use crate::schrodingerization::recovery::{Reading, shown};
 use std::f64::consts::PI;
 
@@ -60,8 +62,8 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
     };
     let (series, interval) = match profile.form() {
-        Form::Series(series) => (series.clone(), profile.ends(&demand, &window)),
-        Form::Transform(shape) => {
+        ProfileForm::Series(series) => (series.clone(), profile.ends(&demand, &window)),
+        ProfileForm::Transform(shape) => {
             let planned = PlannedProfile { profile: &profile, shape, window: &window };
             transformed(case, &demand, planned, &mut warnings)?
         }
@@ -81,11 +83,11 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let shift = shift(case, bounds);
     let fixed = warp.interval.is_some() || demand.sampled;
     let at = |apart| readings(case, &window, interval, apart);
-    let Estimator { readings, efficiency, doubt } = match case.recovery_points {
-        0..2 => Estimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
+    let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
+        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
         // Errors of the same size that know nothing of each other: the second, e times as large at
         // most, adds nothing, or all.
-        _ if series.modes() > MOST_TO_COMPARE => Estimator {
+        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
             readings: at(SECOND_POINT),
             efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
             doubt: f64::INFINITY,
@@ -185,7 +187,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
 /// A profile that is known on the line, and the window that it was planned in.
 struct PlannedProfile<'a> {
     profile: &'a Profile,
-    shape: &'a dyn Shape,
+    shape: &'a dyn ProfileShape,
     window: &'a Window,
 }
 
@@ -193,7 +195,7 @@ struct PlannedProfile<'a> {
 /// case gives them.
 fn transformed(
     case: &Case,
-    demand: &Demand,
+    demand: &ProfileRequirements,
     planned: PlannedProfile<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<(Series, [f64; 2])> {
@@ -272,7 +274,7 @@ fn shift(case: &Case, bounds: &Bounds) -> f64 {
 
 /// What is asked of the profile: everything shares the tolerance, unless the interval is given by
 /// hand. Then any one effect may take all of it, and the second reading may be worse.
-fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
+fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     let (warp, time) = (&case.warp, case.duration());
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
     let shift = shift(case, bounds);
@@ -281,7 +283,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
     let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
-    let mut demand = Demand::new(tolerance, growth, decay, width + second);
+    let mut demand = ProfileRequirements::new(tolerance, growth, decay, width + second);
     demand.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
     demand.recovery = warp.recovery;
     demand.interval = warp.interval;
@@ -310,17 +312,19 @@ fn relaxed(
     case: &Case,
     bounds: &Bounds,
     ratio: f64,
-    demand: &Demand,
+    demand: &ProfileRequirements,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
     let choice = &case.warp.choice();
     let growth = demand.growth;
-    let open = Demand { interval: None, shortest: true, ..*demand };
+    let open = ProfileRequirements { interval: None, shortest: true, ..*demand };
     let Some((profile, window)) = Profile::plan(choice, &open) else {
         return Err(no_profile(case, ratio, &open));
     };
-    let transport =
-        Demand { decay: bounds.dissipation * case.duration() + shift(case, bounds), ..*demand };
+    let transport = ProfileRequirements {
+        decay: bounds.dissipation * case.duration() + shift(case, bounds),
+        ..*demand
+    };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the \
@@ -335,7 +339,7 @@ fn relaxed(
     }
     // The whole state, auxiliary unknowns included, may be far larger than the field that is left
     // of it, and an image of it is seldom in the field alone.
-    let of_state = Demand { tolerance: demand.tolerance * ratio, ..transport };
+    let of_state = ProfileRequirements { tolerance: demand.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative \
@@ -348,7 +352,7 @@ fn relaxed(
     }
     // What would do: the ends for the decay of the transport alone and relative to the state, as
     // that is what was refused.
-    let open = Demand { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
+    let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
     let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
@@ -362,7 +366,7 @@ fn relaxed(
 }
 
 /// Why no profile meets `demand`, whatever the interval.
-fn no_profile(case: &Case, ratio: f64, demand: &Demand) -> Error {
+fn no_profile(case: &Case, ratio: f64, demand: &ProfileRequirements) -> Error {
     let growth = demand.growth;
     match case.warp.recovery {
         Some(point) if !demand.keeps_digits(point) => {
@@ -381,7 +385,7 @@ fn no_profile(case: &Case, ratio: f64, demand: &Demand) -> Error {
     }
 }
 
-fn length(demand: &Demand) -> f64 {
+fn length(demand: &ProfileRequirements) -> f64 {
     demand.interval.map_or(0.0, |[lower, upper]| upper - lower)
 }
 
@@ -394,8 +398,8 @@ fn round_up(x: f64) -> f64 {
 /// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is
 /// studied so.
 fn too_few(
-    demand: &Demand,
-    shape: &dyn Shape,
+    demand: &ProfileRequirements,
+    shape: &dyn ProfileShape,
     window: &Window,
     period: f64,
     points: usize,
@@ -432,7 +436,7 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
 }
 
 /// The readings, and how their distance tells the error.
-struct Estimator {
+struct ErrorEstimator {
     readings: Vec<Reading>,
     /// The part of the error that the distance shows.
     efficiency: f64,
@@ -442,7 +446,11 @@ struct Estimator {
 
 /// The readings of a series, whose error oscillates: the second where their distance shows about
 /// the same part of the error whatever the state is made of.
-fn most_alike(series: &Series, spectrum: [f64; 2], at: impl Fn(f64) -> Vec<Reading>) -> Estimator {
+fn most_alike(
+    series: &Series,
+    spectrum: [f64; 2],
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> ErrorEstimator {
     /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones
     /// share too much).
     const TRIED: u32 = 16;
@@ -454,7 +462,11 @@ fn most_alike(series: &Series, spectrum: [f64; 2], at: impl Fn(f64) -> Vec<Readi
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
     let (readings, least, largest) = best.unwrap_or_else(|| (at(SECOND_POINT), 1.0, f64::INFINITY));
-    Estimator { readings, efficiency: (least * largest).sqrt(), doubt: (largest / least).sqrt() }
+    ErrorEstimator {
+        readings,
+        efficiency: (least * largest).sqrt(),
+        doubt: (largest / least).sqrt(),
+    }
 }
 
 /// The readings moved by `distance`.

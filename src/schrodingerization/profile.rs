@@ -27,8 +27,8 @@ pub mod shape;
 pub mod smooth;
 pub mod window;
 
-pub use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-pub use crate::schrodingerization::profile::window::{Demand, Window};
+pub use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+pub use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 
 use crate::base::bisect::bisect;
 use crate::problem::case::ProfileChoice;
@@ -91,7 +91,7 @@ profiles! {
 impl Profile {
     /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if
     /// there is none.
-    pub fn plan(choice: &ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn plan(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
             found.map(|(profile, window)| (profile.into(), window))
         }
@@ -112,7 +112,7 @@ impl Profile {
     }
 
     /// Whether [`plan`](Self::plan) finds one; makes no design, which would take long.
-    fn possible(choice: &ProfileChoice, demand: &Demand) -> bool {
+    fn possible(choice: &ProfileChoice, demand: &ProfileRequirements) -> bool {
         match choice {
             ProfileChoice::Designed => Designed::possible(demand),
             ProfileChoice::Planned => {
@@ -123,9 +123,9 @@ impl Profile {
     }
 
     /// The smallest tolerance for which [`plan`](Self::plan) finds one, if there is one up to 0.1.
-    pub fn smallest_tolerance(choice: &ProfileChoice, demand: &Demand) -> Option<f64> {
+    pub fn smallest_tolerance(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<f64> {
         let met = |tolerance: f64| {
-            let demand = Demand { tolerance, ..*demand };
+            let demand = ProfileRequirements { tolerance, ..*demand };
             Self::possible(choice, &demand)
         };
         let (low, high) = (1e-16f64.ln(), 0.1f64.ln());
@@ -137,10 +137,10 @@ impl Profile {
     }
 
     /// The interval that a window asks for; a designed series ends with its domain.
-    pub fn ends(&self, demand: &Demand, window: &Window) -> [f64; 2] {
+    pub fn ends(&self, demand: &ProfileRequirements, window: &Window) -> [f64; 2] {
         match self.form() {
-            Form::Transform(shape) => demand.ends(shape, window),
-            Form::Series(_) => {
+            ProfileForm::Transform(shape) => demand.ends(shape, window),
+            ProfileForm::Series(_) => {
                 let upper = window.point + demand.reach + demand.decay;
                 [upper - window.period, upper]
             }

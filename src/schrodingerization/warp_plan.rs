@@ -120,7 +120,7 @@ impl WarpPlan {
         }
         let placement = place(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
-        let modes = Modes::of(case, series);
+        let modes = PropagatedModes::of(case, series);
         let state_tolerance = case.tolerance / ratio;
         let mode_tolerances: Vec<f64> = match placement.profile {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
@@ -170,7 +170,7 @@ impl WarpPlan {
     /// As [`new`](Self::new).
     pub fn modes_of(case: &Case, bounds: &Bounds, ratio: f64) -> Result<usize> {
         let placement = place(case, bounds, ratio)?;
-        Ok(Modes::of(case, &placement.series).count)
+        Ok(PropagatedModes::of(case, &placement.series).count)
     }
 
     /// What [`new`](Self::new) would plan, nearly, from some of the modes: applications or solves
@@ -182,7 +182,7 @@ impl WarpPlan {
         /// Modes that are looked at, about.
         const SAMPLE: usize = 64;
         let placement = place(case, bounds, ratio)?;
-        let modes = Modes::of(case, &placement.series);
+        let modes = PropagatedModes::of(case, &placement.series);
         let (count, stages) = (modes.count, bounds.stages.max(1));
         let mut scratch = Vec::new();
         let stride = count.div_ceil(SAMPLE);
@@ -213,8 +213,8 @@ impl WarpPlan {
     }
 
     /// The modes that are propagated.
-    fn propagated(&self) -> Modes<'_> {
-        Modes { series: &self.series, count: self.modes }
+    fn propagated(&self) -> PropagatedModes<'_> {
+        PropagatedModes { series: &self.series, count: self.modes }
     }
 
     /// Factor of `w_l(T)` in `reading`.
@@ -248,7 +248,7 @@ impl WarpPlan {
 fn cheapest_legs(
     case: &Case,
     bounds: &Bounds,
-    modes: &Modes<'_>,
+    modes: &PropagatedModes<'_>,
     tolerances: &[f64],
 ) -> (Vec<Leg>, Vec<Vec<usize>>) {
     let with_work = |legs: Vec<Leg>| {
@@ -286,7 +286,7 @@ fn cost_of_passing(case: &Case, times: usize) -> f64 {
 fn leg_work(
     case: &Case,
     bounds: &Bounds,
-    modes: &Modes<'_>,
+    modes: &PropagatedModes<'_>,
     tolerances: &[f64],
     legs: &[Leg],
 ) -> Vec<Vec<usize>> {
@@ -315,7 +315,7 @@ fn leg_work(
 }
 
 /// The sum of `work` over the modes, all stages of a varying inflow included.
-fn total_work(case: &Case, bounds: &Bounds, modes: &Modes<'_>, work: &[usize]) -> usize {
+fn total_work(case: &Case, bounds: &Bounds, modes: &PropagatedModes<'_>, work: &[usize]) -> usize {
     let (stages, mut scratch) = (bounds.stages, Vec::new());
     if stages == 0 {
         return work.iter().sum();
@@ -335,14 +335,14 @@ fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
 /// The modes of a series that are propagated: its own, `l ≥ 0`, and perhaps behind them their
 /// conjugates.
 #[derive(Clone, Copy)]
-pub(crate) struct Modes<'a> {
+pub(crate) struct PropagatedModes<'a> {
     /// The series.
     pub series: &'a Series,
     /// How many are propagated.
     pub count: usize,
 }
 
-impl<'a> Modes<'a> {
+impl<'a> PropagatedModes<'a> {
     /// The modes of `series` in a run of `case`.
     fn of(case: &Case, series: &'a Series) -> Self {
         let own = series.modes();

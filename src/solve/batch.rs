@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::plan::balance::Batch;
 use crate::problem::legs::Leg;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, Start};
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, StateRows};
 use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::passed::PassedMoments;
 use crate::schrodingerization::recovery::Reading;
@@ -56,7 +56,7 @@ pub(super) fn add_batch(
         let start = Initial {
             state: match leg {
                 0 if !begun => initial.state,
-                _ => Start::Lanes(between),
+                _ => StateRows::Lanes(between),
             },
             norms: lanes.norms,
         };

@@ -26,10 +26,10 @@ pub mod watch;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::parallel::communicator::Communicator;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
 use crate::solve::checkpoint::store::{Generation, Store};
-use crate::solve::checkpoint::watch::{Standing, Times, Verdict, Watch};
+use crate::solve::checkpoint::watch::{CheckpointTimes, Standing, Verdict, Watch};
 use crate::solve::snapshot::Snapshot;
 use std::ops::Range;
 use std::time::Instant;
@@ -56,7 +56,7 @@ pub struct RunSize {
 /// The checkpoints that a run makes, and the one it continues from.
 pub struct Checkpoints<'a> {
     communicator: &'a Communicator,
-    mesh: &'a Mesh,
+    mesh: &'a ProcessMesh,
     store: &'a mut Store,
     watch: Watch,
     wall_seconds: Option<f64>,
@@ -71,9 +71,9 @@ impl<'a> Checkpoints<'a> {
     /// The checkpoints of a run of `size`, kept in `store`. Collective.
     pub fn new(
         communicator: &'a Communicator,
-        mesh: &'a Mesh,
+        mesh: &'a ProcessMesh,
         store: &'a mut Store,
-        times: Times,
+        times: CheckpointTimes,
         size: RunSize,
         resumed: Option<Resumed<'a>>,
     ) -> Self {

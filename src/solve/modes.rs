@@ -66,7 +66,7 @@ pub fn run(
         .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
         .collect();
     let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
-    let mut run = ModeRun {
+    let mut run = StagedModes {
         task,
         system,
         propagator,
@@ -87,7 +87,7 @@ pub fn run(
 }
 
 /// A run of modes on its way through the stages.
-struct ModeRun<'r, 'a, 's, 'k, 'c> {
+struct StagedModes<'r, 'a, 's, 'k, 'c> {
     task: &'r Task<'a>,
     system: &'r mut Evolution<'s>,
     propagator: &'r mut dyn Propagator,
@@ -105,7 +105,7 @@ struct ModeRun<'r, 'a, 's, 'k, 'c> {
     recovered: Recovered,
 }
 
-impl ModeRun<'_, '_, '_, '_, '_> {
+impl StagedModes<'_, '_, '_, '_, '_> {
     /// Does stage number `number`, of field `k`: all its batches, or those that are left of it
     /// after a checkpoint. Collective.
     fn stage(

@@ -1,6 +1,6 @@
 //! This rank's part of the grid.
 
-use crate::matrix::sampling::Part;
+use crate::matrix::sampling::SampledCells;
 use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::partition::Block;
 use crate::plan::Plan;
@@ -50,7 +50,7 @@ impl Place {
     }
 
     /// The rank's cells, to be sampled.
-    pub fn part(&self) -> Part<'_> {
-        Part { block: &self.block, cells: self.mine.clone(), ranges: &self.share }
+    pub fn part(&self) -> SampledCells<'_> {
+        SampledCells { block: &self.block, cells: self.mine.clone(), ranges: &self.share }
     }
 }

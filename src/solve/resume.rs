@@ -7,7 +7,7 @@ use crate::problem::legs::Leg;
 use crate::solve::checkpoint::Resumed;
 use crate::solve::checkpoint::file::Destination;
 use crate::solve::kept::KeptModes;
-use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
+use crate::solve::snapshot::{BoxValues, GroupProgress, Kept, KeptMode, Snapshot};
 use crate::solve::stage::{Recovered, Stage, StageBatches, Task};
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ impl Stage<'_> {
         recovered: &'b Recovered,
     ) -> Snapshot<'b> {
         Snapshot {
-            state: State {
+            state: GroupProgress {
                 stage: batches.stage,
                 finished: batches.finished.to_vec(),
                 beyond: self.beyond.clone(),
@@ -94,15 +94,15 @@ impl Stage<'_> {
 impl Recovered {
     /// The results of the finished stages, field after field: what was read early, and of fields
     /// that are at the end the readings, the plateau, the step's error.
-    fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<Numbers<'_, f64>> {
+    fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<BoxValues<'_, f64>> {
         let mut all = Vec::new();
         let moments = |only: bool| {
             if only && task.moments.is_some() { MOMENTS } else { velocities }
         };
-        let field = |values| Numbers { width: velocities, values };
+        let field = |values| BoxValues { width: velocities, values };
         for (k, early) in self.early.iter().enumerate() {
             let times = early.iter().zip(Leg::output_times(task.legs));
-            all.extend(times.map(|(values, only)| Numbers { width: moments(only), values }));
+            all.extend(times.map(|(values, only)| BoxValues { width: moments(only), values }));
             let Some(readings) = self.fields.get(k) else {
                 continue;
             };

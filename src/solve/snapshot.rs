@@ -25,7 +25,7 @@ pub struct Fingerprint {
     /// What the case gives, by its keys.
     pub(crate) settings: BTreeMap<String, String>,
     /// The warped field that it starts from, if it does.
-    pub(crate) start: Option<Start>,
+    pub(crate) start: Option<WarpedFieldKey>,
     /// The checksum of the field that it starts from, if that is of a file.
     pub(crate) field: Option<u64>,
     /// The checksums of tables in files, by their keys.
@@ -38,7 +38,7 @@ pub struct Fingerprint {
 
 /// What tells a warped field to start from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Start {
+pub(crate) struct WarpedFieldKey {
     /// Bits of the ends of its interval, and its points.
     pub(crate) points: ([u64; 2], usize),
     /// The checksum of its numbers, once they were read.
@@ -59,7 +59,7 @@ impl Fingerprint {
         Self {
             program: VERSION.to_owned(),
             settings,
-            start: case.start.as_ref().map(|_| Start {
+            start: case.start.as_ref().map(|_| WarpedFieldKey {
                 points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
                 values: None,
             }),
@@ -114,7 +114,7 @@ impl Fingerprint {
 
 /// How far a mode group is; or all of them together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct State {
+pub struct GroupProgress {
     /// Number of the stage.
     pub stage: usize,
     /// Modes of the stage that are finished.
@@ -127,7 +127,7 @@ pub struct State {
     pub statistics: BatchStatistics,
 }
 
-impl State {
+impl GroupProgress {
     /// Adds another mode group's.
     pub(crate) fn add(&mut self, other: Self) {
         self.finished.extend(other.finished);
@@ -139,11 +139,11 @@ impl State {
 /// What a rank keeps of a run.
 pub struct Snapshot<'a> {
     /// How far its mode group is.
-    pub state: State,
+    pub state: GroupProgress,
     /// The sums of the current stage, two integers a number, point by point of the space block.
-    pub sums: Vec<Numbers<'a, i64>>,
+    pub sums: Vec<BoxValues<'a, i64>>,
     /// The results of finished stages, point by point of the rank's share.
-    pub results: Vec<Numbers<'a, f64>>,
+    pub results: Vec<BoxValues<'a, f64>>,
     /// The modes that it keeps, in a full run.
     pub kept: Option<Kept<'a>>,
 }
@@ -160,7 +160,7 @@ impl Snapshot<'_> {
 
 /// Numbers, point by point of a box of space.
 #[derive(Clone, Copy)]
-pub struct Numbers<'a, T> {
+pub struct BoxValues<'a, T> {
     /// So many at a point.
     pub width: usize,
     /// All of them.

@@ -21,7 +21,7 @@ const BETWEEN_LOOKS: usize = 16;
 
 /// One end of the spectrum of `S`.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct End {
+pub struct SpectrumEnd {
     /// The extreme Ritz value: inside the spectrum, but for round-off.
     pub value: f64,
     /// An eigenvalue is at most this far away.
@@ -34,9 +34,9 @@ pub struct End {
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Extremes {
     /// Largest eigenvalue.
-    pub highest: End,
+    pub highest: SpectrumEnd,
     /// Smallest eigenvalue.
-    pub lowest: End,
+    pub lowest: SpectrumEnd,
     /// Steps done.
     pub steps: usize,
 }
@@ -105,13 +105,13 @@ fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
 
 /// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would
 /// come next.
-fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
+fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [SpectrumEnd; 2] {
     let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
     let length = pairs[0].1.0 + pairs[1].1.0;
     pairs.map(|(sign, (theta, component))| {
         // Not below the round-off of the Lanczos recurrence.
         let residual = (last * component).max(4.0 * f64::EPSILON * length);
-        End {
+        SpectrumEnd {
             value: sign * theta,
             residual,
             converged: residual <= (RELATIVE * theta.abs()).max(OF_LENGTH * length),
@@ -198,7 +198,7 @@ pub fn extremes(
     let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
     let bound = 2.0 * norm * norm.max(1.0) + 1.0;
     let mut off = 0.0;
-    let mut found: Option<[End; 2]> = None;
+    let mut found: Option<[SpectrumEnd; 2]> = None;
     let mut next_look = 2;
     loop {
         matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
@@ -252,7 +252,7 @@ fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
 
 /// Both ends, each with the smaller of its residual `now` and `before`: copies of a converged value
 /// that appear later blur its residual, not the value.
-fn with_earlier(mut now: [End; 2], before: Option<[End; 2]>) -> [End; 2] {
+fn with_earlier(mut now: [SpectrumEnd; 2], before: Option<[SpectrumEnd; 2]>) -> [SpectrumEnd; 2] {
     for (now, before) in now.iter_mut().zip(before.into_iter().flatten()) {
         if before.residual < now.residual {
             (now.residual, now.converged) = (before.residual, before.converged);

@@ -1,7 +1,7 @@
 //! The field of a result from which a run goes on (`initial.field`), read by each rank for its
 //! block.
 
-use crate::base::checksum::{self, Slab};
+use crate::base::checksum::{self, DatasetBox};
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::files::{CHECKSUM, open, read_slab};
@@ -36,7 +36,7 @@ pub fn read(
     let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
     let dataset = file.dataset("f").map_err(|e| wrong(&e));
     let read = world.agree(dataset).and_then(|dataset| {
-        let part = Part::of(&dataset, space, block);
+        let part = StoredPart::of(&dataset, space, block);
         let part = world.agree(part.ok_or_else(|| wrong(&"/f has another shape than the grid")))?;
         part.read(&communicator.space, world, &dataset, &wrong)
     });
@@ -51,7 +51,7 @@ pub fn read(
 }
 
 /// What of `/f` is a rank's.
-struct Part {
+struct StoredPart {
     /// The shape of `/f`.
     shape: Vec<usize>,
     /// Cells of the rank's block along each axis.
@@ -60,7 +60,7 @@ struct Part {
     stored: Vec<Range<usize>>,
 }
 
-impl Part {
+impl StoredPart {
     /// The part of `block`; none where the shape is not that of `space`.
     fn of(dataset: &Dataset, space: &PhaseSpace, block: &Block) -> Option<Self> {
         let shape = dataset.shape();
@@ -112,10 +112,10 @@ impl Part {
     }
 
     /// Boxes that make up what is read, in its order.
-    fn pieces(&self) -> impl Iterator<Item = Slab> {
-        let Slab { start: first, count } = Slab::of(&self.stored);
+    fn pieces(&self) -> impl Iterator<Item = DatasetBox> {
+        let DatasetBox { start: first, count } = DatasetBox::of(&self.stored);
         let empty = count.contains(&0);
-        Slab::pieces(&count, PIECE).filter(move |_| !empty).map(move |mut slab| {
+        DatasetBox::pieces(&count, PIECE).filter(move |_| !empty).map(move |mut slab| {
             slab.start.iter_mut().zip(&first).for_each(|(at, first)| *at += first);
             slab
         })
@@ -148,8 +148,11 @@ mod tests {
         let cells = [2, 3, 2, 4];
         for stored in [[2, 3, 2, 4], [2, 1, 2, 4], [1, 3, 1, 4], [2, 1, 1, 4], [1, 1, 1, 1]] {
             let ranges = |lengths: [usize; 4]| lengths.map(|length| 0..length).to_vec();
-            let part =
-                Part { shape: stored.to_vec(), wanted: ranges(cells), stored: ranges(stored) };
+            let part = StoredPart {
+                shape: stored.to_vec(),
+                wanted: ranges(cells),
+                stored: ranges(stored),
+            };
             let count: usize = stored.iter().product();
             let values: Vec<f64> = (0..count).map(|i| i as f64).collect();
             let number = |mut i: usize| {

@@ -7,7 +7,7 @@ use crate::matrix::observables::{MOMENTS, MomentsOf};
 use crate::parallel::communicator::Group;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::snapshot::Numbers;
+use crate::solve::snapshot::BoxValues;
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -108,8 +108,8 @@ impl<'a> Sum<'a> {
     }
 
     /// The integers, two a number.
-    pub(crate) fn numbers(&self) -> Numbers<'_, i64> {
-        Numbers { width: self.width, values: &self.parts }
+    pub(crate) fn numbers(&self) -> BoxValues<'_, i64> {
+        BoxValues { width: self.width, values: &self.parts }
     }
 
     /// The sums on this rank's share of the cells, `shares[g]` being rank `g`'s; moments point by

@@ -3,10 +3,10 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
-use crate::matrix::sampling::{Part, sample};
+use crate::matrix::sampling::{SampledCells, sample};
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
-use crate::problem::case::{Case, Field, Integrator, Method};
+use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
 use crate::problem::formula::Expression;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
@@ -107,8 +107,8 @@ fn initial_values(
 ) -> Result<Vec<Vec<f64>>> {
     let world = &communicator.world;
     let is_shared = case.space.degree() > 0 && communicator.modes.size() > 1;
-    let part = if is_shared { place.part() } else { Part::whole(&matrix.block) };
-    let values = |(k, field): (usize, &Field)| {
+    let part = if is_shared { place.part() } else { SampledCells::whole(&matrix.block) };
+    let values = |(k, field): (usize, &LiouvilleField)| {
         let values = match &case.start_field {
             Some(start) => start_field::read(communicator, &case.space, &matrix.block, start)?,
             None => {

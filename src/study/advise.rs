@@ -30,7 +30,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Data, Effort, LARGEST_TOLERANCE, Limiter, Method};
+use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, Limiter, MeasurementEffort, Method};
 use crate::problem::potential::overlooked;
 use crate::run::planning;
 use crate::study::advise::density::distance;
@@ -38,7 +38,7 @@ use crate::study::advise::grid_search::{
     DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, coarsest_grid, error_on, grid_near,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
-use crate::study::advise::scheme::Scheme;
+use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::{base_case, command, settings};
 use crate::study::advise::setups::{
     AdviceReport, ErrorParts, GivenCase, SetupReport, mark_unsettled_expensive,
@@ -103,7 +103,7 @@ pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceRepo
 }
 
 /// A set-up, with its case and plan if it can be run.
-struct Candidate {
+struct SetupCandidate {
     entry: SetupReport,
     planned: Option<(Case, Plan)>,
 }
@@ -138,7 +138,7 @@ struct Study<'a> {
     /// Part of the budget up to which runs by modes are tried.
     share: f64,
     left_out: Vec<String>,
-    candidates: Vec<Candidate>,
+    candidates: Vec<SetupCandidate>,
     /// Whether the search came to an end, and did not fail at a trial.
     ended: bool,
 }
@@ -182,7 +182,7 @@ impl<'a> Study<'a> {
             }
         }
         self.try_fluxes(&found)?;
-        let given = match found.iter().find(|(scheme, _)| *scheme == Scheme::of(self.case)) {
+        let given = match found.iter().find(|(scheme, _)| *scheme == SchemeChoice::of(self.case)) {
             Some((scheme, reached)) => self.given(*scheme, reached)?,
             None => None,
         };
@@ -201,14 +201,14 @@ impl<'a> Study<'a> {
         !budget.holds(best.updates(), EXPENSIVE) && budget.decide(is_long)
     }
 
-    fn name(&self, method: Method, scheme: Scheme) -> String {
+    fn name(&self, method: Method, scheme: SchemeChoice) -> String {
         scheme.name(method, self.jumps)
     }
 
     /// Tries the case's own grid first where that is cheap, so that its error is not extrapolated.
     /// Collective.
     fn try_as_it_stands(&mut self) -> Result<()> {
-        let (scheme, own) = (Scheme::of(self.case), self.case.space.elements());
+        let (scheme, own) = (SchemeChoice::of(self.case), self.case.space.elements());
         let trials = &mut self.trials;
         if trials.is_cheap(scheme, &own, FOR_CASE)? {
             let twice = trials.degree_case(scheme).grids.twice(&own);
@@ -228,7 +228,7 @@ impl<'a> Study<'a> {
 
     /// The first grid of trials of `scheme`: the coarsest; or the case's own, if the data are so
     /// narrow that no cell of the coarsest grid holds them. Collective.
-    fn start(&mut self, scheme: Scheme) -> Vec<usize> {
+    fn start(&mut self, scheme: SchemeChoice) -> Vec<usize> {
         let degree_case = self.trials.degree_case(scheme);
         let own = degree_case.base.space.elements();
         let coarsest = degree_case.grids.coarsest(&own);
@@ -239,8 +239,8 @@ impl<'a> Study<'a> {
     }
 
     /// The schemes that can be tried. If a degree is refused, one line says so for all higher ones.
-    fn schemes(&mut self) -> Vec<Scheme> {
-        let mut schemes = Scheme::candidates(self.case, self.jumps);
+    fn schemes(&mut self) -> Vec<SchemeChoice> {
+        let mut schemes = SchemeChoice::candidates(self.case, self.jumps);
         let refused =
             schemes.iter().find_map(|s| Some((s.degree, self.trials.prepare(s.degree).err()?)));
         if let Some((degree, error)) = refused {
@@ -254,11 +254,11 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// The last one, where no scheme could be tried.
-    fn grids_by_scheme(&mut self) -> Result<Vec<(Scheme, ReachedGrid)>> {
+    fn grids_by_scheme(&mut self) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
         let schemes = self.schemes();
         // The first scheme is tried in any case.
         let first = self.start(schemes[0]);
-        let mut found: Vec<(Scheme, SearchResult)> = Vec::new();
+        let mut found: Vec<(SchemeChoice, SearchResult)> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
             // Each scheme has its share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
@@ -275,8 +275,8 @@ impl<'a> Study<'a> {
     /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over
     /// to these schemes one by one, fewest expected unknowns first, until one reaches it.
     /// Collective.
-    fn spend_rest_on_modes(&mut self, found: &mut [(Scheme, SearchResult)]) -> Result<()> {
-        let by_modes = |scheme: &Scheme| scheme.limiter == Limiter::None;
+    fn spend_rest_on_modes(&mut self, found: &mut [(SchemeChoice, SearchResult)]) -> Result<()> {
+        let by_modes = |scheme: &SchemeChoice| scheme.limiter == Limiter::None;
         if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
             return Ok(());
         }
@@ -303,8 +303,8 @@ impl<'a> Study<'a> {
     /// The last error, if there is no grid at all.
     fn reached_grids(
         &mut self,
-        found: Vec<(Scheme, SearchResult)>,
-    ) -> Result<Vec<(Scheme, ReachedGrid)>> {
+        found: Vec<(SchemeChoice, SearchResult)>,
+    ) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
         let (mut grids, mut failure) = (Vec::new(), None);
         for (scheme, tried) in found {
             let name = self.name(Method::Classical, scheme);
@@ -328,7 +328,7 @@ impl<'a> Study<'a> {
 
     /// The coarsest grid of `scheme` that reaches the accuracy, within this part of the budget.
     /// Collective.
-    fn search_grid(&mut self, scheme: Scheme, share: f64) -> Result<SearchResult> {
+    fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
         match self.trials.affords(scheme, &start, share)? {
             true => Ok(self.search_grid_from(scheme, &start, share)),
@@ -337,7 +337,12 @@ impl<'a> Study<'a> {
     }
 
     /// As [`search_grid`](Self::search_grid), from the grid `start` on. Collective.
-    fn search_grid_from(&mut self, scheme: Scheme, start: &[usize], share: f64) -> SearchResult {
+    fn search_grid_from(
+        &mut self,
+        scheme: SchemeChoice,
+        start: &[usize],
+        share: f64,
+    ) -> SearchResult {
         let own = self.trials.degree_case(scheme).base.space.elements();
         let goal = Goal { scheme, start, own: &own, accuracy: self.request.accuracy, share };
         match coarsest_grid(&mut self.trials, goal) {
@@ -347,7 +352,7 @@ impl<'a> Study<'a> {
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
-    fn expected_unknowns(&self, tried: &(Scheme, SearchResult)) -> f64 {
+    fn expected_unknowns(&self, tried: &(SchemeChoice, SearchResult)) -> f64 {
         match tried {
             (scheme, SearchResult::Found(reached)) => {
                 let nodes = (scheme.degree + 1) as f64;
@@ -370,7 +375,7 @@ impl<'a> Study<'a> {
     }
 
     /// The report of the set-up `target` on the grid `reached`, without its cost.
-    fn entry(&self, target: &Case, scheme: Scheme, reached: &ReachedGrid) -> SetupReport {
+    fn entry(&self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
         let settings = settings(self.case, self.trials.base(), target);
         SetupReport {
             name: self.name(target.method, scheme),
@@ -402,13 +407,14 @@ impl<'a> Study<'a> {
 
     /// Tries other fluxes between elements: for the set-up of least work by each method, unless its
     /// grid is extrapolated, on grids near its own. Collective.
-    fn try_fluxes(&mut self, found: &[(Scheme, ReachedGrid)]) -> Result<()> {
+    fn try_fluxes(&mut self, found: &[(SchemeChoice, ReachedGrid)]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
             let can = self.candidates.iter().map(|candidate| &candidate.entry);
             let can = can.filter(|e| e.method == method && e.refused.is_none());
             let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
-            let is_best = |scheme: &Scheme| best.as_ref() == Some(&self.name(method, *scheme));
+            let is_best =
+                |scheme: &SchemeChoice| best.as_ref() == Some(&self.name(method, *scheme));
             let Some((scheme, reached)) = found.iter().find(|(scheme, reached)| {
                 is_best(scheme) && reached.known != Evidence::Extrapolated
             }) else {
@@ -422,7 +428,12 @@ impl<'a> Study<'a> {
     }
 
     /// Tries `scheme`, which differs by its flux from the scheme whose grid is `known`. Collective.
-    fn try_flux(&mut self, method: Method, scheme: Scheme, known: &ReachedGrid) -> Result<()> {
+    fn try_flux(
+        &mut self,
+        method: Method,
+        scheme: SchemeChoice,
+        known: &ReachedGrid,
+    ) -> Result<()> {
         let (start, accuracy) = (&known.shape, self.request.accuracy);
         let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
         let why = match grid_near(&mut self.trials, goal, known) {
@@ -503,7 +514,7 @@ impl<'a> Study<'a> {
     }
 
     /// Adds `scheme` without Schrödingerization. Collective.
-    fn add_classical(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<()> {
+    fn add_classical(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<()> {
         let target = scheme.classical(&self.trials.degree_case(scheme).base, &reached.shape);
         let mut entry = self.entry(&target, scheme, reached);
         let plan = self.plan(&mut entry, &target);
@@ -511,13 +522,13 @@ impl<'a> Study<'a> {
             entry.seconds = Some(self.trials.run(scheme, &reached.shape)?.seconds);
             entry.seconds_measured = true;
         }
-        self.candidates.push(Candidate { entry, planned: plan.map(|plan| (target, plan)) });
+        self.candidates.push(SetupCandidate { entry, planned: plan.map(|plan| (target, plan)) });
         Ok(())
     }
 
     /// The grid on which tolerances are tried: the finest one but the last of the search on which a
     /// run by modes takes a small part of the budget. Collective.
-    fn coarse(&self, scheme: Scheme, reached: &ReachedGrid) -> Result<Vec<usize>> {
+    fn coarse(&self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<Vec<usize>> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
         for level in reached.levels.iter().rev().skip(1) {
             let base = &self.trials.degree_case(scheme).base;
@@ -537,7 +548,7 @@ impl<'a> Study<'a> {
 
     /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the
     /// accuracy to the error on the grid `coarse`. Collective.
-    fn tolerance(&mut self, scheme: Scheme, coarse: &[usize]) -> Result<ToleranceTrial> {
+    fn tolerance(&mut self, scheme: SchemeChoice, coarse: &[usize]) -> Result<ToleranceTrial> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
         let reference = self.trials.run(scheme, coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
@@ -567,7 +578,7 @@ impl<'a> Study<'a> {
     }
 
     /// Adds `scheme` by Schrödingerization. Collective.
-    fn add_schrodingerized(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<()> {
+    fn add_schrodingerized(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<()> {
         let coarse = self.coarse(scheme, reached)?;
         let found = match self.tolerance(scheme, &coarse) {
             Ok(found) => found,
@@ -596,7 +607,7 @@ impl<'a> Study<'a> {
         if let Some(plan) = &plan {
             self.try_by_modes(&mut entry, &target, scheme, plan)?;
         }
-        self.candidates.push(Candidate { entry, planned: plan.map(|plan| (target, plan)) });
+        self.candidates.push(SetupCandidate { entry, planned: plan.map(|plan| (target, plan)) });
         Ok(())
     }
 
@@ -606,7 +617,7 @@ impl<'a> Study<'a> {
         &mut self,
         entry: &mut SetupReport,
         target: &Case,
-        scheme: Scheme,
+        scheme: SchemeChoice,
         plan: &Plan,
     ) -> Result<()> {
         let (trials, updates, share) = (&mut self.trials, mode_updates(target, plan), self.share);
@@ -637,7 +648,7 @@ impl<'a> Study<'a> {
 
     /// The error of the case as its file has it: of the discretisation by its own `scheme`, and of
     /// its solver; none if it cannot be told. Collective.
-    fn given(&mut self, scheme: Scheme, reached: &ReachedGrid) -> Result<Option<GivenCase>> {
+    fn given(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<Option<GivenCase>> {
         let shape = self.case.space.elements();
         let start = self.start(scheme);
         let tried = error_on(&mut self.trials, scheme, &shape, &reached.order, 1.0).unwrap_or(None);
@@ -656,7 +667,7 @@ impl<'a> Study<'a> {
             }
         }
         if let Some(readout) = &self.case.readout
-            && let Effort::Accuracy(accuracy) = readout.effort
+            && let MeasurementEffort::Accuracy(accuracy) = readout.effort
         {
             let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
             parts.readout = Some(accuracy / mean);
@@ -669,7 +680,12 @@ impl<'a> Study<'a> {
     /// The error of the density by the time step of the case's implicit propagator, on the grid
     /// `start`, whose semi-discrete `density` is given. It is nearly all of the solver's error.
     /// Collective.
-    fn error_of_step(&mut self, scheme: Scheme, start: &[usize], density: &[f64]) -> Option<f64> {
+    fn error_of_step(
+        &mut self,
+        scheme: SchemeChoice,
+        start: &[usize],
+        density: &[f64],
+    ) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
         let updates = planning::plan(self.world, &own, &Resources::here(self.world))
@@ -686,7 +702,7 @@ impl<'a> Study<'a> {
         let candidates = std::mem::take(&mut self.candidates);
         let left_out = std::mem::take(&mut self.left_out);
         let Self { world, case, request, trials, .. } = self;
-        let settled = |Candidate { mut entry, planned }: Candidate| {
+        let settled = |SetupCandidate { mut entry, planned }: SetupCandidate| {
             let predicted = planned.map(|(target, plan)| trials.seconds(&target, &plan));
             entry.seconds = entry.seconds.or(predicted);
             entry.estimate = entry.not_settled(LONGEST_ADVISED);

@@ -27,7 +27,7 @@ use crate::base::text::seconds_text;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::moments;
 use crate::parallel::communicator::World;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::plan::Plan;
 use crate::plan::here::memory_per_rank;
 use crate::plan::layout::{Resources, refuse_hopeless};
@@ -256,7 +256,7 @@ fn seconds_to_write(case: &Case, plan: &Plan) -> f64 {
 
 /// `case` on the middle of its box, cut down to blocks as large as those of `mesh` on at most
 /// `ranks` ranks, and the mesh of them.
-fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
+fn part_of(case: &Case, mesh: &ProcessMesh, ranks: usize) -> (Case, ProcessMesh) {
     // As many blocks as divide the ranks, none more along an axis than the run has.
     let mut parts = vec![1; mesh.space.len()];
     let mut left = ranks;
@@ -278,7 +278,7 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
         // These are whole: they are not split.
         periodic: case.space.periodic,
     };
-    let mesh = Mesh { space: parts, groups: left };
+    let mesh = ProcessMesh { space: parts, groups: left };
     let case = Case { space, ..case.clone() };
     (case, mesh)
 }
@@ -301,7 +301,7 @@ mod tests {
             ([21, 31], [2, 3], 1, 7, ([1, 1], 7)),
         ] {
             let case = Case::load(&path, &sizes(cells[0], cells[1])).expect("a case");
-            let mesh = Mesh { space: blocks.to_vec(), groups };
+            let mesh = ProcessMesh { space: blocks.to_vec(), groups };
             let (part, here) = part_of(&case, &mesh, ranks);
             assert_eq!((here.space.clone(), here.groups), (expected.0.to_vec(), expected.1));
             assert_eq!(here.ranks(), ranks);

@@ -20,7 +20,7 @@
 //! with a reversible trace, compute and uncompute, in each evaluation (a model).
 
 use crate::base::error::{Error, Result};
-use crate::base::table::Values;
+use crate::base::table::ColumnValues;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
@@ -576,7 +576,7 @@ fn verdict(quantum: &[QuantumMethod], classical: &[ClassicalMethod]) -> Vec<Stri
 
 impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
-    pub fn columns(&self) -> Vec<Values> {
+    pub fn columns(&self) -> Vec<ColumnValues> {
         let none = LabelledNumber::unavailable("");
         let quantum = |name: &str, figure: fn(&QuantumMethod) -> &LabelledNumber| {
             let without = self.classical.iter().map(|_| &none);
@@ -585,7 +585,10 @@ impl EndToEnd {
         let words = |name: &str,
                      word: fn(&QuantumMethod) -> Value,
                      other: fn(&ClassicalMethod) -> Value| {
-            Values::new(name, self.quantum.iter().map(word).chain(self.classical.iter().map(other)))
+            ColumnValues::new(
+                name,
+                self.quantum.iter().map(word).chain(self.classical.iter().map(other)),
+            )
         };
         let seconds = self.quantum.iter().map(|_| &none);
         let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));

@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// The files of a study.
-pub struct Files<'a, T> {
+pub struct StudyFiles<'a, T> {
     /// Name of the files, without an ending.
     pub name: &'a str,
     /// The result, for the JSON file.
@@ -18,7 +18,7 @@ pub struct Files<'a, T> {
     pub figure: Figure,
 }
 
-impl<T: Serialize> Files<'_, T> {
+impl<T: Serialize> StudyFiles<'_, T> {
     /// Writes NAME.json, NAME.csv, NAME.svg and NAME.png into `directory`. On one rank.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
 use crate::base::text::{bytes_text, counted, shortened};
 use crate::plan::Plan;
-use crate::plan::advice::Node;
+use crate::plan::advice::MachineNode;
 use crate::problem::case::Case;
 use crate::study::calibrate::Calibration;
 use serde::Serialize;
@@ -130,7 +130,7 @@ pub struct RankChoice {
     /// Number of ranks.
     pub ranks: usize,
     /// The node.
-    pub node: Option<Node>,
+    pub node: Option<MachineNode>,
     /// The plan, or why there is none.
     pub plan: Result<Plan>,
 }

@@ -1,6 +1,6 @@
 //! Where methods fail: borders found by running up to and beyond them, each beside its theory.
 //!
-//! A [`Panel`](panel::Panel) varies one thing and measures another; its points have values by
+//! A [`StabilityPanel`](panel::Panel) varies one thing and measures another; its points have values by
 //! theory where there is a theory. A [`Border`](panel::Border) is where the method begins to fail,
 //! measured and by theory. Grids are coarsened so that a sweep takes seconds, which the notes say.
 //!
@@ -35,7 +35,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_potential};
 use crate::study::stability::panel::{
-    AxisScale, Findings, LeftOut, Panel, PanelName, PanelResult, PanelTask, Stability,
+    AxisScale, Findings, LeftOut, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
 };
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
@@ -82,11 +82,11 @@ const PANELS: [PanelSpec; 8] = [
 ];
 
 impl PanelSpec {
-    fn panel(&self, found: Findings) -> Panel {
+    fn panel(&self, found: Findings) -> StabilityPanel {
         let Findings { shape, curves, borders, verdict, notes } = found;
         let Self { name, title, .. } = *self;
         let [x, y] = [self.x.clone(), self.y.clone()];
-        Panel { name, title, shape, x, y, curves, borders, verdict, notes }
+        StabilityPanel { name, title, shape, x, y, curves, borders, verdict, notes }
     }
 }
 

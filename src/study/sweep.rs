@@ -18,7 +18,7 @@ use crate::results::summary;
 use crate::run;
 use crate::run::options::Options;
 use crate::study::sweep::name::{run_name, with_absolute_paths};
-use crate::study::sweep::table::{Row, Table};
+use crate::study::sweep::table::{SweepRow, SweepTable};
 use crate::study::sweep::vary::Vary;
 use serde_json::Value;
 use std::fmt;
@@ -45,7 +45,7 @@ pub struct SweepRequest {
 }
 
 /// A run of a sweep.
-pub struct Run {
+pub struct SweepRun {
     /// From 1.
     pub number: usize,
     /// A value for each key.
@@ -58,18 +58,18 @@ pub struct Run {
     overrides: Vec<String>,
 }
 
-impl Run {
+impl SweepRun {
     /// It in the table when it ended: with its `summary.json`, or null, and what went wrong.
-    fn row(&self, summary: Value, error: Option<String>) -> Row {
+    fn row(&self, summary: Value, error: Option<String>) -> SweepRow {
         let directory = self.directory.display().to_string();
-        Row { values: self.values.clone(), directory, ended: true, summary, error }
+        SweepRow { values: self.values.clone(), directory, ended: true, summary, error }
     }
 }
 
 /// All runs, the last key varying fastest.
 pub struct Sweep {
     /// The runs.
-    pub runs: Vec<Run>,
+    pub runs: Vec<SweepRun>,
     request: SweepRequest,
     keys: Vec<String>,
 }
@@ -97,7 +97,7 @@ impl fmt::Display for Done {
 /// The result of a sweep, complete or stopped.
 pub struct SweepResult {
     /// The runs that it came to.
-    pub table: Table,
+    pub table: SweepTable,
     /// Why it is not at its end.
     pub stopped: Option<Error>,
 }
@@ -144,7 +144,7 @@ impl Sweep {
     }
 
     /// The run of this index, from 0.
-    fn combination(&self, index: usize) -> Result<Run> {
+    fn combination(&self, index: usize) -> Result<SweepRun> {
         let SweepRequest { path, text, set, mode, vary, directory } = &self.request;
         let mut rest = index;
         let mut chosen: Vec<String> = Vec::new();
@@ -160,11 +160,11 @@ impl Sweep {
         let name = run_name(&tree, *mode, &self.keys, &values);
         overrides.extend(mode.map(|mode| format!("output.warped_field={}", mode == "full")));
         let directory = directory.join(name);
-        Ok(Run { number: index + 1, values, directory, refused: None, overrides })
+        Ok(SweepRun { number: index + 1, values, directory, refused: None, overrides })
     }
 
     /// The case of a run.
-    fn case(&self, run: &Run) -> Result<Case> {
+    fn case(&self, run: &SweepRun) -> Result<Case> {
         let case = Case::parse(
             &self.request.path.display().to_string(),
             &self.request.text,
@@ -182,7 +182,7 @@ impl Sweep {
     }
 
     /// `key=value` of a run, for all keys.
-    pub fn label(&self, run: &Run) -> String {
+    pub fn label(&self, run: &SweepRun) -> String {
         let words = self.keys.iter().zip(&run.values);
         let words: Vec<String> =
             words.map(|(key, value)| format!("{key}={}", plain(value))).collect();
@@ -216,7 +216,7 @@ impl Sweep {
     /// What leaves nothing to go on with: results that cannot be written, a wall time too short for
     /// anything.
     pub fn solve(&self, world: &World, options: &Options) -> Result<SweepResult> {
-        let mut table = Table::new(&self.keys);
+        let mut table = SweepTable::new(&self.keys);
         let (mut finished, mut computed) = (0, 0);
         for run in &self.runs {
             let stopped = |why: String| self.stopped(why, finished, self.runs.len());
@@ -256,12 +256,12 @@ impl Sweep {
     ///
     /// # Errors
     /// A summary that cannot be read.
-    pub fn collect(&self, world: &World) -> Result<Table> {
-        let mut table = Table::new(&self.keys);
+    pub fn collect(&self, world: &World) -> Result<SweepTable> {
+        let mut table = SweepTable::new(&self.keys);
         for run in &self.runs {
             table.rows.push(match self.case(run) {
                 Ok(case) if run::is_done(world, &run.directory, &case) => self.row(world, run)?,
-                Ok(_) => Row { ended: false, ..run.row(Value::Null, None) },
+                Ok(_) => SweepRow { ended: false, ..run.row(Value::Null, None) },
                 Err(error) => run.row(Value::Null, Some(error.to_string())),
             });
         }
@@ -269,7 +269,7 @@ impl Sweep {
     }
 
     /// Solves a run, unless it is finished. Collective.
-    fn attempt(&self, world: &World, run: &Run, options: &Options) -> Result<Done> {
+    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Done> {
         let case = self.case(run)?;
         if run::is_done(world, &run.directory, &case) {
             return Ok(Done::Before);
@@ -292,7 +292,7 @@ impl Sweep {
     }
 
     /// Reports how a run ended.
-    fn report_end(&self, world: &World, run: &Run, end: &dyn fmt::Display) {
+    fn report_end(&self, world: &World, run: &SweepRun, end: &dyn fmt::Display) {
         if world.group().rank() == 0 {
             let label = self.label(run);
             report(&format!("[{}/{}] {label}: {end}", run.number, self.runs.len()));
@@ -301,7 +301,7 @@ impl Sweep {
 
     /// A finished run as a row, failed where it misses what it was asked for and `solver.strict`
     /// makes that an error; its numbers on the first rank. Collective.
-    fn row(&self, world: &World, run: &Run) -> Result<Row> {
+    fn row(&self, world: &World, run: &SweepRun) -> Result<SweepRow> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
         let missed = run::refuse_missed(world, &run.directory, &self.case(run)?);
         Ok(run.row(found, missed.err().map(|error| error.to_string())))

@@ -8,7 +8,7 @@ use crate::fuzzing::{Random, Reader, finds, fuzz};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
-use phasewarp::problem::case::{Case, Exact, Inflow, Kind, keys};
+use phasewarp::problem::case::{Case, Exact, Inflow, ValueKind, keys};
 use phasewarp::problem::formula::{Constants, Expression};
 use std::fmt::Debug;
 
@@ -140,14 +140,14 @@ struct Settings {
 }
 
 /// The keys below `path`; of lists the first and second entry.
-fn flat(path: &str, kind: &Kind, found: &mut Vec<String>) {
+fn flat(path: &str, kind: &ValueKind, found: &mut Vec<String>) {
     found.push(path.trim_start_matches('.').to_owned());
     match kind {
-        Kind::Table(entries) | Kind::Switches(entries) => {
+        ValueKind::Table(entries) | ValueKind::Switches(entries) => {
             entries.iter().for_each(|(name, kind)| flat(&format!("{path}.{name}"), kind, found));
         }
-        Kind::List(item) => (0..2).for_each(|k| flat(&format!("{path}.{k}"), item, found)),
-        Kind::Names(item) => flat(&format!("{path}.c"), item, found),
+        ValueKind::List(item) => (0..2).for_each(|k| flat(&format!("{path}.{k}"), item, found)),
+        ValueKind::Names(item) => flat(&format!("{path}.c"), item, found),
         _ => {}
     }
 }

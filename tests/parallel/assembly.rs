@@ -7,11 +7,11 @@ use crate::pieces::{Piece, Weighted, for_every_piece};
 use crate::support::dense::{assert_close, assert_same, noise};
 use num_complex::Complex64;
 use phasewarp::matrix::block_matrix::Operator;
-use phasewarp::matrix::blocking::{Blocking, BlockingShape, Steps};
-use phasewarp::matrix::kernel::{InstructionSet, Step};
+use phasewarp::matrix::blocking::{Blocking, BlockingShape, RecurrenceSteps};
+use phasewarp::matrix::kernel::{InstructionSet, LineStep};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::parallel::communicator::{Communicator, World};
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::Embedding;
 
 /// `S`, `K` and `u(0)`, without weights and with them.
@@ -37,7 +37,7 @@ pub fn matrix_entry_for_entry(world: &World) {
     });
 }
 
-fn weighted_entry_for_entry(world: &World, twin: &Twin, mesh: &Mesh) {
+fn weighted_entry_for_entry(world: &World, twin: &Twin, mesh: &ProcessMesh) {
     let name = format!("{}, {mesh:?}", twin.name);
     let weighted = Weighted::new(world, twin, mesh);
     let system = weighted.prepared.system;
@@ -146,7 +146,7 @@ pub fn one_step(world: &World) {
         for set in InstructionSet::all() {
             let mut other = piece.batch(|i| lanes_of_noise(i, Y));
             let rows = 0..piece.matrix.rows();
-            set.run(Step {
+            set.run(LineStep {
                 matrix: piece.matrix.stored(),
                 lines: rows.clone(),
                 constants: &constants,
@@ -257,7 +257,7 @@ fn bits_of_steps(
     let value = |i, seed| std::array::from_fn(|l| noise(i, 100 * seed + l as u64));
     let [mut y, mut x] = [1u64, 2].map(|seed| piece.batch(|i| value(i, seed)));
     let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
-    let steps = Steps { levels, couplings };
+    let steps = RecurrenceSteps { levels, couplings };
     let exchange = &mut piece.exchange;
     (piece.matrix).steps(exchange, blocking, &steps, &mut y, &mut x, &start);
     [y, x].map(|v| v[..rows].iter().map(|row| row.0.map(f64::to_bits)).collect())

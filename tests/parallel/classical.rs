@@ -7,7 +7,7 @@ use crate::support::dense::{assert_close, distance, exponential, noise};
 use crate::support::limited::limited_right_hand_side;
 use phasewarp::matrix::block_matrix::Operator;
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::{Integrator, Limiter};
 use phasewarp::propagate::classical::{Classical, ClassicalSpan, EXACT};
 use phasewarp::propagate::limiter::{Reconstruction, longest_step};
@@ -103,7 +103,7 @@ fn limiter_data(twin: &Twin, data: &str) -> Vec<f64> {
 fn slopes_on_a_mesh(
     world: &World,
     twin: &Twin,
-    mesh: &Mesh,
+    mesh: &ProcessMesh,
     x: &[f64],
     expected: &[f64],
 ) -> Vec<f64> {

@@ -7,7 +7,7 @@ use num_complex::Complex64;
 use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::parallel::communicator::transpose::Transpose;
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
-use phasewarp::parallel::partition::{LocalIndex, Mesh};
+use phasewarp::parallel::partition::{LocalIndex, ProcessMesh};
 use std::ops::Range;
 
 /// Every ghost holds what its owner has, real numbers and batches through the same buffers.
@@ -41,7 +41,7 @@ pub fn long_messages(world: &World) {
     let velocities = 70_000;
     let velocity_cells = format!("axis.0.v.cells={velocities}");
     let case = case("example1.toml", &["axis.0.x.cells=5", &velocity_cells]);
-    let mesh = Mesh { space: vec![ranks], groups: 1 };
+    let mesh = ProcessMesh { space: vec![ranks], groups: 1 };
     let communicator = Communicator::new(world, &mesh);
     let block = block_of(&case, &mesh, &communicator);
     assert!(ranks == 1 || 2 * LANES * block.ghosts() > 1 << 20);

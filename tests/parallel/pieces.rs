@@ -8,16 +8,16 @@ use phasewarp::matrix::block_matrix::{BlockMatrix, Operator};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::problem::case::{Case, Embedding};
 
 /// Every mesh of the ranks of `world` that the grid of `case` admits, those with the fewest blocks
 /// first.
-pub fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
-    fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<Mesh>) {
+pub fn meshes(world: &World, case: &Case) -> Vec<ProcessMesh> {
+    fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<ProcessMesh>) {
         let Some(axis) = case.space.x.get(parts.len()) else {
             let space = parts.clone();
-            list.push(Mesh { space, groups: ranks });
+            list.push(ProcessMesh { space, groups: ranks });
             return;
         };
         let most = case.space.most_blocks(parts.len()).min(axis.cells);
@@ -30,17 +30,17 @@ pub fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
     let mut list = Vec::new();
     visit(case, world.group().size(), &mut Vec::new(), &mut list);
     assert!(list.iter().all(|m| m.ranks() == world.group().size()));
-    list.sort_by_key(Mesh::blocks);
+    list.sort_by_key(ProcessMesh::blocks);
     list
 }
 
 /// One block, all ranks in its mode groups.
-pub fn one_block(world: &World, case: &Case) -> Mesh {
-    Mesh { space: vec![1; case.space.dimension()], groups: world.group().size() }
+pub fn one_block(world: &World, case: &Case) -> ProcessMesh {
+    ProcessMesh { space: vec![1; case.space.dimension()], groups: world.group().size() }
 }
 
 /// Calls `check` with every twin, mesh and piece.
-pub fn for_every_piece(world: &World, mut check: impl FnMut(&Twin, &Mesh, &mut Piece)) {
+pub fn for_every_piece(world: &World, mut check: impl FnMut(&Twin, &ProcessMesh, &mut Piece)) {
     for twin in Twin::all() {
         for mesh in meshes(world, &twin.case) {
             check(&twin, &mesh, &mut Piece::assemble(world, &twin, &mesh));
@@ -106,7 +106,7 @@ impl Piece {
         Self { communicator, matrix, exchange, number }
     }
 
-    pub fn assemble(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+    pub fn assemble(world: &World, twin: &Twin, mesh: &ProcessMesh) -> Self {
         let communicator = Communicator::new(world, mesh);
         assert_eq!(communicator.space.size(), mesh.blocks());
         assert_eq!(communicator.modes.size(), mesh.groups);
@@ -229,7 +229,7 @@ pub struct Weighted {
 }
 
 impl Weighted {
-    pub fn new(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+    pub fn new(world: &World, twin: &Twin, mesh: &ProcessMesh) -> Self {
         let prepared = prepare(world, &twin.case, mesh);
         let allowed = Bounds::new(&twin.case).expect("V is finite");
         // Without weights, the hat interface may grow at any rate.

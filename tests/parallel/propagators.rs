@@ -13,7 +13,7 @@ use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::{Propagation, PropagatorMethod};
 use phasewarp::propagate::bessel::bessel_series;
 use phasewarp::propagate::chebyshev::Chebyshev;
@@ -316,7 +316,12 @@ pub fn orders_of_the_implicit_methods(world: &World) {
 const SLOW: [f64; 2] = [0.0, 0.5];
 
 /// So many steps of Crank–Nicolson (order 2) or backward Euler (order 1) over `1/rate`.
-fn implicit_steps(weighted: &mut Weighted, mesh: &Mesh, order: usize, steps: usize) -> Propagated {
+fn implicit_steps(
+    weighted: &mut Weighted,
+    mesh: &ProcessMesh,
+    order: usize,
+    steps: usize,
+) -> Propagated {
     let mut wavenumbers = [SLOW[1]; LANES];
     wavenumbers[..SLOW.len()].copy_from_slice(&SLOW);
     let batch = BatchSpec {
@@ -329,7 +334,7 @@ fn implicit_steps(weighted: &mut Weighted, mesh: &Mesh, order: usize, steps: usi
     propagate(weighted, &mut implicit(weighted, mesh, order), &batch, time)
 }
 
-fn implicit(weighted: &Weighted, mesh: &Mesh, order: usize) -> Implicit {
+fn implicit(weighted: &Weighted, mesh: &ProcessMesh, order: usize) -> Implicit {
     let matrix = &weighted.prepared.system.matrix;
     Implicit::new(matrix, order, mesh.blocks() > 1).expect("the pattern is analysed")
 }

@@ -10,7 +10,7 @@ use crate::support::prepared::{Prepared, prepare};
 use crate::time_dependent::Varying;
 use phasewarp::matrix::observables::{MOMENTS, VelocityFactors};
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::{
     Alpha, Case, Coefficients, Embedding, OutputTime, ProfileChoice, Propagation, PropagatorMethod,
     RecoveryMethod, Shift,
@@ -480,7 +480,7 @@ fn alike_in_any_batch(
     world: &World,
     prepared: &mut Prepared,
     case: &mut Case,
-    mesh: &Mesh,
+    mesh: &ProcessMesh,
 ) -> bool {
     case.tolerance = 1e-4;
     let planned = StreamedRun::new(case, mesh, 2.0);

@@ -6,9 +6,9 @@ use crate::support::dense::noise;
 use phasewarp::base::error::Error;
 use phasewarp::parallel::communicator::vote::Vote;
 use phasewarp::parallel::communicator::{Communicator, World};
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::propagate::interruption::Interruption;
-use phasewarp::solve::checkpoint::watch::{Standing, Times};
+use phasewarp::solve::checkpoint::watch::{CheckpointTimes, Standing};
 use phasewarp::solve::checkpoint::watch::{Verdict, Watch};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -172,7 +172,7 @@ struct Stage {
 
 impl Stage {
     /// How often the rank wrote a checkpoint, and how the stage ended.
-    fn run(&self, communicator: &Communicator, times: &Times) -> (usize, Verdict) {
+    fn run(&self, communicator: &Communicator, times: &CheckpointTimes) -> (usize, Verdict) {
         let mut watch = Watch::new(communicator, times.clone());
         watch.expect(|| 0);
         let (mut left, mut written) = (self.batches, 0);
@@ -200,17 +200,17 @@ impl Stage {
 pub fn verdicts(world: &World) {
     let size = world.group().size();
     for blocks in (1..=size).filter(|blocks| size.is_multiple_of(*blocks)) {
-        let mesh = Mesh { space: vec![blocks], groups: size / blocks };
+        let mesh = ProcessMesh { space: vec![blocks], groups: size / blocks };
         verdicts_on(world, &mesh);
     }
 }
 
-fn verdicts_on(world: &World, mesh: &Mesh) {
+fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     let all = world.group();
     let communicator = Communicator::new(world, mesh);
     let group = communicator.modes.rank();
     // How often was written, after a check that all ranks did as expected.
-    let written = |batches: usize, last: Standing, times: &Times, expected: Verdict| {
+    let written = |batches: usize, last: Standing, times: &CheckpointTimes, expected: Verdict| {
         let (written, end) = Stage { batches, last }.run(&communicator, times);
         assert_eq!(end, expected);
         assert!(all.same(written as u64));
@@ -218,17 +218,17 @@ fn verdicts_on(world: &World, mesh: &Mesh) {
     };
     // Ranks of different groups have different numbers of batches, the first none at all.
     let batches = 7 * group;
-    let never = Times::default();
+    let never = CheckpointTimes::default();
     assert_eq!(written(batches, Standing::Finished, &never, Verdict::Finished), 0);
     // The last group fails, after its batches.
     let fails = group + 1 == mesh.groups;
     let last = if fails { Standing::Failed } else { Standing::Finished };
     written(batches, last, &never, Verdict::Failed);
     // A checkpoint with each vote.
-    let always = Times { every: Some(Duration::ZERO), ..Times::default() };
+    let always = CheckpointTimes { every: Some(Duration::ZERO), ..CheckpointTimes::default() };
     assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
     // One rank is asked to stop.
-    let stop = Times::default();
+    let stop = CheckpointTimes::default();
     let asked = all.rank() + 1 == all.size();
     stop.stop.store(asked, Ordering::Relaxed);
     written(batches + 50, Standing::Finished, &stop, Verdict::StopAsTold);
@@ -238,9 +238,9 @@ fn verdicts_on(world: &World, mesh: &Mesh) {
         (30, 10_000, Verdict::StopInTime),
         (1_000_000, batches, Verdict::Finished),
     ] {
-        let times = Times {
+        let times = CheckpointTimes {
             wall: Some((Instant::now(), Duration::from_millis(milliseconds))),
-            ..Times::default()
+            ..CheckpointTimes::default()
         };
         written(batches, Standing::Finished, &times, expected);
     }

@@ -7,7 +7,7 @@ use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::balance::Batch;
 use phasewarp::problem::case::Case;
@@ -21,7 +21,7 @@ use std::ops::Range;
 #[derive(Clone)]
 pub struct StreamedRun<'a> {
     pub case: &'a Case,
-    pub mesh: &'a Mesh,
+    pub mesh: &'a ProcessMesh,
     /// The largest `‖u(0)‖/‖f(t)‖` that is planned for.
     pub ratio: f64,
     /// The fields of the case that it takes.
@@ -40,7 +40,7 @@ pub struct Streamed {
 
 impl<'a> StreamedRun<'a> {
     /// All fields, in the batches of the plan.
-    pub fn new(case: &'a Case, mesh: &'a Mesh, ratio: f64) -> Self {
+    pub fn new(case: &'a Case, mesh: &'a ProcessMesh, ratio: f64) -> Self {
         Self { case, mesh, ratio, fields: 0..case.fields.len(), batches: planned }
     }
 

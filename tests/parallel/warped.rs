@@ -11,7 +11,7 @@ use hdf5::File;
 use num_complex::Complex64;
 use phasewarp::base::error::Error;
 use phasewarp::parallel::communicator::{Communicator, Group, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::plan::Plan;
 use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
@@ -57,7 +57,7 @@ fn weight(cell: usize) -> f64 {
 }
 
 impl Rank {
-    fn new(world: &World, case: &Case, mesh: &Mesh) -> Self {
+    fn new(world: &World, case: &Case, mesh: &ProcessMesh) -> Self {
         let communicator = Communicator::new(world, mesh);
         let block = block_of(case, mesh, &communicator);
         let number = cell_numbers(&block);
@@ -141,7 +141,7 @@ struct WarpedField<'a> {
 }
 
 impl WarpedField<'_> {
-    fn write(&self, directory: &Path, mesh: &Mesh, world: &World) {
+    fn write(&self, directory: &Path, mesh: &ProcessMesh, world: &World) {
         let plan = Plan::new(self.case, &resources(world, mesh), 1.5).expect("a plan");
         let rows = self.rank.rows();
         let mut kept = self.rank.room(&self.modes);
@@ -369,7 +369,7 @@ fn refused_files(files: &Files<'_>) {
 
 /// Numbers are looked at when they are read: one that is none, a changed one.
 fn refused_contents(world: &World, files: &Files<'_>) {
-    let mesh = Mesh { space: vec![1], groups: files.group.size() };
+    let mesh = ProcessMesh { space: vec![1], groups: files.group.size() };
     let rank = Rank::new(world, &files.case, &mesh);
     let ones = Series::ones(2.0, 4);
     let modes = dealt(ones.modes(), mesh.groups);

@@ -9,7 +9,7 @@ use crate::support::dense::Dense;
 use phasewarp::matrix::observables::CellVolumes;
 use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::Mesh;
+use phasewarp::parallel::partition::ProcessMesh;
 
 /// Twins in which trapped particles leave some growth, between walls or around an axis.
 const TRAPPED: [&str; 3] =
@@ -83,7 +83,7 @@ fn certified_growth(twin: &Twin, weighted: &Weighted, highest: f64, name: &str) 
 
 /// Without weights the certificate is half the largest column sum: larger, where weights were
 /// needed.
-fn compared_with_none(world: &World, twin: &Twin, mesh: &Mesh, weighted: &Weighted) {
+fn compared_with_none(world: &World, twin: &Twin, mesh: &ProcessMesh, weighted: &Weighted) {
     let name = format!("{}, {mesh:?}", twin.name);
     let mut piece = Piece::assemble(world, twin, mesh);
     let space = &piece.communicator.space;

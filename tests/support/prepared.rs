@@ -2,7 +2,7 @@
 
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::parallel::communicator::{Communicator, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
@@ -17,7 +17,7 @@ pub use phasewarp::solve::prepared::Prepared;
 const WEIGHT_SWEEPS: usize = 100;
 
 /// The block of this rank on `mesh`.
-pub fn block_of(case: &Case, mesh: &Mesh, communicator: &Communicator) -> Block {
+pub fn block_of(case: &Case, mesh: &ProcessMesh, communicator: &Communicator) -> Block {
     Block::new(&case.space, mesh, communicator.space.rank())
 }
 
@@ -43,7 +43,7 @@ impl<'a> Parts<'a> {
 }
 
 /// As many ranks as there are, in the blocks of `mesh`.
-pub fn resources(world: &World, mesh: &Mesh) -> Resources {
+pub fn resources(world: &World, mesh: &ProcessMesh) -> Resources {
     Resources {
         ranks: world.group().size(),
         ranks_x: Some(mesh.space.clone()),
@@ -52,7 +52,7 @@ pub fn resources(world: &World, mesh: &Mesh) -> Resources {
 }
 
 /// A case made ready on `mesh`.
-pub fn prepare(world: &World, case: &Case, mesh: &Mesh) -> Prepared {
+pub fn prepare(world: &World, case: &Case, mesh: &ProcessMesh) -> Prepared {
     let bounds = Bounds::new(case).expect("V is finite");
     let plan = Plan::provisional(case, &bounds, &resources(world, mesh)).expect("a plan");
     assert_eq!(plan.layout.mesh, *mesh);

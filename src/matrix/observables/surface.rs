@@ -62,7 +62,7 @@ struct Sample {
 }
 
 /// An axis of the elements.
-struct Line {
+struct ElementAxis {
     nodes: Nodes,
     /// Ends of the domain of an element's polynomial in its reference element, `[−reach, reach]`.
     reach: f64,
@@ -73,7 +73,7 @@ struct Line {
     faces: Vec<f64>,
 }
 
-impl Line {
+impl ElementAxis {
     fn new(nodes: Nodes, is_velocity: bool, n: usize) -> Self {
         let (count, reference) = (nodes.count(), nodes.reference());
         let reach = if is_velocity { 1.0 + overlap(nodes.degree) } else { 1.0 };
@@ -142,7 +142,7 @@ fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
 struct Patch<'a> {
     element: &'a Element<'a>,
     space: &'a PhaseSpace,
-    lines: &'a [Line],
+    lines: &'a [ElementAxis],
     /// Coefficients of `φ`, and of each level set.
     phi: Vec<f64>,
     psi: Vec<Vec<f64>>,
@@ -159,8 +159,8 @@ pub fn for_each_zero(
     mut visit: impl FnMut(&Zero),
 ) {
     let n = space.dimension();
-    let lines: Vec<Line> =
-        space.axes().enumerate().map(|(a, axis)| Line::new(axis.nodes, a >= n, n)).collect();
+    let lines: Vec<ElementAxis> =
+        space.axes().enumerate().map(|(a, axis)| ElementAxis::new(axis.nodes, a >= n, n)).collect();
     let matrices: Vec<Vec<Vec<f64>>> = lines.iter().map(|l| l.to_bernstein.clone()).collect();
     for_each_element(space, share, |element| {
         let coefficients = |field: &[f64]| {

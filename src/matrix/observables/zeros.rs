@@ -11,7 +11,7 @@ use crate::matrix::observables::level_sets::{IDENTITY, Jacobian, determinant};
 use crate::problem::grid::MAX_DIMENSION;
 
 /// A point of the box; entries from the number of axes on are unused.
-pub type Point = [f64; MAX_DIMENSION];
+pub type BoxPoint = [f64; MAX_DIMENSION];
 
 /// Halvings of a box at most: of width 2^−26, where two zeros are one to half of the digits.
 const DEEPEST: i32 = 26;
@@ -68,8 +68,8 @@ pub fn has_one_sign(coefficients: &[f64]) -> bool {
 }
 
 /// A box of width `2^−level`, with the coefficients of each component on it.
-struct Part {
-    lower: Point,
+struct BoxPart {
+    lower: BoxPoint,
     level: i32,
     components: Vec<Vec<f64>>,
 }
@@ -77,9 +77,9 @@ struct Part {
 /// The zeros in the closed box, but for multiple ones. `components` are coefficients, the last of
 /// the axes fastest; `shape` is how many there are along each axis, of which there are as many as
 /// components.
-pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<Point> {
-    let mut found: Vec<Point> = Vec::new();
-    let mut open = vec![Part { lower: [0.0; MAX_DIMENSION], level: 0, components }];
+pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
+    let mut found: Vec<BoxPoint> = Vec::new();
+    let mut open = vec![BoxPart { lower: [0.0; MAX_DIMENSION], level: 0, components }];
     let mut boxes = 0;
     while let Some(part) = open.pop() {
         boxes += 1;
@@ -92,9 +92,9 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<Point> {
         if let Some(inverse) = contraction(&part.components, shape) {
             if let Some(local) = follow(&part.components, shape, &inverse) {
                 let width = f64::powi(0.5, part.level);
-                let zero: Point = std::array::from_fn(|b| part.lower[b] + width * local[b]);
+                let zero: BoxPoint = std::array::from_fn(|b| part.lower[b] + width * local[b]);
                 let apart =
-                    |other: &Point| (0..shape.len()).any(|b| (other[b] - zero[b]).abs() > SAME);
+                    |other: &BoxPoint| (0..shape.len()).any(|b| (other[b] - zero[b]).abs() > SAME);
                 if found.iter().all(apart) {
                     found.push(zero);
                 }
@@ -142,7 +142,7 @@ fn inverse(j: &Jacobian) -> Option<Jacobian> {
 
 /// The zero in the box, if there is one. Steps that leave the box are cut at its sides, which takes
 /// no step further away from a zero inside.
-fn follow(components: &[Vec<f64>], shape: &[usize], inverse: &Jacobian) -> Option<Point> {
+fn follow(components: &[Vec<f64>], shape: &[usize], inverse: &Jacobian) -> Option<BoxPoint> {
     let n = shape.len();
     let mut t = [0.5; MAX_DIMENSION];
     for _ in 0..STEPS {
@@ -172,8 +172,8 @@ fn derivative(coefficients: &[f64], shape: &[usize], axis: usize) -> Vec<f64> {
 }
 
 /// The `2^n` halves of a box.
-fn halves(part: Part, shape: &[usize]) -> Vec<Part> {
-    let mut parts = vec![Part { level: part.level + 1, ..part }];
+fn halves(part: BoxPart, shape: &[usize]) -> Vec<BoxPart> {
+    let mut parts = vec![BoxPart { level: part.level + 1, ..part }];
     for axis in 0..shape.len() {
         parts = parts
             .into_iter()
@@ -185,8 +185,8 @@ fn halves(part: Part, shape: &[usize]) -> Vec<Part> {
                 shifted[axis] += f64::powi(0.5, part.level);
                 let level = part.level;
                 [
-                    Part { lower: part.lower, level, components: lower },
-                    Part { lower: shifted, level, components: upper },
+                    BoxPart { lower: part.lower, level, components: lower },
+                    BoxPart { lower: shifted, level, components: upper },
                 ]
             })
             .collect();

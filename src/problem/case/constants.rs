@@ -37,13 +37,14 @@ pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
             return file.refuse(&key, message);
         }
     }
-    let mut search = Search { file, table: &table, known: Constants::new(), path: Vec::new() };
+    let mut search =
+        ConstantSearch { file, table: &table, known: Constants::new(), path: Vec::new() };
     table.keys().try_for_each(|name| search.find(name))?;
     Ok(search.known)
 }
 
 /// The walk over the constants that others need.
-struct Search<'s, 'f> {
+struct ConstantSearch<'s, 'f> {
     file: &'s CaseFile<'f>,
     table: &'s ConstantsTable,
     known: Constants,
@@ -51,7 +52,7 @@ struct Search<'s, 'f> {
     path: Vec<&'s str>,
 }
 
-impl<'s> Search<'s, '_> {
+impl<'s> ConstantSearch<'s, '_> {
     fn find(&mut self, name: &'s str) -> Result<()> {
         if self.known.contains_key(name) {
             return Ok(());

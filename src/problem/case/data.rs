@@ -65,7 +65,7 @@ pub enum Data {
 
 /// A function on phase space that obeys the Liouville equation.
 #[derive(Clone, Debug)]
-pub struct Field {
+pub struct LiouvilleField {
     /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
     pub name: &'static str,
     /// Values of the field at time zero.
@@ -74,7 +74,7 @@ pub struct Field {
     pub inflow: Inflow,
 }
 
-impl Field {
+impl LiouvilleField {
     /// The formula of the inflow.
     pub fn entering(&self) -> &Expression {
         match &self.inflow {
@@ -476,7 +476,7 @@ impl InitialTable {
         file: &CaseFile<'_>,
         n: usize,
         inflow: &InflowTable,
-    ) -> Result<(Data, Vec<Field>)> {
+    ) -> Result<(Data, Vec<LiouvilleField>)> {
         let keys = ["initial.f", "initial.density", "initial.velocity"];
         let given = |keys: &[&'static str]| keys.iter().copied().find(|key| file.has(key));
         for (key, is_given) in
@@ -500,7 +500,7 @@ impl InitialTable {
             (None, Some(table)) => table.unread(),
             (None, None) => required_formula(file, "initial.f", &self.f, &names)?,
         };
-        let field = Field { name: "f", initial, inflow: inflow.check(file, n, "0")? };
+        let field = LiouvilleField { name: "f", initial, inflow: inflow.check(file, n, "0")? };
         Ok((Data::Density, vec![field]))
     }
 
@@ -510,7 +510,7 @@ impl InitialTable {
         file: &CaseFile<'_>,
         n: usize,
         inflow: &InflowTable,
-    ) -> Result<(Data, Vec<Field>)> {
+    ) -> Result<(Data, Vec<LiouvilleField>)> {
         if self.f.is_some() {
             let message = "give either initial.f, or initial.density and initial.velocity";
             return file.refuse("initial.f", message);
@@ -524,7 +524,7 @@ impl InitialTable {
             let message = format!("{given} formulas given; a list of {n} expected, one an axis");
             return file.refuse(key, message);
         }
-        let mut fields = vec![Field {
+        let mut fields = vec![LiouvilleField {
             name: "phi",
             initial: density.clone(),
             inflow: inflow.check(file, n, "initial")?,
@@ -533,7 +533,7 @@ impl InitialTable {
         for (a, Formula(text)) in texts.iter().enumerate() {
             velocity.push(file.formula(key, text, &names)?);
             let level_set = format!("{} - ({text})", ["vx", "vy", "vz"][a]);
-            fields.push(Field {
+            fields.push(LiouvilleField {
                 name: ["psi_x", "psi_y", "psi_z"][a],
                 initial: file.formula(key, &level_set, &names_of_phase_space(n))?,
                 inflow: Inflow::Initial,

@@ -6,7 +6,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::{Entry, Mistake, integer, joined, number_of, written};
+use crate::problem::case::reader::{KeyValue, Mistake, integer, joined, number_of, written};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -132,7 +132,7 @@ impl<'t> CaseFile<'t> {
     /// # Errors
     /// [`Error::Input`] for an unknown key, a value of another type or a choice that there is not.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T> {
-        let root = Entry::new("", &self.root, &self.constants);
+        let root = KeyValue::new("", &self.root, &self.constants);
         T::deserialize(root).map_err(|mistake| self.report(mistake))
     }
 
@@ -141,7 +141,7 @@ impl<'t> CaseFile<'t> {
     /// # Errors
     /// As [`read`](Self::read).
     pub fn read_at<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>> {
-        let value = self.find(key).value.map(|value| Entry::new(key, value, &self.constants));
+        let value = self.find(key).value.map(|value| KeyValue::new(key, value, &self.constants));
         value.map(T::deserialize).transpose().map_err(|mistake| self.report(mistake))
     }
 

@@ -14,7 +14,7 @@ use std::cell::RefCell;
 
 /// What is expected at a key.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum Kind {
+pub enum ValueKind {
     /// Nobody asked.
     #[default]
     Unknown,
@@ -33,17 +33,17 @@ pub enum Kind {
     /// A number, a formula of constants, or one of these words.
     NumberOr(&'static [&'static str]),
     /// A list.
-    List(Box<Kind>),
+    List(Box<ValueKind>),
     /// A table with these keys.
-    Table(Vec<(&'static str, Kind)>),
+    Table(Vec<(&'static str, ValueKind)>),
     /// A table with these switches, or one switch for all of them.
-    Switches(Vec<(&'static str, Kind)>),
+    Switches(Vec<(&'static str, ValueKind)>),
     /// A table with keys of any name.
-    Names(Box<Kind>),
+    Names(Box<ValueKind>),
 }
 
 /// The keys of `T`.
-pub fn of<T: DeserializeOwned>() -> Kind {
+pub fn of<T: DeserializeOwned>() -> ValueKind {
     let kind = RefCell::default();
     // What is read stands for nothing.
     let read = T::deserialize(Question { answer: &kind });
@@ -55,11 +55,11 @@ pub fn of<T: DeserializeOwned>() -> Kind {
 #[derive(Clone, Copy)]
 struct Question<'a> {
     /// What it was asked for.
-    answer: &'a RefCell<Kind>,
+    answer: &'a RefCell<ValueKind>,
 }
 
 impl Question<'_> {
-    fn is(self, kind: Kind) {
+    fn is(self, kind: ValueKind) {
         self.answer.replace(kind);
     }
 }
@@ -72,22 +72,22 @@ impl<'de> Deserializer<'de> for Question<'_> {
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(Kind::Number);
+        self.is(ValueKind::Number);
         visitor.visit_f64(1.0)
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(Kind::Whole);
+        self.is(ValueKind::Whole);
         visitor.visit_i64(1)
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(Kind::Switch);
+        self.is(ValueKind::Switch);
         visitor.visit_bool(true)
     }
 
     fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(Kind::Text);
+        self.is(ValueKind::Text);
         visitor.visit_str("")
     }
 
@@ -100,15 +100,15 @@ impl<'de> Deserializer<'de> for Question<'_> {
         _: &'static str,
         visitor: V,
     ) -> Result<V::Value, Mistake> {
-        self.is(Kind::Formula);
+        self.is(ValueKind::Formula);
         let text: StringDeserializer<Mistake> = "1".to_owned().into_deserializer();
         visitor.visit_newtype_struct(text)
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let item = RefCell::default();
-        let read = visitor.visit_seq(Parts { answer: &item, left: 1 })?;
-        self.is(Kind::List(Box::new(item.into_inner())));
+        let read = visitor.visit_seq(ListParts { answer: &item, left: 1 })?;
+        self.is(ValueKind::List(Box::new(item.into_inner())));
         Ok(read)
     }
 
@@ -126,7 +126,7 @@ impl<'de> Deserializer<'de> for Question<'_> {
         let found = RefCell::default();
         let read = visitor.visit_map(Entries { names: &["name"], found: &found, at: 0 })?;
         let value = found.into_inner().pop().map(|(_, kind)| kind);
-        self.is(Kind::Names(Box::new(value.unwrap_or_default())));
+        self.is(ValueKind::Names(Box::new(value.unwrap_or_default())));
         Ok(read)
     }
 
@@ -139,7 +139,11 @@ impl<'de> Deserializer<'de> for Question<'_> {
         let found = RefCell::default();
         let read = visitor.visit_map(Entries { names: known, found: &found, at: 0 })?;
         let found = found.into_inner();
-        self.is(if name == "Allowed" { Kind::Switches(found) } else { Kind::Table(found) });
+        self.is(if name == "Allowed" {
+            ValueKind::Switches(found)
+        } else {
+            ValueKind::Table(found)
+        });
         Ok(read)
     }
 
@@ -150,10 +154,10 @@ impl<'de> Deserializer<'de> for Question<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         if name == NUMBER_OR {
-            self.is(Kind::NumberOr(words));
+            self.is(ValueKind::NumberOr(words));
             return visitor.visit_f64(1.0);
         }
-        self.is(Kind::Word(words));
+        self.is(ValueKind::Word(words));
         visitor.visit_enum(StrDeserializer::new(words[0]))
     }
 
@@ -164,12 +168,12 @@ impl<'de> Deserializer<'de> for Question<'_> {
 }
 
 /// The parts of a list.
-struct Parts<'a> {
-    answer: &'a RefCell<Kind>,
+struct ListParts<'a> {
+    answer: &'a RefCell<ValueKind>,
     left: usize,
 }
 
-impl<'de> SeqAccess<'de> for Parts<'_> {
+impl<'de> SeqAccess<'de> for ListParts<'_> {
     type Error = Mistake;
 
     fn next_element_seed<T: DeserializeSeed<'de>>(
@@ -187,7 +191,7 @@ impl<'de> SeqAccess<'de> for Parts<'_> {
 /// The entries of a table: every key that it knows.
 struct Entries<'a> {
     names: &'static [&'static str],
-    found: &'a RefCell<Vec<(&'static str, Kind)>>,
+    found: &'a RefCell<Vec<(&'static str, ValueKind)>>,
     at: usize,
 }
 
@@ -216,14 +220,14 @@ mod tests {
     use super::*;
 
     /// Every kind by its key, `N` for the numbers of lists.
-    fn flat(path: &str, kind: &Kind, found: &mut Vec<(String, Kind)>) {
+    fn flat(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
         match kind {
-            Kind::Table(entries) | Kind::Switches(entries) => {
+            ValueKind::Table(entries) | ValueKind::Switches(entries) => {
                 for (name, kind) in entries {
                     flat(&format!("{path}.{name}"), kind, found);
                 }
             }
-            Kind::List(item) => flat(&format!("{path}.N"), item, found),
+            ValueKind::List(item) => flat(&format!("{path}.N"), item, found),
             other => found.push((path.trim_start_matches('.').to_owned(), other.clone())),
         }
     }
@@ -233,15 +237,15 @@ mod tests {
         let mut found = Vec::new();
         flat("", &crate::problem::case::keys(), &mut found);
         assert!(found.len() > 60, "{found:?}");
-        assert!(found.iter().all(|(_, kind)| *kind != Kind::Unknown), "{found:?}");
+        assert!(found.iter().all(|(_, kind)| *kind != ValueKind::Unknown), "{found:?}");
         let is = |key: &str| &found.iter().find(|(name, _)| name == key).expect(key).1;
-        assert_eq!(*is("time.end"), Kind::Number);
-        assert_eq!(*is("axis.N.x.cells"), Kind::Whole);
-        assert_eq!(*is("potential.N.value"), Kind::Formula);
-        assert_eq!(*is("solver.method"), Kind::Word(&["schrodingerized", "classical"]));
-        assert_eq!(*is("solver.warp.delta"), Kind::NumberOr(&["max"]));
-        assert_eq!(*is("solver.warp.alpha"), Kind::Formula);
-        assert_eq!(*is("output.field_times.N"), Kind::Number);
-        assert_eq!(*is("solver.reduce.axes"), Kind::Switch);
+        assert_eq!(*is("time.end"), ValueKind::Number);
+        assert_eq!(*is("axis.N.x.cells"), ValueKind::Whole);
+        assert_eq!(*is("potential.N.value"), ValueKind::Formula);
+        assert_eq!(*is("solver.method"), ValueKind::Word(&["schrodingerized", "classical"]));
+        assert_eq!(*is("solver.warp.delta"), ValueKind::NumberOr(&["max"]));
+        assert_eq!(*is("solver.warp.alpha"), ValueKind::Formula);
+        assert_eq!(*is("output.field_times.N"), ValueKind::Number);
+        assert_eq!(*is("solver.reduce.axes"), ValueKind::Switch);
     }
 }

@@ -109,7 +109,7 @@ pub fn joined(path: &str, name: &str) -> String {
 
 /// A value with its key.
 #[derive(Clone, Debug)]
-pub struct Entry<'t> {
+pub struct KeyValue<'t> {
     key: String,
     value: &'t DeValue<'t>,
     /// Constants that a formula in the place of a number may name.
@@ -124,7 +124,7 @@ pub fn number_of(text: &str, constants: &Constants) -> Result<f64, String> {
     Expression::parse(text, &[], constants).map(|formula| formula.eval(&[]))
 }
 
-impl<'t> Entry<'t> {
+impl<'t> KeyValue<'t> {
     /// The value of `key`; that of none is the whole file.
     pub fn new(key: &str, value: &'t DeValue<'t>, constants: &'t Constants) -> Self {
         Self { key: key.to_owned(), value, constants }
@@ -132,7 +132,7 @@ impl<'t> Entry<'t> {
 
     /// What is in a table, or the parts of a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
-        Entry { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
+        KeyValue { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
     }
 
     /// The mistake that this is not what is expected.
@@ -167,7 +167,7 @@ impl<'t> Entry<'t> {
     }
 }
 
-impl<'de> IntoDeserializer<'de, Mistake> for Entry<'de> {
+impl<'de> IntoDeserializer<'de, Mistake> for KeyValue<'de> {
     type Deserializer = Self;
 
     fn into_deserializer(self) -> Self {
@@ -175,7 +175,7 @@ impl<'de> IntoDeserializer<'de, Mistake> for Entry<'de> {
     }
 }
 
-impl<'de> Deserializer<'de> for Entry<'de> {
+impl<'de> Deserializer<'de> for KeyValue<'de> {
     type Error = Mistake;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {

@@ -14,18 +14,18 @@ const MOST_READ: usize = 256;
 /// `[readout]`: what is measured of the result on a quantum computer (see
 /// [`crate::quantum::readout`]).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Readout {
+pub struct ReadoutSettings {
     /// Space cells, along each axis from 0.
     pub cells: Vec<Vec<usize>>,
     /// How long it is measured.
-    pub effort: Effort,
+    pub effort: MeasurementEffort,
     /// `seed` of the random numbers.
     pub seed: u64,
 }
 
 /// How long an observable is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Effort {
+pub enum MeasurementEffort {
     /// So long.
     Given {
         /// Shots of a Hadamard test.
@@ -57,17 +57,17 @@ impl Default for ReadoutTable {
 
 impl ReadoutTable {
     /// What is measured on the grid `space`.
-    pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Readout> {
-        Ok(Readout {
+    pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<ReadoutSettings> {
+        Ok(ReadoutSettings {
             cells: self.cells(file, space)?,
             effort: self.effort(file)?,
             seed: file.count("readout.seed", self.seed, 0)? as u64,
         })
     }
 
-    fn effort(&self, file: &CaseFile<'_>) -> Result<Effort> {
+    fn effort(&self, file: &CaseFile<'_>) -> Result<MeasurementEffort> {
         let Some(accuracy) = self.accuracy else {
-            return Ok(Effort::Given {
+            return Ok(MeasurementEffort::Given {
                 shots: self.shots(file)?,
                 evaluations: self.evaluations(file)?,
             });
@@ -81,7 +81,7 @@ impl ReadoutTable {
         file.within("readout.accuracy", accuracy, least..=MOST, || {
             format!("must be above 0, between {least:e} and {MOST:e}")
         })
-        .map(Effort::Accuracy)
+        .map(MeasurementEffort::Accuracy)
     }
 
     fn shots(&self, file: &CaseFile<'_>) -> Result<u64> {

@@ -144,13 +144,13 @@ pub struct SchemeTable {
     /// `degree`: of every axis that gives none of its own.
     pub degree: i64,
     flux: Option<f64>,
-    pub ends: Ends,
+    pub ends: EndFlux,
 }
 
 /// The flux at the ends of the box, in space and in velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ends {
+pub enum EndFlux {
     /// Upwind: what leaves is lost, what is outside enters.
     #[default]
     Open,

@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::problem::case::alpha::Alpha;
-use crate::problem::case::data::Field;
+use crate::problem::case::data::LiouvilleField;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, List, NumberOr, Words};
 use crate::problem::limits::{BETAS, CS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER, SIGMAS};
@@ -167,9 +167,9 @@ impl Warp {
     }
 
     /// Refuses embeddings that several fields cannot share: there is one matrix for all.
-    pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[Field]) -> Result<()> {
+    pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[LiouvilleField]) -> Result<()> {
         let key = "solver.warp.inflow";
-        if fields.len() > 1 && fields.iter().any(Field::varies) {
+        if fields.len() > 1 && fields.iter().any(LiouvilleField::varies) {
             return file.refuse(
                 key,
                 "what enters may depend on t where initial.f is given; the unknowns of \
@@ -205,7 +205,7 @@ pub struct WarpTable {
     points: Option<i64>,
     recovery: Option<f64>,
     recovery_method: RecoveryMethod,
-    weights: Weights,
+    weights: WeightsKey,
     inflow: Embedding,
     delta: Option<NumberOr<DeltaWord>>,
     shift: Option<NumberOr<ShiftWord>>,
@@ -228,7 +228,7 @@ enum ProfileName {
 /// `solver.warp.weights`.
 #[derive(Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Weights {
+enum WeightsKey {
     #[default]
     Dissipative,
     None,
@@ -267,7 +267,7 @@ impl WarpTable {
             points: self.points(file)?,
             recovery: self.recovery(file, interval)?,
             recovery_method: self.recovery_method,
-            weights: self.weights == Weights::Dissipative,
+            weights: self.weights == WeightsKey::Dissipative,
             inflow: self.inflow,
             delta: self.delta(file)?,
             shift: self.shift(file, time)?,

@@ -49,7 +49,7 @@ const GAP: f64 = 1e-6;
 
 /// The multivalued velocity in one dimension: points along the branches.
 #[derive(Clone, Debug, Default)]
-pub struct Curve {
+pub struct MultivaluedVelocity {
     /// Position.
     pub x: Vec<f64>,
     /// Velocity.
@@ -70,12 +70,12 @@ pub struct ExactMoments {
     /// `u_a`, one vector an axis; NaN where there is nothing.
     pub velocity: Vec<Vec<f64>>,
     /// The multivalued velocity, in one dimension.
-    pub curve: Option<Curve>,
+    pub curve: Option<MultivaluedVelocity>,
 }
 
 /// A sheet of the initial surface.
 #[derive(Clone, Copy)]
-enum Sheet {
+enum InitialSheet {
     /// `(x, w(x))` at time zero.
     Initial,
     /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis`
@@ -86,7 +86,7 @@ enum Sheet {
 
 /// A box of parameters: centre and half-widths.
 #[derive(Clone, Copy)]
-struct Piece {
+struct ParameterBox {
     centre: [f64; MAX_DIMENSION],
     half: [f64; MAX_DIMENSION],
     /// Halvings along each axis.
@@ -109,7 +109,7 @@ impl Image {
 }
 
 /// The image of a box whose corners all went the centre's way.
-struct Shape {
+struct ImageShape {
     /// Mean of the corners.
     middle: [f64; 6],
     /// `secants[a]`: from the lower to the upper side along axis `a`.
@@ -121,7 +121,7 @@ struct Shape {
     change: f64,
 }
 
-impl Shape {
+impl ImageShape {
     fn new(n: usize, centre: &Image, corners: &[Image]) -> Self {
         let share = 1.0 / corners.len() as f64;
         let mut middle = [0.0; 6];
@@ -166,7 +166,7 @@ struct Sheets<'a> {
     faces: Vec<Vec<f64>>,
     mass: Vec<f64>,
     momentum: Vec<Vec<f64>>,
-    curve: Curve,
+    curve: MultivaluedVelocity,
     /// History and end of the last piece on the curve.
     last: Option<(u64, [f64; 6])>,
     budget: usize,
@@ -191,17 +191,17 @@ pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
         faces: case.space.x.iter().map(Axis::cell_faces).collect(),
         mass: vec![0.0; cells],
         momentum: vec![vec![0.0; cells]; n],
-        curve: Curve::default(),
+        curve: MultivaluedVelocity::default(),
         last: None,
         budget: BUDGET[n - 1],
         failure: None,
     };
     let ends = |upper: bool| {
         let open = (0..n).filter(|&axis| !case.space.is_periodic(axis));
-        open.map(move |axis| Sheet::Entering { axis, upper })
+        open.map(move |axis| InitialSheet::Entering { axis, upper })
     };
     // In one dimension in the order of x.
-    for sheet in ends(false).chain([Sheet::Initial]).chain(ends(true)) {
+    for sheet in ends(false).chain([InitialSheet::Initial]).chain(ends(true)) {
         sheets.cover(sheet);
     }
     sheets.finish().map(Some)
@@ -232,21 +232,21 @@ pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {
         return 0;
     }
-    let sheets = [Sheet::Initial, Sheet::Entering { axis: 0, upper: false }];
+    let sheets = [InitialSheet::Initial, InitialSheet::Entering { axis: 0, upper: false }];
     let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0].len());
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
 }
 
 /// The first boxes of a sheet: their numbers and widths along each axis.
-fn grid(case: &Case, sheet: Sheet) -> (Vec<Range<usize>>, Vec<f64>) {
+fn grid(case: &Case, sheet: InitialSheet) -> (Vec<Range<usize>>, Vec<f64>) {
     let axes = &case.space.x;
     let boxes = BOXES[axes.len() - 1];
     // So many in each element.
     let boxes = |a: &Axis| boxes * a.nodes.count();
     let mut ranges: Vec<_> = axes.iter().map(|a| 0..a.elements() * boxes(a)).collect();
     let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
-    if let Sheet::Entering { axis, .. } = sheet {
+    if let InitialSheet::Entering { axis, .. } = sheet {
         // As many times as the fastest particles cross boxes until the end.
         let v = &case.space.v[axis];
         let fastest = v.lower.abs().max(v.upper.abs());
@@ -263,12 +263,12 @@ impl Sheets<'_> {
     }
 
     /// Cuts a sheet into pieces and follows them.
-    fn cover(&mut self, sheet: Sheet) {
+    fn cover(&mut self, sheet: InitialSheet) {
         let n = self.space().dimension();
         let boxes = BOXES[n - 1];
         let (ranges, width) = grid(self.case, sheet);
         for_each_cell(&ranges, |k| {
-            let mut piece = Piece {
+            let mut piece = ParameterBox {
                 centre: [0.0; MAX_DIMENSION],
                 half: [0.0; MAX_DIMENSION],
                 depth: [0; MAX_DIMENSION],
@@ -277,7 +277,7 @@ impl Sheets<'_> {
                 let middle = (k[a] as f64 + 0.5) * width[a];
                 piece.half[a] = 0.5 * width[a];
                 piece.centre[a] = match sheet {
-                    Sheet::Entering { axis, .. } if axis == a => middle,
+                    InitialSheet::Entering { axis, .. } if axis == a => middle,
                     // Counted from the cell's own face, so that sides on faces are there to
                     // round-off.
                     _ => {
@@ -306,12 +306,12 @@ impl Sheets<'_> {
 
     /// Follows the particle with parameters `q`. What starts outside of the velocity box, or does
     /// not go inwards where it should enter, is not there.
-    fn image(&mut self, sheet: Sheet, q: &[f64; MAX_DIMENSION]) -> Image {
+    fn image(&mut self, sheet: InitialSheet, q: &[f64; MAX_DIMENSION]) -> Image {
         let n = self.space().dimension();
         let mut point = [0.0; 6];
         point[..n].copy_from_slice(&q[..n]);
         let mut time = self.case.end;
-        if let Sheet::Entering { axis, upper } = sheet {
+        if let InitialSheet::Entering { axis, upper } = sheet {
             let x = &self.space().x[axis];
             point[axis] = if upper { x.upper } else { x.lower };
             time = if upper { time - q[axis] } else { q[axis] };
@@ -323,8 +323,8 @@ impl Sheets<'_> {
         }
         let phi = &self.case.fields[0];
         let density = match sheet {
-            Sheet::Initial => self.value(&phi.initial, &point, start),
-            Sheet::Entering { axis, upper } => {
+            InitialSheet::Initial => self.value(&phi.initial, &point, start),
+            InitialSheet::Entering { axis, upper } => {
                 let inwards = if upper { -point[3 + axis] } else { point[3 + axis] };
                 if inwards > 0.0 {
                     inwards * self.value(phi.entering(), &point, start)
@@ -347,7 +347,7 @@ impl Sheets<'_> {
     }
 
     /// Follows a piece, or its halves.
-    fn follow(&mut self, sheet: Sheet, piece: Piece) {
+    fn follow(&mut self, sheet: InitialSheet, piece: ParameterBox) {
         let n = self.space().dimension();
         let centre = self.image(sheet, &piece.centre);
         // Corner c is at the upper end of axis a where bit a of c is set.
@@ -364,7 +364,7 @@ impl Sheets<'_> {
         let corners = &*corners;
         let whole = corners.iter().all(|c| c.same(&centre));
         let stays = centre.followed.left.is_none();
-        let shape = (whole && stays).then(|| Shape::new(n, &centre, corners));
+        let shape = (whole && stays).then(|| ImageShape::new(n, &centre, corners));
         let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));
@@ -384,7 +384,7 @@ impl Sheets<'_> {
     }
 
     /// Whether an image bends by more than a part of a cell.
-    fn bent(&self, shape: &Shape) -> bool {
+    fn bent(&self, shape: &ImageShape) -> bool {
         let mut axes = self.space().x.iter().zip(&shape.bend);
         axes.any(|(axis, bend)| bend.abs() > BENDING * mean_width(axis))
     }
@@ -393,10 +393,10 @@ impl Sheets<'_> {
     /// or its image or its density is not linear.
     fn axis_to_halve(
         &self,
-        piece: &Piece,
+        piece: &ParameterBox,
         centre: &Image,
         corners: &[Image],
-        shape: Option<&Shape>,
+        shape: Option<&ImageShape>,
     ) -> Option<usize> {
         let n = self.space().dimension();
         let edges = |a: usize| {
@@ -420,7 +420,13 @@ impl Sheets<'_> {
     }
 
     /// Adds a piece to the mass, and in one dimension to the curve.
-    fn add(&mut self, piece: &Piece, centre: &Image, corners: &[Image], shape: Option<&Shape>) {
+    fn add(
+        &mut self,
+        piece: &ParameterBox,
+        centre: &Image,
+        corners: &[Image],
+        shape: Option<&ImageShape>,
+    ) {
         let n = self.space().dimension();
         let volume: f64 = (0..n).map(|a| 2.0 * piece.half[a]).product();
         let Some(shape) = shape else {

@@ -1,7 +1,7 @@
 //! Reads the text of a formula by recursive descent.
 
 use crate::problem::formula::tree::{
-    Binary, COMPARISONS, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, Node, OPERATORS, POWER, compare,
+    Binary, COMPARISONS, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, OPERATORS, POWER, compare,
 };
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -19,7 +19,11 @@ pub type Constants = BTreeMap<String, f64>;
 ///
 /// # Errors
 /// A sentence that says what is wrong and at which character.
-pub(super) fn parse(text: &str, names: &[&[&str]], constants: &Constants) -> Result<Node, String> {
+pub(super) fn parse(
+    text: &str,
+    names: &[&[&str]],
+    constants: &Constants,
+) -> Result<FormulaNode, String> {
     if text.len() > LONGEST {
         let length = text.len();
         return Err(format!("the formula has {length} characters; at most {LONGEST} are read"));
@@ -164,7 +168,10 @@ impl<'a> Parser<'a> {
     }
 
     /// What `read` reads, one level of nesting deeper.
-    fn nested(&mut self, read: fn(&mut Self) -> Result<Node, String>) -> Result<Node, String> {
+    fn nested(
+        &mut self,
+        read: fn(&mut Self) -> Result<FormulaNode, String>,
+    ) -> Result<FormulaNode, String> {
         self.depth += 1;
         if self.depth > DEEPEST {
             return Err(format!("nested deeper than {DEEPEST}"));
@@ -175,17 +182,17 @@ impl<'a> Parser<'a> {
     }
 
     /// A whole formula, or one in parentheses.
-    fn expression(&mut self) -> Result<Node, String> {
+    fn expression(&mut self) -> Result<FormulaNode, String> {
         self.nested(|parser| parser.chain(0))
     }
 
     /// `tighter (operator tighter)*` with the operators of `level`.
-    fn chain(&mut self, level: usize) -> Result<Node, String> {
+    fn chain(&mut self, level: usize) -> Result<FormulaNode, String> {
         let Some(operators) = OPERATORS.get(level) else {
             return self.nested(Self::operand);
         };
         let mut first = self.chain(level + 1)?;
-        let mut rest: Vec<(Binary, Node)> = Vec::new();
+        let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
         while let Some(Token { text, at }) = self.peek()
             && let Some((_, operator)) = operators.iter().find(|(name, _)| *name == text)
@@ -198,29 +205,29 @@ impl<'a> Parser<'a> {
             compared = level == COMPARISONS;
             self.position += 1;
             match (&first, self.chain(level + 1)?) {
-                (Node::Number(a), Node::Number(b)) if rest.is_empty() => {
-                    first = Node::Number((operator.of)(*a, b));
+                (FormulaNode::Number(a), FormulaNode::Number(b)) if rest.is_empty() => {
+                    first = FormulaNode::Number((operator.of)(*a, b));
                 }
                 (_, right) => rest.push((*operator, right)),
             }
         }
         Ok(match rest.is_empty() {
             true => first,
-            false => Node::Chain(Box::new(first), rest),
+            false => FormulaNode::Chain(Box::new(first), rest),
         })
     }
 
     /// `sign* primary (^ operand)?`
-    fn operand(&mut self) -> Result<Node, String> {
+    fn operand(&mut self) -> Result<FormulaNode, String> {
         if self.accept("+") {
             return self.nested(Self::operand);
         }
         if self.accept("-") {
-            return Ok(Node::function(|a| -a, self.nested(Self::operand)?));
+            return Ok(FormulaNode::function(|a| -a, self.nested(Self::operand)?));
         }
         if self.accept("!") {
             let not = |a| compare(a, a, |a, _| a == 0.0);
-            return Ok(Node::function(not, self.nested(Self::operand)?));
+            return Ok(FormulaNode::function(not, self.nested(Self::operand)?));
         }
         let base = self.primary()?;
         if self.accept("^") || self.accept("**") {
@@ -230,7 +237,7 @@ impl<'a> Parser<'a> {
     }
 
     /// A number, a coordinate, a function of something, or anything in parentheses.
-    fn primary(&mut self) -> Result<Node, String> {
+    fn primary(&mut self) -> Result<FormulaNode, String> {
         let Some(Token { text, at }) = self.peek() else {
             return Err("it ends where a number, a name or \"(\" is expected".into());
         };
@@ -244,7 +251,7 @@ impl<'a> Parser<'a> {
             self.expect("(")?;
             let argument = self.expression()?;
             self.expect(")")?;
-            return Ok(Node::function(*function, argument));
+            return Ok(FormulaNode::function(*function, argument));
         }
         if let Some((_, function)) = FUNCTIONS_OF_TWO.iter().find(|(name, _)| *name == text) {
             self.expect("(")?;
@@ -257,16 +264,16 @@ impl<'a> Parser<'a> {
         if number_length(text) > 0
             && let Ok(number) = text.parse()
         {
-            return Ok(Node::Number(number));
+            return Ok(FormulaNode::Number(number));
         }
         if text == "pi" {
-            return Ok(Node::Number(PI));
+            return Ok(FormulaNode::Number(PI));
         }
         if let Some(position) = self.names.iter().position(|names| names.contains(&text)) {
-            return Ok(Node::Coordinate(position));
+            return Ok(FormulaNode::Coordinate(position));
         }
         if let Some(value) = self.constants.get(text) {
-            return Ok(Node::Number(*value));
+            return Ok(FormulaNode::Number(*value));
         }
         if text == "not" {
             return Err(format!("unexpected \"{text}\" at character {at}{}", instead(text)));

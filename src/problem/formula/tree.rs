@@ -6,7 +6,7 @@ use std::sync::Arc;
 /// Points at which a formula is evaluated together.
 pub(super) const LANES: usize = 16;
 /// A number for each of them.
-pub(super) type Lanes = [f64; LANES];
+pub(super) type FormulaLanes = [f64; LANES];
 /// Coordinates of a point of phase space, and time.
 pub(super) const COORDINATES: usize = 7;
 
@@ -19,7 +19,7 @@ pub(super) struct Binary {
     /// The value of a pair of numbers.
     pub(super) of: fn(f64, f64) -> f64,
     /// The values of many pairs, into the left ones: the same bits as one pair at a time.
-    each: fn(&mut Lanes, &Lanes),
+    each: fn(&mut FormulaLanes, &FormulaLanes),
 }
 
 /// The [`Binary`] of a closure or a function.
@@ -31,7 +31,7 @@ macro_rules! binary {
 
 /// `left ← of(left, right)`, lane by lane.
 #[inline(always)]
-fn each_of(of: impl Fn(f64, f64) -> f64, left: &mut Lanes, right: &Lanes) {
+fn each_of(of: impl Fn(f64, f64) -> f64, left: &mut FormulaLanes, right: &FormulaLanes) {
     for (a, b) in left.iter_mut().zip(right) {
         *a = of(*a, *b);
     }
@@ -123,7 +123,7 @@ fn power(a: f64, b: f64) -> f64 {
 }
 
 /// [`power`] of many pairs; squares, which are most powers, without a choice for each.
-fn powers(left: &mut Lanes, right: &Lanes) {
+fn powers(left: &mut FormulaLanes, right: &FormulaLanes) {
     if right.iter().all(|b| *b == 2.0) {
         each_of(|a, _| a * a, left, right);
     } else {
@@ -138,23 +138,23 @@ pub(super) const TIMES: Binary = binary!(|a, b| a * b);
 
 /// A formula as a tree. Operations on numbers alone are carried out when it is built.
 #[derive(Clone, Debug)]
-pub(super) enum Node {
+pub(super) enum FormulaNode {
     Number(f64),
     /// The coordinate at this position.
     Coordinate(usize),
-    Function(Unary, Box<Node>),
+    Function(Unary, Box<FormulaNode>),
     /// The values of a file.
     Table(Arc<Table>),
     /// Those of a file that was not read, at these coordinates at most: undefined everywhere.
     Unread(Vec<usize>),
     /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is
     /// that of the text.
-    Chain(Box<Node>, Vec<(Binary, Node)>),
+    Chain(Box<FormulaNode>, Vec<(Binary, FormulaNode)>),
 }
 
-impl Node {
+impl FormulaNode {
     /// `function(argument)`
-    pub(super) fn function(function: Unary, argument: Node) -> Self {
+    pub(super) fn function(function: Unary, argument: FormulaNode) -> Self {
         match argument {
             Self::Number(a) => Self::Number(function(a)),
             _ => Self::Function(function, Box::new(argument)),
@@ -162,7 +162,7 @@ impl Node {
     }
 
     /// `self operator right`
-    pub(super) fn then(self, operator: Binary, right: Node) -> Self {
+    pub(super) fn then(self, operator: Binary, right: FormulaNode) -> Self {
         match (self, right) {
             (Self::Number(a), Self::Number(b)) => Self::Number((operator.of)(a, b)),
             (left, right) => Self::Chain(Box::new(left), vec![(operator, right)]),
@@ -184,7 +184,11 @@ impl Node {
     }
 
     /// The values at many points, coordinate by coordinate.
-    pub(super) fn eval_each(&self, coordinates: &[Lanes; COORDINATES], values: &mut Lanes) {
+    pub(super) fn eval_each(
+        &self,
+        coordinates: &[FormulaLanes; COORDINATES],
+        values: &mut FormulaLanes,
+    ) {
         match self {
             Self::Number(value) => values.fill(*value),
             Self::Coordinate(position) => *values = coordinates[*position],

@@ -18,12 +18,12 @@ pub struct Axis {
     /// The nodes of an element.
     pub nodes: Nodes,
     /// What it is of the axis that the case gives.
-    pub part: Part,
+    pub part: AxisPart,
 }
 
 /// What an axis is of the one that the case gives (see [`crate::scheme::reduce`]).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum Part {
+pub enum AxisPart {
     /// All of it.
     #[default]
     Whole,
@@ -48,7 +48,7 @@ pub enum Part {
 impl Axis {
     /// The whole axis `[lower, upper]` with cells of degree 0.
     pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
-        Self { lower, upper, cells, nodes: Nodes::default(), part: Part::Whole }
+        Self { lower, upper, cells, nodes: Nodes::default(), part: AxisPart::Whole }
     }
 
     /// The same axis with these nodes in each element.
@@ -65,9 +65,9 @@ impl Axis {
     pub fn whole(&self) -> Self {
         let new = |ends: [f64; 2], of, nodes| Self::new(ends[0], ends[1], of).with_nodes(nodes);
         match self.part {
-            Part::Whole => self.clone(),
-            Part::Window { ends, of, .. } => new(ends, of, self.nodes),
-            Part::Merged { of, nodes } => new([self.lower, self.upper], of, nodes),
+            AxisPart::Whole => self.clone(),
+            AxisPart::Window { ends, of, .. } => new(ends, of, self.nodes),
+            AxisPart::Merged { of, nodes } => new([self.lower, self.upper], of, nodes),
         }
     }
 
@@ -78,7 +78,7 @@ impl Axis {
             upper: self.face(range.end as i64),
             cells: range.len() * self.nodes.count(),
             nodes: self.nodes,
-            part: Part::Window {
+            part: AxisPart::Window {
                 ends: [self.lower, self.upper],
                 of: self.elements(),
                 first: range.start,
@@ -91,7 +91,7 @@ impl Axis {
         Self {
             cells: 1,
             nodes: Nodes::default(),
-            part: Part::Merged { of: self.elements(), nodes: self.nodes },
+            part: AxisPart::Merged { of: self.elements(), nodes: self.nodes },
             ..self.clone()
         }
     }
@@ -110,7 +110,7 @@ impl Axis {
     /// Of a cell that stands for others the mean of `v²` over them: the square of its own centre
     /// says less.
     pub fn mean_square(&self) -> Option<f64> {
-        let Part::Merged { .. } = self.part else {
+        let AxisPart::Merged { .. } = self.part else {
             return None;
         };
         let whole = self.whole();
@@ -125,7 +125,7 @@ impl Axis {
     /// Number of the first element on the whole axis.
     fn first(&self) -> i64 {
         match self.part {
-            Part::Window { first, .. } => first as i64,
+            AxisPart::Window { first, .. } => first as i64,
             _ => 0,
         }
     }
@@ -137,7 +137,7 @@ impl Axis {
 
     /// Whether element `e` of the whole axis was left out because it holds nothing.
     pub fn leaves_out(&self, e: i64) -> bool {
-        let Part::Window { of, .. } = self.part else {
+        let AxisPart::Window { of, .. } = self.part else {
             return false;
         };
         let whole = (0..of as i64).contains(&(e + self.first()));
@@ -147,7 +147,7 @@ impl Axis {
     /// Ends and number of elements of the axis that this is a window of.
     fn extent(&self) -> (f64, f64, usize) {
         match self.part {
-            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
+            AxisPart::Window { ends, of, .. } => (ends[0], ends[1], of),
             _ => (self.lower, self.upper, self.elements()),
         }
     }

@@ -24,7 +24,7 @@ pub(super) fn region<'r>(
 
 /// What gives `V` in an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Piece {
+pub(super) struct PotentialPiece {
     /// The region.
     pub(super) region: usize,
     /// Its value all over the element, where it is a table that is constant around its points.
@@ -35,10 +35,10 @@ pub(super) struct Piece {
 pub(super) fn piece<'r>(
     regions: &'r [Region],
     centre: &[f64; 6],
-) -> std::result::Result<Piece, &'r Expression> {
+) -> std::result::Result<PotentialPiece, &'r Expression> {
     let region = region(regions, centre)?;
     let value = &regions[region].value;
-    Ok(Piece { region, level: value.is_stepped().then(|| value.eval(centre)) })
+    Ok(PotentialPiece { region, level: value.is_stepped().then(|| value.eval(centre)) })
 }
 
 /// Whether `V` is of one piece all over the grid.

@@ -149,7 +149,7 @@ fn uniform_sums_of_any_number() {
 }
 
 /// A grid, its jumps of `V` by face, and how finely levels are divided.
-struct Grid {
+struct JumpGrid {
     cells: usize,
     periodic: bool,
     speeds: usize,
@@ -161,7 +161,7 @@ struct Grid {
 const WIDTH: f64 = 0.25;
 const DX: f64 = 0.5;
 
-impl Grid {
+impl JumpGrid {
     fn transport(&self) -> CaseTransport {
         let bins = (1 << self.bin_bits) as f64;
         let jumps = self.jumps.iter();
@@ -232,26 +232,26 @@ impl Grid {
     }
 }
 
-const GRIDS: &[Grid] = &[
-    Grid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[] },
-    Grid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(1, 5.0)] },
-    Grid { cells: 5, periodic: false, speeds: 3, bin_bits: 0, jumps: &[(1, 3.0), (3, -2.0)] },
-    Grid { cells: 3, periodic: true, speeds: 3, bin_bits: 0, jumps: &[(0, -4.0), (2, 4.0)] },
-    Grid { cells: 4, periodic: true, speeds: 4, bin_bits: 0, jumps: &[(0, 1.0), (3, -1.0)] },
-    Grid { cells: 6, periodic: true, speeds: 2, bin_bits: 0, jumps: &[] },
+const GRIDS: &[JumpGrid] = &[
+    JumpGrid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[] },
+    JumpGrid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(1, 5.0)] },
+    JumpGrid { cells: 5, periodic: false, speeds: 3, bin_bits: 0, jumps: &[(1, 3.0), (3, -2.0)] },
+    JumpGrid { cells: 3, periodic: true, speeds: 3, bin_bits: 0, jumps: &[(0, -4.0), (2, 4.0)] },
+    JumpGrid { cells: 4, periodic: true, speeds: 4, bin_bits: 0, jumps: &[(0, 1.0), (3, -1.0)] },
+    JumpGrid { cells: 6, periodic: true, speeds: 2, bin_bits: 0, jumps: &[] },
     // Walls higher than any energy, up and down; in halves and quarters of levels.
-    Grid { cells: 3, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(0, 16.0), (1, -16.0)] },
-    Grid { cells: 3, periodic: false, speeds: 5, bin_bits: 0, jumps: &[(0, -25.0), (1, 25.0)] },
-    Grid { cells: 3, periodic: false, speeds: 3, bin_bits: 2, jumps: &[(0, 1.25), (1, -2.5)] },
-    Grid { cells: 2, periodic: false, speeds: 4, bin_bits: 1, jumps: &[(0, 0.5)] },
+    JumpGrid { cells: 3, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(0, 16.0), (1, -16.0)] },
+    JumpGrid { cells: 3, periodic: false, speeds: 5, bin_bits: 0, jumps: &[(0, -25.0), (1, 25.0)] },
+    JumpGrid { cells: 3, periodic: false, speeds: 3, bin_bits: 2, jumps: &[(0, 1.25), (1, -2.5)] },
+    JumpGrid { cells: 2, periodic: false, speeds: 4, bin_bits: 1, jumps: &[(0, 0.5)] },
     // The smallest.
-    Grid { cells: 1, periodic: false, speeds: 3, bin_bits: 0, jumps: &[] },
-    Grid { cells: 2, periodic: true, speeds: 1, bin_bits: 0, jumps: &[(0, 1.0), (1, -1.0)] },
-    Grid { cells: 2, periodic: false, speeds: 1, bin_bits: 3, jumps: &[(0, 0.125)] },
+    JumpGrid { cells: 1, periodic: false, speeds: 3, bin_bits: 0, jumps: &[] },
+    JumpGrid { cells: 2, periodic: true, speeds: 1, bin_bits: 0, jumps: &[(0, 1.0), (1, -1.0)] },
+    JumpGrid { cells: 2, periodic: false, speeds: 1, bin_bits: 3, jumps: &[(0, 0.125)] },
 ];
 
 /// Compares all columns of the block with `H/α`; the number of columns.
-fn check_block(grid: &Grid, modes: CircuitModes, levels: Levels) -> usize {
+fn check_block(grid: &JumpGrid, modes: CircuitModes, levels: Levels) -> usize {
     let transport = grid.transport();
     let alpha = transport.alpha(modes, levels);
     let circuit = transport.encode(modes, levels, false);
@@ -317,15 +317,15 @@ fn set(qubits: &[usize], value: u128) -> u128 {
 }
 
 /// Grids of states of up to 20 bits.
-const LARGE_GRIDS: [Grid; 2] = [
-    Grid {
+const LARGE_GRIDS: [JumpGrid; 2] = [
+    JumpGrid {
         cells: 64,
         periodic: true,
         speeds: 64,
         bin_bits: 1,
         jumps: &[(7, 900.5), (63, -8.0), (8, -0.5)],
     },
-    Grid {
+    JumpGrid {
         cells: 25,
         periodic: false,
         speeds: 100,
@@ -447,7 +447,7 @@ fn evolved(h: &HashMap<(usize, usize), Complex64>, state: usize) -> HashMap<usiz
 /// The sequence of phased steps is the exponential, as near as its series.
 #[test]
 fn sequences_are_exponentials() {
-    let halves = Grid { cells: 3, periodic: true, speeds: 1, bin_bits: 1, jumps: &[(0, 0.5)] };
+    let halves = JumpGrid { cells: 3, periodic: true, speeds: 1, bin_bits: 1, jumps: &[(0, 0.5)] };
     let modes = CircuitModes::Rotated { qubits: 1, period: 3.0, highest: TAU / 3.0 };
     for (grid, modes) in [(&halves, modes), (&GRIDS[11], CircuitModes::One(0.0))] {
         let transport = grid.transport();
@@ -488,7 +488,7 @@ fn sequences_are_exponentials() {
 #[test]
 fn a_block_on_twelve_qubits() {
     let jumps: &[_] = &[(3, 9.0), (7, -25.0), (15, 16.0)];
-    let grid = Grid { cells: 16, periodic: true, speeds: 8, bin_bits: 0, jumps };
+    let grid = JumpGrid { cells: 16, periodic: true, speeds: 8, bin_bits: 0, jumps };
     let modes = CircuitModes::Register { qubits: 4, period: 5.5 };
     assert_eq!(check_block(&grid, modes, Levels::Hadamard), 4096);
 }
@@ -496,7 +496,7 @@ fn a_block_on_twelve_qubits() {
 /// Without jumps on a long box, α of the fewest levels is the norm of `H`, nearly.
 #[test]
 fn alpha_is_the_norm() {
-    let grid = Grid { cells: 64, periodic: false, speeds: 2, bin_bits: 0, jumps: &[] };
+    let grid = JumpGrid { cells: 64, periodic: false, speeds: 2, bin_bits: 0, jumps: &[] };
     let mu = 2.5;
     let h = grid.hamiltonian(mu);
     let (mut x, mut norm) = (HashMap::new(), 0.0);
@@ -560,7 +560,7 @@ fn counts_are_those_of_the_text() {
 /// Toffoli gates by hand: with n bits of a speed, n_x of space, w = 2n + 1, one jump, open ends.
 #[test]
 fn counts_are_those_by_hand() {
-    let grid = Grid { cells: 32, periodic: false, speeds: 16, bin_bits: 0, jumps: &[(7, 5.0)] };
+    let grid = JumpGrid { cells: 32, periodic: false, speeds: 16, bin_bits: 0, jumps: &[(7, 5.0)] };
     let (n, space, modes) = (4, 5, 3);
     let w = 2 * n + 1;
     let circuit = grid.transport().encode(

@@ -1,6 +1,6 @@
 //! The choices in the order of their cost, as a table.
 
-use crate::base::table::Values;
+use crate::base::table::ColumnValues;
 use crate::base::text::shortened;
 use crate::problem::case::{Alpha, Delta, ProfileChoice};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -28,9 +28,9 @@ impl Ranking {
 
 impl Ranking {
     /// The columns of the table, a row for each choice.
-    pub fn columns(&self) -> Vec<Values> {
+    pub fn columns(&self) -> Vec<ColumnValues> {
         let words = |name: &str, word: fn(&CostedChoice) -> Option<String>| {
-            Values::new(name, self.0.iter().map(|choice| word(choice).into()))
+            ColumnValues::new(name, self.0.iter().map(|choice| word(choice).into()))
         };
         let figures = |name: &str, figure: fn(&CostedChoice) -> &LabelledNumber| {
             LabelledNumber::column(name, self.0.iter().map(figure))

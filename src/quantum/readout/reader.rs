@@ -3,7 +3,7 @@
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
 use crate::problem::case;
-use crate::problem::case::{Case, Effort};
+use crate::problem::case::{Case, MeasurementEffort};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
@@ -126,7 +126,7 @@ pub(crate) struct CellSums {
 pub(crate) struct ReadoutContext<'a> {
     pub case: &'a Case,
     pub source: &'a ReadoutSource<'a>,
-    pub readout: &'a case::Readout,
+    pub readout: &'a case::ReadoutSettings,
     pub factors: &'a VelocityFactors,
 }
 
@@ -392,14 +392,14 @@ impl ReadoutContext<'_> {
             norm_evaluations,
         };
         let accuracy = match self.readout.effort {
-            Effort::Given { shots, .. } if !estimator.coherent() => {
+            MeasurementEffort::Given { shots, .. } if !estimator.coherent() => {
                 return Ok(of_shots(shots as f64));
             }
-            Effort::Given { evaluations, .. } => {
+            MeasurementEffort::Given { evaluations, .. } => {
                 let of_norm = if estimator.enlarged() { 0.0 } else { evaluations as f64 };
                 return Ok(of_runs(evaluations as f64, of_norm));
             }
-            Effort::Accuracy(accuracy) => accuracy,
+            MeasurementEffort::Accuracy(accuracy) => accuracy,
         };
         let from_state = from_state.ok_or("the state's own error is not known")?;
         if from_state >= accuracy {

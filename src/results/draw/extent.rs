@@ -84,7 +84,7 @@ pub fn map_range(map: &Map) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::figure::Axis;
+    use crate::results::figure::PlotAxis;
     use crate::results::figure::palette::Style;
 
     #[test]
@@ -93,7 +93,7 @@ mod tests {
             [([0.0, 0.0], [-1.0, 1.0]), ([2.0, 2.0], [1.0, 3.0]), ([2.0, 2.0 + 1e-15], [1.0, 3.0])]
         {
             let points = vec![[0.0, values[0]], [1.0, values[1]]];
-            let panel = Panel::new("", Axis::linear("x"), Axis::linear("y"));
+            let panel = Panel::new("", PlotAxis::linear("x"), PlotAxis::linear("y"));
             let found = ends(&panel.line("", Style::of(0), points))[1];
             assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-12));
         }

@@ -2,12 +2,13 @@
 
 use crate::results::draw::extent::{ends, map_range};
 use crate::results::draw::shape::{
-    Area, Drawn, PIXELS, Place, clipped, interval, line, marker, picture, pixels, put, rectangle,
+    Area, Drawn, PIXELS, PixelPoint, clipped, interval, line, marker, picture, pixels, put,
+    rectangle,
 };
 use crate::results::draw::text;
 use crate::results::draw::ticks::Ruler;
 use crate::results::figure::palette::{FAINT, GRID, INK, Style, diverging, sequential};
-use crate::results::figure::{Axis, Layer, Map, Panel};
+use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
 
@@ -197,7 +198,7 @@ pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
 /// The colour bar of a map: a chart of its own, as high as the map's.
 fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     let height = area.dim_in_pixel().1 as i32 - pixels(ABOVE + BELOW);
-    let values = Ruler::new(&Axis::linear(""), map_range(map), f64::from(height) / PIXELS);
+    let values = Ruler::new(&PlotAxis::linear(""), map_range(map), f64::from(height) / PIXELS);
     let mut chart = ChartBuilder::on(area)
         .margin_top(pixels(ABOVE))
         .margin_bottom(pixels(BELOW))
@@ -224,7 +225,7 @@ fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
 }
 
 /// Whether two rectangles share more than an edge.
-fn overlap(a: &[Place; 2], b: &[Place; 2]) -> bool {
+fn overlap(a: &[PixelPoint; 2], b: &[PixelPoint; 2]) -> bool {
     (0..2).all(|c| a[0][c] < b[1][c] && b[0][c] < a[1][c])
 }
 
@@ -233,7 +234,7 @@ struct PlotArea<'a, DB: DrawingBackend> {
     frame: &'a PanelFrame<'a>,
     area: Area<DB>,
     /// The lower right pixel.
-    end: Place,
+    end: PixelPoint,
 }
 
 impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
@@ -264,12 +265,12 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         (1.0 - self.frame.y.fraction(value)) * self.end[1]
     }
 
-    fn place(&self, point: [f64; 2]) -> Place {
+    fn place(&self, point: [f64; 2]) -> PixelPoint {
         [self.x(point[0]), self.y(point[1])]
     }
 
     /// Whether a place is in the frame, but for the width of a line.
-    fn holds(&self, place: Place) -> bool {
+    fn holds(&self, place: PixelPoint) -> bool {
         (0..2).all(|c| (-1.0..=self.end[c] + 1.0).contains(&place[c]))
     }
 
@@ -281,7 +282,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
     }
 
     fn line(&self, points: &[[f64; 2]], style: &Style) -> Drawn {
-        let places: Vec<Place> = points.iter().map(|p| self.place(*p)).collect();
+        let places: Vec<PixelPoint> = points.iter().map(|p| self.place(*p)).collect();
         clipped(&places, [[0.0; 2], self.end])
             .iter()
             .try_for_each(|piece| line(&self.area, piece, style))
@@ -289,7 +290,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
 
     fn layer(&self, layer: &Layer) -> Drawn {
         let [right, bottom] = self.end;
-        let across = |ends: [Place; 2]| {
+        let across = |ends: [PixelPoint; 2]| {
             let seen = self.holds(ends[0]);
             let style = Style::theory().dashed(2);
             if seen { line(&self.area, &ends, &style) } else { Ok(()) }
@@ -337,7 +338,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
     }
 
     /// The corners of bar `k`, within the frame and not too thin to be seen.
-    fn bar(&self, k: usize, ends: [f64; 2]) -> [Place; 2] {
+    fn bar(&self, k: usize, ends: [f64; 2]) -> [PixelPoint; 2] {
         // What is no number is at the left end.
         let [from, to] = ends.map(|x| self.x(x).max(0.0).min(self.end[0]));
         let [high, low] = [0.36, -0.36].map(|half| self.y(k as f64 + half));
@@ -345,14 +346,14 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
     }
 
     /// Whether lines, points and intervals leave a rectangle free, but for the width of a marker.
-    fn is_free(&self, ground: [Place; 2]) -> bool {
+    fn is_free(&self, ground: [PixelPoint; 2]) -> bool {
         const MARKER: f64 = 2.0 * PIXELS;
         let ground = [ground[0].map(|c| c - MARKER), ground[1].map(|c| c + MARKER)];
         let inside =
-            |place: &Place| (0..2).all(|c| (ground[0][c]..=ground[1][c]).contains(&place[c]));
+            |place: &PixelPoint| (0..2).all(|c| (ground[0][c]..=ground[1][c]).contains(&place[c]));
         self.frame.panel.layers.iter().all(|layer| match layer {
             Layer::Line { points, .. } => {
-                let places: Vec<Place> = points.iter().map(|p| self.place(*p)).collect();
+                let places: Vec<PixelPoint> = points.iter().map(|p| self.place(*p)).collect();
                 clipped(&places, ground).is_empty()
             }
             Layer::Points { points, .. } => !points.iter().any(|p| inside(&self.place(*p))),
@@ -369,13 +370,13 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
     fn notes(&self) -> Drawn {
         let [right, bottom] = self.end;
         let points = |length: f64| length * PIXELS;
-        let mut taken: Vec<[Place; 2]> = Vec::new();
+        let mut taken: Vec<[PixelPoint; 2]> = Vec::new();
         // At the first of the places where it covers no data and no other note.
-        let mut note = |label: &str, places: &[Place]| {
+        let mut note = |label: &str, places: &[PixelPoint]| {
             let grounds = places.iter().filter(|place| self.holds(**place));
-            let grounds: Vec<(&Place, [Place; 2])> =
+            let grounds: Vec<(&PixelPoint, [PixelPoint; 2])> =
                 grounds.map(|place| (place, text::ground(label, *place, right))).collect();
-            let free = |(_, ground): &&(&Place, [Place; 2])| {
+            let free = |(_, ground): &&(&PixelPoint, [PixelPoint; 2])| {
                 !taken.iter().any(|other| overlap(ground, other)) && self.is_free(*ground)
             };
             match grounds.iter().find(free).or(grounds.first()) {

@@ -155,7 +155,7 @@ fn distance(a: &Colour, b: &Colour) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::figure::{Axis, Map, Panel};
+    use crate::results::figure::{Map, Panel, PlotAxis};
 
     fn example(differences: bool) -> Figure {
         let map = Map {
@@ -168,7 +168,7 @@ mod tests {
             label: String::new(),
         };
         let other = Map { differences: true, ..map.clone() };
-        let panel = || Panel::new("", Axis::linear("x"), Axis::linear("y"));
+        let panel = || Panel::new("", PlotAxis::linear("x"), PlotAxis::linear("y"));
         let lines = (0..9).fold(panel(), |panel, k| {
             panel.line("", Style::of(k), vec![[0.0, k as f64], [1.0, 2.0]])
         });

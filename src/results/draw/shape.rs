@@ -12,7 +12,7 @@ pub const PIXELS: f64 = 2.0;
 pub type Drawn = Result<(), String>;
 
 /// A place in pixels from the upper left corner of an area.
-pub type Place = [f64; 2];
+pub type PixelPoint = [f64; 2];
 
 /// A part of the sheet.
 pub type Area<DB> = DrawingArea<DB, Shift>;
@@ -23,7 +23,7 @@ pub fn pixels(points: f64) -> i32 {
 }
 
 /// A place as `plotters` takes it.
-pub fn rounded([x, y]: Place) -> (i32, i32) {
+pub fn rounded([x, y]: PixelPoint) -> (i32, i32) {
     (x.round() as i32, y.round() as i32)
 }
 
@@ -40,7 +40,7 @@ where
 /// A filled rectangle between two corners.
 pub fn rectangle<DB: DrawingBackend>(
     area: &Area<DB>,
-    corners: [Place; 2],
+    corners: [PixelPoint; 2],
     colour: RGBColor,
 ) -> Drawn {
     put(area, &Rectangle::new(corners.map(rounded), colour.filled()))
@@ -50,7 +50,7 @@ pub fn rectangle<DB: DrawingBackend>(
 ///
 /// It is cut where it turns back on itself: a corner of a bitmap would stick out as far as it is
 /// sharp.
-pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[Place], style: &Style) -> Drawn {
+pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[PixelPoint], style: &Style) -> Drawn {
     let mut places: Vec<_> = places.iter().copied().map(rounded).collect();
     places.dedup();
     let stroke = style.colour.stroke_width(pixels(style.width).max(1) as u32);
@@ -69,7 +69,7 @@ pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[Place], style: &Style
 /// An interval about a value, from `ends[0]` to `ends[1]` along the vertical axis.
 pub fn interval<DB: DrawingBackend>(
     area: &Area<DB>,
-    [x, y]: Place,
+    [x, y]: PixelPoint,
     ends: [f64; 2],
     style: &Style,
 ) -> Drawn {
@@ -81,7 +81,7 @@ pub fn interval<DB: DrawingBackend>(
 /// A picture from the upper left corner, `colour(column, row)` at each of its pixels.
 pub fn picture<DB: DrawingBackend>(
     area: &Area<DB>,
-    corner: Place,
+    corner: PixelPoint,
     size: [u32; 2],
     colour: impl Fn(u32, u32) -> RGBColor,
 ) -> Drawn {
@@ -95,16 +95,16 @@ pub fn picture<DB: DrawingBackend>(
 }
 
 /// A marker.
-pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: Place, style: &Style) -> Drawn {
+pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: PixelPoint, style: &Style) -> Drawn {
     const R: f64 = 3.6 * PIXELS;
     let Some(marker) = style.marker else {
         return Ok(());
     };
-    let at = |[dx, dy]: Place| [x + R * dx, y + R * dy];
+    let at = |[dx, dy]: PixelPoint| [x + R * dx, y + R * dy];
     let outline = |width: f64| Style { width, dash: 0, ..*style };
-    let stroke = |ends: [Place; 2]| line(area, &ends.map(at), &outline(1.6));
+    let stroke = |ends: [PixelPoint; 2]| line(area, &ends.map(at), &outline(1.6));
     let fill = if style.filled { style.colour } else { PAPER };
-    let corners: &[Place] = match marker {
+    let corners: &[PixelPoint] = match marker {
         Marker::Circle => {
             let (centre, radius) = (rounded([x, y]), R.round() as i32);
             put(area, &Circle::new(centre, radius, fill.filled()))?;
@@ -127,10 +127,10 @@ pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: Place, style: &Style)
         Marker::Up => &[[0.0, -1.1], [1.05, 0.8], [-1.05, 0.8]],
         Marker::Down => &[[0.0, 1.1], [1.05, -0.8], [-1.05, -0.8]],
     };
-    let around: Vec<Place> = corners.iter().copied().map(at).collect();
+    let around: Vec<PixelPoint> = corners.iter().copied().map(at).collect();
     let inside: Vec<_> = around.iter().copied().map(rounded).collect();
     put(area, &Polygon::new(inside, fill))?;
-    let closed: Vec<Place> = around.iter().chain(&around[..1]).copied().collect();
+    let closed: Vec<PixelPoint> = around.iter().chain(&around[..1]).copied().collect();
     line(area, &closed, &outline(1.0))
 }
 
@@ -154,8 +154,8 @@ fn pieces(places: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
 /// not finite.
 ///
 /// `plotters` would move places outside to the rectangle's edge, which bends the line.
-pub fn clipped(places: &[Place], corners: [Place; 2]) -> Vec<Vec<Place>> {
-    let mut pieces: Vec<Vec<Place>> = Vec::new();
+pub fn clipped(places: &[PixelPoint], corners: [PixelPoint; 2]) -> Vec<Vec<PixelPoint>> {
+    let mut pieces: Vec<Vec<PixelPoint>> = Vec::new();
     let [[left, top], [right, bottom]] = corners;
     let mut joined = false;
     for pair in places.windows(2) {
@@ -195,7 +195,7 @@ pub fn clipped(places: &[Place], corners: [Place; 2]) -> Vec<Vec<Place>> {
 mod tests {
     use super::*;
 
-    const BOX: [Place; 2] = [[0.0, 0.0], [10.0, 10.0]];
+    const BOX: [PixelPoint; 2] = [[0.0, 0.0], [10.0, 10.0]];
 
     #[test]
     fn lines_end_at_the_frame() {

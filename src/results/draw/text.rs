@@ -1,6 +1,6 @@
 //! Texts: fonts that are in the program, widths, line breaks.
 
-use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, rectangle, rounded};
+use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, rectangle, rounded};
 use crate::results::figure::palette::{FAINT, PAPER};
 use plotters::prelude::*;
 use plotters::style::register_font;
@@ -43,7 +43,7 @@ pub fn bold(size: f64, colour: RGBColor) -> TextStyle<'static> {
 pub fn draw<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,
-    place: Place,
+    place: PixelPoint,
     style: &TextStyle<'_>,
 ) -> Drawn {
     area.draw_text(text, style, rounded(place)).map_err(|e| e.to_string())
@@ -53,7 +53,7 @@ pub fn draw<DB: DrawingBackend>(
 const NOTE: f64 = 8.5;
 
 /// The ground of a [`note`]: its upper left and its lower right corner.
-pub fn ground(text: &str, place: Place, right: f64) -> [Place; 2] {
+pub fn ground(text: &str, place: PixelPoint, right: f64) -> [PixelPoint; 2] {
     let wide = PIXELS * width(text, NOTE);
     let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
     let (beside, half) = (PIXELS, 6.0 * PIXELS);
@@ -62,7 +62,12 @@ pub fn ground(text: &str, place: Place, right: f64) -> [Place; 2] {
 
 /// A small text beside `place` on a ground that keeps it legible; further left where it would leave
 /// `right`.
-pub fn note<DB: DrawingBackend>(area: &Area<DB>, text: &str, place: Place, right: f64) -> Drawn {
+pub fn note<DB: DrawingBackend>(
+    area: &Area<DB>,
+    text: &str,
+    place: PixelPoint,
+    right: f64,
+) -> Drawn {
     let ground = ground(text, place, right);
     rectangle(area, ground, PAPER)?;
     draw(area, text, [ground[0][0] + PIXELS, place[1]], &style(NOTE, FAINT))

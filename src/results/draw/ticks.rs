@@ -4,7 +4,7 @@
 //! below 2e-16 and none between two powers of ten, and its linear axes no round ones on a length
 //! below 2e-16.
 
-use crate::results::figure::{Axis, Scale};
+use crate::results::figure::{PlotAxis, Scale};
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
@@ -21,7 +21,7 @@ pub struct Ruler {
 
 impl Ruler {
     /// The axis from `ends[0]` to `ends[1]`, drawn `length` points long.
-    pub fn new(axis: &Axis, ends: [f64; 2], length: f64) -> Self {
+    pub fn new(axis: &PlotAxis, ends: [f64; 2], length: f64) -> Self {
         let wanted = (length / SPACING).round().max(2.0) as usize;
         let ticks = match axis.scale {
             _ if !axis.names.is_empty() => named(&axis.names),
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn axes_of_whole_numbers() {
-        let axis = Axis::linear("applications").whole();
+        let axis = PlotAxis::linear("applications").whole();
         for ends in [[27.9, 29.1], [0.0, 3.0], [0.0, 250.0], [-1.0, 1.0]] {
             let ruler = Ruler::new(&axis, ends, 280.0);
             assert!(!ruler.ticks.is_empty());

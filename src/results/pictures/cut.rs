@@ -1,11 +1,11 @@
 //! Where planes cut the axes that they do not run along.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::results::FileResult;
 use crate::results::pictures::jumps::jumps;
-use crate::results::pictures::stored::{Snapshot, Stored};
+use crate::results::pictures::stored::{Stored, StoredTime};
 
 /// Where planes cut the axes that they do not run along.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,14 +26,14 @@ impl Cut {
     /// `|f|`, or of measure-valued data the mean velocity. Along axes of space it keeps off cells
     /// next to a jump of `V`, where `f` may be of either side. Through the middle in one dimension,
     /// and where the file does not tell.
-    pub fn usual(run: &Stored, times: &[Snapshot]) -> Self {
+    pub fn usual(run: &Stored, times: &[StoredTime]) -> Self {
         match run.dimension() {
             1 => Self::middle(run),
             _ => Self::by_data(run, times).unwrap_or_else(|_| Self::middle(run)),
         }
     }
 
-    fn by_data(run: &Stored, times: &[Snapshot]) -> FileResult<Self> {
+    fn by_data(run: &Stored, times: &[StoredTime]) -> FileResult<Self> {
         let mut cut = Self { by_data: true, ..Self::middle(run) };
         let n = run.dimension();
         let lengths: Vec<usize> = (0..n).map(|a| run.axis(a).cells).collect();
@@ -169,13 +169,13 @@ fn split(place: usize, lengths: &[usize]) -> Vec<usize> {
 
 /// The velocity cell in the space cell `at` with the largest `|f|` at these times together; of
 /// measure-valued data that of the mean velocity at the end.
-fn fastest(run: &Stored, times: &[Snapshot], at: &[usize]) -> FileResult<Vec<usize>> {
+fn fastest(run: &Stored, times: &[StoredTime], at: &[usize]) -> FileResult<Vec<usize>> {
     let n = run.dimension();
     let here = at.iter().map(|i| *i..i + 1);
     if run.has("phi") {
         let one = |a: usize| {
             let ranges: Vec<_> = std::iter::once(a..a + 1).chain(here.clone()).collect();
-            let mean = run.slab("velocity", &Slab::of(&ranges))?;
+            let mean = run.slab("velocity", &DatasetBox::of(&ranges))?;
             let (axis, mean) = (run.axis(n + a), mean.first().copied().unwrap_or(f64::NAN));
             let inside = (axis.lower..=axis.upper).contains(&mean);
             Ok(if inside { axis.cell_at(mean) } else { axis.cells / 2 })

@@ -7,19 +7,19 @@ use crate::base::text::short;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
 use crate::results::pictures::maps::{ValueSpread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
-use crate::results::pictures::stored::{Plane, Snapshot, Stored};
+use crate::results::pictures::stored::{Plane, Stored, StoredTime};
 
 /// The frames of a run.
 pub struct Film<'a> {
     run: &'a Stored,
     cut: Cut,
-    times: Vec<Snapshot>,
+    times: Vec<StoredTime>,
     /// Why there is no exact density, where the case names an exact solution.
     pub without_exact: Option<String>,
     scales: FrameRanges,
@@ -47,7 +47,7 @@ impl<'a> Film<'a> {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<Snapshot>) -> FileResult<Self> {
+    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
         // An older program wrote none, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
@@ -115,7 +115,7 @@ impl<'a> Film<'a> {
 
     /// The field on the plane (x_a, v_a): `f`, or of measure-valued data `φ`, in one dimension as
     /// `φ δ(ψ)` or where `ψ` is zero.
-    fn field(&self, at: Snapshot, a: usize) -> FileResult<Panel> {
+    fn field(&self, at: StoredTime, a: usize) -> FileResult<Panel> {
         let (run, n) = (self.run, self.run.dimension());
         let plane = [a, n + a];
         let place = self.cut.place(run, plane, 0..2 * n);
@@ -130,7 +130,7 @@ impl<'a> Film<'a> {
         if n == 1 && run.space.degree() > 0 {
             let [x, v] = plane.map(|a| {
                 let axis = run.axis(a);
-                Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+                PlotAxis::linear(run.names()[a]).within(axis.lower, axis.upper)
             });
             return Ok(Panel::new("zeros of ψ", x, v).points("", Style::of(0), surface(run, at)?));
         }
@@ -147,15 +147,15 @@ impl<'a> Film<'a> {
     }
 
     /// In one dimension the density over `x`, with the exact one.
-    fn density_line(&self, at: Snapshot) -> FileResult<Panel> {
-        let mut axis = Axis::linear("density");
+    fn density_line(&self, at: StoredTime) -> FileResult<Panel> {
+        let mut axis = PlotAxis::linear("density");
         if let Some([lower, upper]) = self.scales.density.ends {
             let least = 1e-3 * lower.abs().max(upper.abs()).max(f64::MIN_POSITIVE);
             let margin = (0.05 * (upper - lower)).max(least);
             axis = axis.within(lower - margin, upper + margin);
         }
         let x = self.run.axis(0);
-        let mut panel = Panel::new("density", Axis::linear("x").within(x.lower, x.upper), axis);
+        let mut panel = Panel::new("density", PlotAxis::linear("x").within(x.lower, x.upper), axis);
         let exact = self.has_exact();
         if exact {
             let points = self.run.line(&self.run.moment(at, "density_exact")?);
@@ -169,7 +169,7 @@ impl<'a> Film<'a> {
 
     /// In more dimensions the density on every plane of two space axes, then the exact ones: in two
     /// beside it, in three a row of each, so that the exact one is below.
-    fn density_maps(&self, at: Snapshot) -> FileResult<Vec<Panel>> {
+    fn density_maps(&self, at: StoredTime) -> FileResult<Vec<Panel>> {
         let run = self.run;
         let mut panels = Vec::new();
         let exact = self.has_exact().then_some(("exact density", "density_exact"));
@@ -225,7 +225,7 @@ mod tests {
             differences: false,
             label: String::new(),
         };
-        let panel = || Panel::new("", Axis::linear("x"), Axis::linear("y"));
+        let panel = || Panel::new("", PlotAxis::linear("x"), PlotAxis::linear("y"));
         let borders = vec![[0.0, 50.0], [0.0, -50.0]];
         let mut scales = FrameRanges::default();
         for (field, density) in [(3.0, 1.0), (-1.0, 7.0), (f64::NAN, 2.0)] {

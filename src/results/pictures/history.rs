@@ -1,11 +1,11 @@
 //! What changed with time, and what took the time of the run.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::text::short;
 use crate::results::FileResult;
 use crate::results::draw::extent;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::Stored;
 
@@ -80,7 +80,7 @@ fn energies(runs: &Runs<'_>) -> FileResult<Panel> {
 
 /// Lines over time on an axis that covers [`LEAST_CHANGE`] of the largest value at least.
 fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
-    let mut panel = Panel::new(what, Axis::linear("t"), Axis::linear(what));
+    let mut panel = Panel::new(what, PlotAxis::linear("t"), PlotAxis::linear(what));
     for (label, style, points) in lines {
         panel = panel.line(label, style, points);
     }
@@ -98,10 +98,10 @@ fn densities(run: &Stored) -> FileResult<Panel> {
     let x = run.axis(0);
     let last = times.len().saturating_sub(1);
     let count = times.len().min(TIMES);
-    let mut panel = Panel::new("density", Axis::linear("x"), Axis::linear("density"));
+    let mut panel = Panel::new("density", PlotAxis::linear("x"), PlotAxis::linear("density"));
     for k in 0..count {
         let at = if count > 1 { k * last / (count - 1) } else { last };
-        let slab = Slab::of(&[at..at + 1, 0..x.cells]);
+        let slab = DatasetBox::of(&[at..at + 1, 0..x.cells]);
         let values = run.slab("history/density", &slab)?;
         let points = run.line(&values);
         let label = format!("t = {}", short(times[at]));
@@ -146,8 +146,8 @@ pub fn time(run: &Stored) -> FileResult<Figure> {
     bars.reverse();
     let names = steps.iter().rev().map(|(s, _)| (*s).to_owned()).collect();
     // Room for what stands at the end of the longest bars.
-    let seconds = Axis::linear("seconds").within(0.0, 1.2 * now.max(f64::MIN_POSITIVE));
-    let panel = Panel::new("", seconds, Axis::named("", names))
+    let seconds = PlotAxis::linear("seconds").within(0.0, 1.2 * now.max(f64::MIN_POSITIVE));
+    let panel = Panel::new("", seconds, PlotAxis::named("", names))
         .with(Layer::Bars { style: Style::of(0).plain(), bars });
     Ok(Figure::new("Time of the run", vec![panel])
         .frame(560.0, 26.0 * steps.len() as f64 + 20.0)

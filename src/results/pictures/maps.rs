@@ -1,7 +1,7 @@
 //! Planes of a run as maps.
 
 use crate::base::text::short;
-use crate::results::figure::{Axis, Layer, Map, Panel};
+use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::stored::{Plane, Stored};
 
 /// The part of the larger end that the smaller one has where values are of both signs, and not
@@ -83,7 +83,7 @@ pub fn map(
     let names = run.names();
     let ends = axes.map(|a| [run.axis(a).lower, run.axis(a).upper]);
     let signed = range.and_then(about_zero);
-    Panel::new(title, Axis::linear(names[axes[0]]), Axis::linear(names[axes[1]])).map(Map {
+    Panel::new(title, PlotAxis::linear(names[axes[0]]), PlotAxis::linear(names[axes[1]])).map(Map {
         x: ends[0],
         y: ends[1],
         shape: plane.shape,

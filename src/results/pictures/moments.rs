@@ -5,7 +5,7 @@ use crate::problem::grid;
 use crate::results::FileResult;
 use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Map, Panel};
+use crate::results::figure::{Figure, Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
 use crate::results::pictures::maps::{
@@ -87,7 +87,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         let said = |text: &str| {
             if name == "velocity" { text.to_owned() } else { String::new() }
         };
-        let mut panel = Panel::new(label, Axis::linear("x"), Axis::linear(label));
+        let mut panel = Panel::new(label, PlotAxis::linear("x"), PlotAxis::linear(label));
         if name == "velocity"
             && let Ok(curve) = branches(run)
         {
@@ -179,10 +179,10 @@ fn moment(
 }
 
 /// A row of maps, and the lowest of the values that are drawn as zero.
-type Row = (Vec<Panel>, Option<f64>);
+type MapRow = (Vec<Panel>, Option<f64>);
 
 /// A row of maps: exact, computed, and the difference.
-fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Row> {
+fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<MapRow> {
     let (run, MomentMap { name, component, label }) = (runs.run, shown);
     let at = &cut.cells[..run.dimension()];
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
@@ -238,7 +238,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 /// What the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let shown = MomentMap { name: "density", component: None, label: "density" };
-    let rows: FileResult<Vec<Row>> = (planes(runs.run.dimension()).into_iter())
+    let rows: FileResult<Vec<MapRow>> = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, shown, plane, cut))
         .collect();
     let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows?.into_iter().unzip();

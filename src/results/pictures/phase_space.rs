@@ -5,14 +5,14 @@ use crate::matrix::observables::level_sets::concentrate;
 use crate::matrix::observables::surface::for_each_zero;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Panel};
+use crate::results::figure::{Figure, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
 use crate::results::pictures::maps::{
     ValueSpread, apart, difference, largest, map, range, undershoots,
 };
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{FINEST, Plane, Snapshot, Stored};
+use crate::results::pictures::stored::{FINEST, Plane, Stored, StoredTime};
 
 /// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
@@ -131,7 +131,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
     if n == 1 {
         let [x, v] = plane.map(|a| {
             let axis = run.axis(a);
-            Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+            PlotAxis::linear(run.names()[a]).within(axis.lower, axis.upper)
         });
         if run.has("multivalued") {
             let exact = Panel::new("exact velocity", x.clone(), v.clone());
@@ -175,7 +175,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
 }
 
 /// `φ δ_ω(ψ)` over phase space of one dimension, line by line as moments are taken.
-pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> FileResult<Plane> {
+pub(crate) fn concentrated(run: &Stored, time: StoredTime) -> FileResult<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
     let width = case.delta_width;
@@ -192,7 +192,7 @@ pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> FileResult<Plane> {
 
 /// Where the level set of elements is zero in one dimension: the points that the moments are taken
 /// at.
-pub(crate) fn surface(run: &Stored, time: Snapshot) -> FileResult<Vec<[f64; 2]>> {
+pub(crate) fn surface(run: &Stored, time: StoredTime) -> FileResult<Vec<[f64; 2]>> {
     let (x, nv) = (run.axis(0), run.axis(1).cells);
     let mut points = Vec::new();
     for element in 0..x.elements() {

@@ -3,7 +3,7 @@
 use crate::base::text::{rounded, short};
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::stored::Stored;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
@@ -23,7 +23,7 @@ const BEYOND: f64 = 0.04;
 const SAME: f64 = 1e-9;
 
 /// What the plan says of the modes; none where the run has none.
-struct Modes {
+struct PlannedModes {
     series: Series,
     readings: Vec<Reading>,
     /// `[λ⁺T, λ⁻T]`, as guaranteed.
@@ -34,7 +34,7 @@ struct Modes {
     work: Vec<f64>,
 }
 
-impl Modes {
+impl PlannedModes {
     fn of(run: &Stored) -> FileResult<Option<Self>> {
         let warp = &run.plan["warp"];
         if warp.is_null() {
@@ -86,11 +86,11 @@ impl Modes {
             along.iter().map(|p| sum(&coefficients, self.series.period, *p)).collect();
         let largest = g.iter().fold(1.0f64, |m, g| m.max(g.abs()));
         let least = 1e-2 * self.tolerance * (-self.point()).exp();
-        let axis = Axis::log("|g(p)|").within(least, 10.0 * largest);
+        let axis = PlotAxis::log("|g(p)|").within(least, 10.0 * largest);
         let curve = along.iter().zip(&g).map(|(p, g)| [*p, g.abs()]).collect();
         let model = along.iter().map(|p| [*p, (-p).exp()]);
         let model = model.filter(|[p, e]| *p >= ends[0] && (least..=10.0 * largest).contains(e));
-        Panel::new("profile over a period", Axis::linear("p"), axis)
+        Panel::new("profile over a period", PlotAxis::linear("p"), axis)
             .with(Layer::Band { label: "domain of dependence".to_owned(), from: domain })
             .line("|g(p)|", Style::of(0).plain(), curve)
             .line("e^−p", Style::theory(), model.collect())
@@ -101,9 +101,9 @@ impl Modes {
         let [growth, decay] = self.reach;
         let margin = BEYOND * (growth + decay);
         let along = places([-growth - margin, decay + margin]);
-        let axis = Axis::log("|error| of what is read")
+        let axis = PlotAxis::log("|error| of what is read")
             .within(1e-4 * self.tolerance, 1e4 * self.tolerance);
-        let mut panel = Panel::new("error of the profile", Axis::linear("p"), axis)
+        let mut panel = Panel::new("error of the profile", PlotAxis::linear("p"), axis)
             .with(Layer::Band { label: String::new(), from: self.domain() });
         for (k, reading) in self.readings.iter().enumerate().rev() {
             let read = self.read(reading, &along);
@@ -171,7 +171,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 /// # Errors
 /// What the files lack.
 pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
-    let Some(modes) = Modes::of(run)? else {
+    let Some(modes) = PlannedModes::of(run)? else {
         return Ok(None);
     };
     let Some(kind) = &modes.kind else {
@@ -198,7 +198,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
 /// # Errors
 /// What the files lack.
 pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
-    let Some(modes) = Modes::of(run)? else {
+    let Some(modes) = PlannedModes::of(run)? else {
         return Ok(None);
     };
     let count = modes.series.modes();
@@ -207,16 +207,19 @@ pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
     let style = if shown.len() > DISTINCT { Style::of(0).plain() } else { Style::of(0) };
     let mu = |l: usize| modes.series.wavenumber(l);
     let weights = shown.iter().map(|&l| [mu(l), modes.weight(&modes.readings[0], l).norm()]);
-    let weight =
-        Panel::new("weight in the field", Axis::linear("wavenumber μ"), Axis::log("|weight|"))
-            .line("", style, weights.collect());
+    let weight = Panel::new(
+        "weight in the field",
+        PlotAxis::linear("wavenumber μ"),
+        PlotAxis::log("|weight|"),
+    )
+    .line("", style, weights.collect());
     let work = shown.iter().filter_map(|&l| Some([mu(l), *modes.work.get(l)?]));
     let solves = run.plan["warp"]["solves"].as_f64().is_some_and(|s| s > 0.0);
     let label = if solves { "solves" } else { "applications" };
     let work = Panel::new(
         format!("{label} of a mode"),
-        Axis::linear("wavenumber μ"),
-        Axis::linear(label).whole(),
+        PlotAxis::linear("wavenumber μ"),
+        PlotAxis::linear(label).whole(),
     )
     .line("", style, work.collect());
     let some = if every > 1 { format!(" One of {every} is shown.") } else { String::new() };
@@ -249,15 +252,12 @@ pub fn plateau(run: &Stored) -> FileResult<Option<Figure>> {
     let mut panels = [
         Panel::new(
             "distance to f read at p◇",
-            Axis::linear("p"),
-            Axis::log("relative l2 distance"),
+            PlotAxis::linear("p"),
+            PlotAxis::log("relative l2 distance"),
         )
         .line("", Style::of(0), distances),
-        Panel::new("norm of what is read", Axis::linear("p"), Axis::linear("l2 norm")).line(
-            "",
-            Style::of(0),
-            over(&norm),
-        ),
+        Panel::new("norm of what is read", PlotAxis::linear("p"), PlotAxis::linear("l2 norm"))
+            .line("", Style::of(0), over(&norm)),
     ];
     if let Some(point) = point {
         panels = panels.map(|panel| panel.vertical("p◇", point));

@@ -3,7 +3,7 @@
 use crate::quantum::readout::row::OverlapEstimator;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::stored::Stored;
 use std::collections::BTreeSet;
 
@@ -20,7 +20,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);
     }
-    let table = Table::read(run)?;
+    let table = ReadoutColumns::read(run)?;
     let mut hidden = 0;
     let panels = numbers(&table.observable)
         .into_iter()
@@ -51,7 +51,7 @@ fn numbers(column: &[f64]) -> Vec<u64> {
 }
 
 /// `/readout` of `result.h5`, by row.
-struct Table {
+struct ReadoutColumns {
     cell: Vec<f64>,
     observable: Vec<f64>,
     estimator: Vec<f64>,
@@ -64,7 +64,7 @@ struct Table {
     fastest: Vec<f64>,
 }
 
-impl Table {
+impl ReadoutColumns {
     fn read(run: &Stored) -> FileResult<Self> {
         let column = |name: &str| run.list(&format!("readout/{name}"));
         let cell = column("cell")?;
@@ -100,8 +100,8 @@ impl Table {
             if observable == 0 { text.to_owned() } else { String::new() }
         };
         let names = self.cells.iter().map(u64::to_string).collect();
-        let axis = Axis::named("number of the cell", names);
-        let mut panel = Panel::new(name.clone(), axis, Axis::linear(name));
+        let axis = PlotAxis::named("number of the cell", names);
+        let mut panel = Panel::new(name.clone(), axis, PlotAxis::linear(name));
         let values = rows.iter().filter_map(|&r| Some([self.place(r)?, self.value[r]]));
         panel = panel.points(label("of the field"), Style::of(2), values.collect());
         let largest = self.largest(observable, &rows);

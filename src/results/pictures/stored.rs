@@ -1,6 +1,6 @@
 //! A finished run as its files tell it: datasets of `result.h5`, planes of them, attributes.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::disk;
 use crate::base::text::short;
 use crate::parallel::files::read_slab;
@@ -49,14 +49,14 @@ pub struct Stored {
 
 /// One of the times at which a run has fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Snapshot {
+pub struct StoredTime {
     /// The time.
     pub time: f64,
     /// Index in `/axis/field_time`; none at the end.
     early: Option<usize>,
 }
 
-impl Snapshot {
+impl StoredTime {
     /// The dataset that has the field `name` then.
     fn dataset(&self, name: &str) -> String {
         match self.early {
@@ -192,40 +192,40 @@ impl Stored {
     }
 
     /// The end of the run.
-    pub fn end(&self) -> Snapshot {
-        Snapshot { time: self.time, early: None }
+    pub fn end(&self) -> StoredTime {
+        StoredTime { time: self.time, early: None }
     }
 
     /// All times at which there are fields, the end last.
     ///
     /// # Errors
     /// What the file lacks.
-    pub fn snapshots(&self) -> FileResult<Vec<Snapshot>> {
+    pub fn snapshots(&self) -> FileResult<Vec<StoredTime>> {
         let times = match self.has("axis/field_time") {
             true => self.list("axis/field_time")?,
             false => Vec::new(),
         };
         let early = times.into_iter().enumerate();
-        let early = early.map(|(k, time)| Snapshot { time, early: Some(k) });
+        let early = early.map(|(k, time)| StoredTime { time, early: Some(k) });
         Ok(early.chain([self.end()]).collect())
     }
 
     /// A box of a field at a time, row-major; `ranges` are those that it has at the end.
     pub fn field_slab(
         &self,
-        at: Snapshot,
+        at: StoredTime,
         name: &str,
         ranges: &[std::ops::Range<usize>],
     ) -> FileResult<Vec<f64>> {
         let first = at.early.map(|k| k..k + 1);
         let ranges: Vec<_> = first.into_iter().chain(ranges.iter().cloned()).collect();
-        self.slab(&at.dataset(name), &Slab::of(&ranges))
+        self.slab(&at.dataset(name), &DatasetBox::of(&ranges))
     }
 
     /// A plane of a field at a time, as [`plane`](Self::plane).
     pub fn field_plane(
         &self,
-        at: Snapshot,
+        at: StoredTime,
         name: &str,
         plane: [usize; 2],
         cells: &[usize],
@@ -234,13 +234,13 @@ impl Stored {
     }
 
     /// A scalar moment, as `density`, at a time, of all of space.
-    pub fn moment(&self, at: Snapshot, name: &str) -> FileResult<Vec<f64>> {
+    pub fn moment(&self, at: StoredTime, name: &str) -> FileResult<Vec<f64>> {
         match self.moment_time(at)? {
             None => self.list(name),
             Some(k) => {
                 let space = self.space.x.iter().map(|axis| 0..axis.cells);
                 let ranges: Vec<_> = std::iter::once(k..k + 1).chain(space).collect();
-                self.slab(&format!("history/{name}"), &Slab::of(&ranges))
+                self.slab(&format!("history/{name}"), &DatasetBox::of(&ranges))
             }
         }
     }
@@ -248,7 +248,7 @@ impl Stored {
     /// A scalar moment at a time on a plane of space, through `cells`.
     pub fn moment_plane(
         &self,
-        at: Snapshot,
+        at: StoredTime,
         name: &str,
         plane: [usize; 2],
         cells: &[usize],
@@ -260,7 +260,7 @@ impl Stored {
     }
 
     /// The index of a time in `/axis/time`; none of the end.
-    fn moment_time(&self, at: Snapshot) -> FileResult<Option<usize>> {
+    fn moment_time(&self, at: StoredTime) -> FileResult<Option<usize>> {
         if at.early.is_none() {
             return Ok(None);
         }
@@ -270,7 +270,7 @@ impl Stored {
     }
 
     /// A box of a dataset, row-major.
-    pub fn slab(&self, name: &str, slab: &Slab) -> FileResult<Vec<f64>> {
+    pub fn slab(&self, name: &str, slab: &DatasetBox) -> FileResult<Vec<f64>> {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
@@ -309,7 +309,7 @@ impl Stored {
             // The elements that hold these lines.
             let elements = [lowest[0] / parts, highest[1].div_ceil(parts)];
             let nodes = meshes[0].nodes();
-            let mut slab = Slab {
+            let mut slab = DatasetBox {
                 start: first.iter().chain(at).copied().collect(),
                 count: vec![1; first.len() + at.len()],
             };

@@ -56,9 +56,9 @@ fn joined(parts: impl Iterator<Item = Markup>, between: &str) -> Markup {
 
 /// Rows of a table: a label and a value. What is not known has no row.
 #[derive(Default)]
-pub struct Rows(Vec<(String, Markup)>);
+pub struct ReportRows(Vec<(String, Markup)>);
 
-impl Rows {
+impl ReportRows {
     /// A row for each key of `values` that is not null, with its label.
     pub fn values(&mut self, keys: &[(&str, &str)], values: &Value) {
         for (key, label) in keys {

@@ -2,7 +2,7 @@
 //! `result.h5`.
 
 use crate::base::text::{rounded, short};
-use crate::results::report::html::Rows;
+use crate::results::report::html::ReportRows;
 use maud::Markup;
 use serde_json::Value;
 
@@ -12,7 +12,7 @@ const SCENE: [(&str, &str); 3] =
 
 /// The plan as a table.
 pub fn table(plan: &Value) -> Markup {
-    let mut rows = Rows::default();
+    let mut rows = ReportRows::default();
     problem(&mut rows, plan);
     match plan["warp"].is_null() {
         true => {
@@ -37,7 +37,7 @@ fn word(value: &Value) -> Option<String> {
 }
 
 /// Grid, fields, scheme and time.
-fn problem(rows: &mut Rows, plan: &Value) {
+fn problem(rows: &mut ReportRows, plan: &Value) {
     let counts = |key: &str| {
         let counts = plan[key].as_array()?;
         let counts: Vec<String> = counts.iter().map(Value::to_string).collect();
@@ -62,7 +62,7 @@ fn problem(rows: &mut Rows, plan: &Value) {
 }
 
 /// Tolerance, spectrum, profile, readings and modes.
-fn auxiliary_variable(rows: &mut Rows, plan: &Value) {
+fn auxiliary_variable(rows: &mut ReportRows, plan: &Value) {
     let (bounds, warp) = (&plan["bounds"], &plan["warp"]);
     rows.text("tolerance, relative", number(&plan["tolerance"]));
     let spectrum = number(&bounds["decay"]).zip(number(&bounds["growth"]));
@@ -90,7 +90,7 @@ fn auxiliary_variable(rows: &mut Rows, plan: &Value) {
 }
 
 /// Propagator and its cost.
-fn work(rows: &mut Rows, plan: &Value) {
+fn work(rows: &mut ReportRows, plan: &Value) {
     let warp = &plan["warp"];
     let step = number(&plan["propagation"]["step"]);
     let step = step.map_or(String::new(), |step| format!(", steps of {step}"));

@@ -8,7 +8,7 @@ use crate::results::FileResult;
 use crate::results::draw::raster::Palette;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Snapshot, Stored};
+use crate::results::pictures::stored::{Stored, StoredTime};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -46,7 +46,7 @@ impl Times {
             return Ok(None);
         }
         let chosen = spread(all.len(), MOST_TIMES).into_iter();
-        let chosen: Vec<Snapshot> = chosen.map(|k| all[k]).collect();
+        let chosen: Vec<StoredTime> = chosen.map(|k| all[k]).collect();
         let cut = cut.unwrap_or_else(|| Cut::usual(run, &chosen));
         let film = Film::new(run, &cut, chosen)?;
         let mut palette = Palette::of(&film.frame(0)?);

@@ -1,6 +1,6 @@
 //! The file with a warped field that a run starts from (`initial.warped`).
 
-use crate::base::checksum::{self, Slab};
+use crate::base::checksum::{self, DatasetBox};
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
@@ -249,7 +249,7 @@ impl WarpedFile {
 
 /// The first of the `values` of a slab with so many `points` a cell that is NaN or infinite, in
 /// words.
-fn not_finite(values: &[f64], points: usize, slab: &Slab) -> Option<String> {
+fn not_finite(values: &[f64], points: usize, slab: &DatasetBox) -> Option<String> {
     let place = values.iter().position(|w| !w.is_finite())?;
     let (cell, j) = (place / points, place % points);
     let at = format!("the {cell}-th cell from {:?} and point {j}", slab.start);

@@ -1,7 +1,7 @@
 //! Modes of a field spread over the ranks, and the rounds in which ranks get all modes of some
 //! cells.
 
-use crate::base::checksum::Slab;
+use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
 use crate::parallel::communicator::Communicator;
 use crate::parallel::communicator::transpose::Transpose;
@@ -49,19 +49,19 @@ impl Spread<'_> {
     pub fn rounds(
         &self,
         most: usize,
-        mut visit: impl FnMut(&[Range<usize>], &Slab) -> Result<()>,
+        mut visit: impl FnMut(&[Range<usize>], &DatasetBox) -> Result<()>,
     ) -> Result<()> {
         let (rank, ranks) = (self.communicator.modes.rank(), self.communicator.modes.size());
         let shape: Vec<usize> = (self.block.ranges.iter().map(Range::len))
             .chain(self.space.v.iter().map(|axis| axis.cells))
             .collect();
-        let count = Slab::pieces(&shape, most).count().div_ceil(ranks);
+        let count = DatasetBox::pieces(&shape, most).count().div_ceil(ranks);
         let rounds = self.communicator.world.max_count(count);
         // Pieces follow each other in the order of the cells.
-        let mut pieces = Slab::pieces(&shape, most);
+        let mut pieces = DatasetBox::pieces(&shape, most);
         let mut next = 0;
         for _ in 0..rounds {
-            let mut mine = Slab::of(&vec![0..0; shape.len()]);
+            let mut mine = DatasetBox::of(&vec![0..0; shape.len()]);
             let cells: Vec<Range<usize>> = (0..ranks)
                 .map(|r| {
                     let first = next;
@@ -114,7 +114,7 @@ impl Spread<'_> {
 }
 
 /// A slab of cells with all points.
-pub fn with_points(slab: &Slab, points: usize) -> Slab {
+pub fn with_points(slab: &DatasetBox, points: usize) -> DatasetBox {
     let mut slab = slab.clone();
     slab.start.push(0);
     slab.count.push(points);

@@ -24,7 +24,7 @@ pub struct AxisEnd {
 
 /// Where particles come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Source {
+pub enum ParticleSource {
     /// The initial data.
     Initial,
     /// Through an end of the box.
@@ -74,12 +74,12 @@ impl SampleBox {
 }
 
 /// The sequence of a replicate.
-pub struct Sequence {
+pub struct SampleSequence {
     shift: Vec<f64>,
     step: Vec<f64>,
 }
 
-impl Sequence {
+impl SampleSequence {
     /// The sequence of replicate `number` of a source in so many dimensions.
     pub fn new(dimensions: usize, number: usize) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(number as u64);
@@ -130,14 +130,16 @@ impl Drawer<'_> {
     /// The particles of these `numbers` of the sequence, but for those where nothing is.
     pub fn draw(
         &self,
-        source: Source,
-        sequence: &Sequence,
+        source: ParticleSource,
+        sequence: &SampleSequence,
         numbers: impl Iterator<Item = usize>,
     ) -> Vec<Particle> {
         let units = numbers.map(|k| sequence.point(k));
         match source {
-            Source::Initial => self.initial(units),
-            Source::Entering(end) => units.filter_map(|unit| self.entering(end, &unit)).collect(),
+            ParticleSource::Initial => self.initial(units),
+            ParticleSource::Entering(end) => {
+                units.filter_map(|unit| self.entering(end, &unit)).collect()
+            }
         }
     }
 
@@ -234,7 +236,7 @@ mod tests {
     #[test]
     fn sequences_fill_the_cube_evenly() {
         for dimensions in 1..=MOST {
-            let sequence = Sequence::new(dimensions, 3);
+            let sequence = SampleSequence::new(dimensions, 3);
             let count = 4096;
             for axis in 0..dimensions {
                 let values = (0..count).map(|k| sequence.point(k)[axis]);

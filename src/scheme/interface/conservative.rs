@@ -10,14 +10,14 @@
 //! signs.
 
 use crate::problem::grid::Axis;
-use crate::scheme::interface::law::{FARTHEST, InterfaceLaw, Side, Source, velocity};
+use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, velocity};
 
 /// The law.
 #[derive(Debug)]
 pub struct Conservative;
 
 impl InterfaceLaw for Conservative {
-    fn sources(&self, out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64) {
+    fn sources(&self, out: &mut Vec<FluxSource>, axis: &Axis, j: i64, rise: f64) {
         let xi = velocity(axis, j);
         let sign = if xi > 0.0 { 1 } else { -1 };
         let lattice = Lattice::new(axis);
@@ -38,7 +38,7 @@ impl InterfaceLaw for Conservative {
         if sum > 0.0 {
             out.iter_mut().for_each(|s| s.weight /= sum);
         } else {
-            out.push(Source {
+            out.push(FluxSource {
                 side: Side::Across,
                 velocity: lattice.cell_of(0.5 * (low + high) + rise, sign),
                 weight: 1.0,
@@ -83,7 +83,7 @@ impl<'a> Lattice<'a> {
     /// overlaps over `length`.
     fn share(
         &self,
-        out: &mut Vec<Source>,
+        out: &mut Vec<FluxSource>,
         side: Side,
         sign: i64,
         low: f64,
@@ -99,7 +99,7 @@ impl<'a> Lattice<'a> {
                 let (a, b) = self.energies(k);
                 let overlap = b.min(high) - a.max(low);
                 if overlap > least {
-                    out.push(Source { side, velocity: k, weight: overlap / length });
+                    out.push(FluxSource { side, velocity: k, weight: overlap / length });
                 }
             }
             k += sign;

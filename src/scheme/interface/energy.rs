@@ -62,7 +62,7 @@ impl FaceSide {
 
 /// A share of a trace: that of velocity node `node` on `side`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Share {
+pub struct TraceShare {
     /// Side of the face.
     pub side: FaceSide,
     /// Cell of the velocity axis.
@@ -75,7 +75,7 @@ pub struct Share {
 #[derive(Clone, Debug, Default)]
 pub struct TraceCoupling {
     /// Row of `M⁻¹B`, or of `M⁻¹Bᵀ`.
-    pub partners: Vec<Share>,
+    pub partners: Vec<TraceShare>,
     /// Row of `M⁻¹ Σ_q W_q ℓ ℓᵀ` over the points whose partner is beyond the velocity box: node of
     /// the same velocity element, weight.
     pub unpaired: Vec<(usize, f64)>,
@@ -98,7 +98,7 @@ impl FaceCoupling {
     /// [`check_axis`]). `reflection` is the reflected part of what may be transmitted, in `[0, 1]`,
     /// of the normal kinetic energy on the slow side.
     pub fn new(axis: &Axis, rise: f64, reflection: &dyn Fn(f64) -> f64) -> Self {
-        let mut sums = Sums::new(axis);
+        let mut sums = QuadratureSums::new(axis);
         let slow = if rise > 0.0 { FaceSide::Above } else { FaceSide::Below };
         let fast = slow.opposite();
         let drop = 2.0 * rise.abs();
@@ -111,13 +111,13 @@ impl FaceCoupling {
                 let w = (u * u + drop).sqrt();
                 let (arrives, leaves) = if side == slow { (u, w) } else { (w, u) };
                 let part = reflection(0.5 * u * u);
-                let transmitted = End { side: side.opposite(), velocity: sign * leaves };
-                let arriving = End { side, velocity: sign * arrives };
+                let transmitted = PathEnd { side: side.opposite(), velocity: sign * leaves };
+                let arriving = PathEnd { side, velocity: sign * arrives };
                 if part < 1.0 {
                     sums.add(arriving, transmitted, weight * u * (1.0 - part));
                 }
                 if part > 0.0 {
-                    let reflected = End { side, velocity: -sign * arrives };
+                    let reflected = PathEnd { side, velocity: -sign * arrives };
                     sums.add(arriving, reflected, weight * u * part);
                 }
             });
@@ -126,8 +126,8 @@ impl FaceCoupling {
         let sign = fast.approaching();
         let edges = reflection_edges(axis, threshold);
         for_each_point(&edges, f64::INFINITY, axis.nodes.degree, |w, weight| {
-            let arriving = End { side: fast, velocity: sign * w };
-            let reflected = End { side: fast, velocity: -sign * w };
+            let arriving = PathEnd { side: fast, velocity: sign * w };
+            let reflected = PathEnd { side: fast, velocity: -sign * w };
             sums.add(arriving, reflected, weight * w);
         });
         sums.finish()
@@ -228,13 +228,13 @@ fn for_each_point(edges: &[f64], drop: f64, degree: usize, mut visit: impl FnMut
 
 /// One end of a path through the face.
 #[derive(Clone, Copy)]
-struct End {
+struct PathEnd {
     side: FaceSide,
     velocity: f64,
 }
 
 /// Sums over the quadrature points.
-struct Sums<'a> {
+struct QuadratureSums<'a> {
     axis: &'a Axis,
     /// `B` and `Bᵀ`, by row and column.
     pairs: Vec<BTreeMap<usize, f64>>,
@@ -244,7 +244,7 @@ struct Sums<'a> {
     values: [Vec<f64>; 2],
 }
 
-impl<'a> Sums<'a> {
+impl<'a> QuadratureSums<'a> {
     fn new(axis: &'a Axis) -> Self {
         let traces = 2 * axis.cells;
         let values = vec![0.0; axis.nodes.count()];
@@ -272,7 +272,7 @@ impl<'a> Sums<'a> {
     }
 
     /// Adds a point of weight `weight` on the path from `arriving` to `leaving`.
-    fn add(&mut self, arriving: End, leaving: End, weight: f64) {
+    fn add(&mut self, arriving: PathEnd, leaving: PathEnd, weight: f64) {
         let Self { axis, values: [from, to], .. } = self;
         let first_from = Self::locate(axis, arriving.velocity, from);
         let first_to = Self::locate(axis, leaving.velocity, to);
@@ -312,7 +312,7 @@ impl<'a> Sums<'a> {
         let lists = pairs.into_iter().zip(unpaired).zip(beyond).enumerate();
         let traces = lists.map(|(row, ((pairs, unpaired), beyond))| {
             let mass = mass[row % cells];
-            let share = |(column, sum): (usize, f64)| Share {
+            let share = |(column, sum): (usize, f64)| TraceShare {
                 side: if column < cells { FaceSide::Below } else { FaceSide::Above },
                 node: column % cells,
                 weight: sum / mass,

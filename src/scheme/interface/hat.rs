@@ -9,7 +9,7 @@
 //! function.
 
 use crate::problem::grid::Axis;
-use crate::scheme::interface::law::{FARTHEST, InterfaceLaw, Side, Source, velocity};
+use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, velocity};
 
 /// Fractions of a cell below this are round-off of a velocity that lies on a cell centre.
 const ON_CENTRE: f64 = 1e-11;
@@ -19,7 +19,7 @@ const ON_CENTRE: f64 = 1e-11;
 pub struct Hat;
 
 impl InterfaceLaw for Hat {
-    fn sources(&self, out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64) {
+    fn sources(&self, out: &mut Vec<FluxSource>, axis: &Axis, j: i64, rise: f64) {
         let xi = velocity(axis, j);
         let square = xi * xi + 2.0 * rise;
         if square > 0.0 {
@@ -35,7 +35,7 @@ impl InterfaceLaw for Hat {
 }
 
 /// Weights of the hat function `h(ξ − ξ_k)` of width `Δξ`.
-fn interpolate(out: &mut Vec<Source>, axis: &Axis, side: Side, xi: f64) {
+fn interpolate(out: &mut Vec<FluxSource>, axis: &Axis, side: Side, xi: f64) {
     let position = axis.position(xi) - 0.5;
     let position = position.clamp(-FARTHEST, FARTHEST);
     let mut k = position.floor();
@@ -49,7 +49,7 @@ fn interpolate(out: &mut Vec<Source>, axis: &Axis, side: Side, xi: f64) {
     let k = k as i64;
     for (velocity, weight) in [(k, 1.0 - fraction), (k + 1, fraction)] {
         if weight > 0.0 {
-            out.push(Source { side, velocity, weight });
+            out.push(FluxSource { side, velocity, weight });
         }
     }
 }

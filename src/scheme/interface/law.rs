@@ -14,7 +14,7 @@ pub enum Side {
 
 /// A share of the flux: velocity cell `velocity` (possibly off the grid) on `side`, with `weight`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Source {
+pub struct FluxSource {
     /// Side of the face.
     pub side: Side,
     /// Index along the velocity axis; outside `0..cells` it is a ghost, filled by the inflow.
@@ -29,7 +29,7 @@ pub trait InterfaceLaw: Debug + Sync {
     /// rises by `rise ≠ 0` from the source side to the target side:
     /// `f(x⁺, ξ_j) = Σ weight · f(source)`. The kinetic energy on the source side is
     /// `ξ²/2 + rise`. Weights are positive and sum to 1.
-    fn sources(&self, out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64);
+    fn sources(&self, out: &mut Vec<FluxSource>, axis: &Axis, j: i64, rise: f64);
 
     /// Whether column sums of `A` may be positive next to a jump, so that the l2 norm may grow
     /// unless it is weighted (see [`crate::matrix::weights`]).

@@ -17,7 +17,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
-use crate::scheme::interface::{Side, Source, sources, velocity};
+use crate::scheme::interface::{FluxSource, Side, sources, velocity};
 use crate::scheme::reduce::reached::elements::{Links, Points};
 use crate::scheme::rows::{Row, Scheme};
 use std::collections::{BTreeMap, BTreeSet};
@@ -62,7 +62,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     for plane in &mut planes {
         world.max_into(&mut plane.reached);
     }
-    if planes.iter().all(Plane::is_full) {
+    if planes.iter().all(ReachedPlane::is_full) {
         return Ok(());
     }
     let boxes = boxes(case, planes)?;
@@ -87,9 +87,9 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
 }
 
 /// The velocities that are reached along each axis, from those in `planes`.
-fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
+fn boxes(case: &Case, planes: Vec<ReachedPlane>) -> Result<Vec<Range<usize>>> {
     let potential = Potential::whole(case)?;
-    let close = |mut plane: Plane| {
+    let close = |mut plane: ReachedPlane| {
         let a = plane.axis;
         let closed = match case.is_galerkin() {
             true => Links::new(case, &potential, a, MOST_JUMPS).map(|links| {
@@ -106,7 +106,7 @@ fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
 }
 
 /// Which cells of the plane of an axis are reached; of a degree above 0, which elements.
-struct Plane {
+struct ReachedPlane {
     axis: usize,
     /// Cells of velocity.
     cells: usize,
@@ -114,7 +114,7 @@ struct Plane {
     reached: Vec<f64>,
 }
 
-impl Plane {
+impl ReachedPlane {
     fn at(&self, i: usize, j: usize) -> usize {
         i * self.cells + j
     }
@@ -188,11 +188,15 @@ impl Faces {
     }
 
     /// Whether the row of a cell takes from one that is reached.
-    fn takes<'a>(&'a self, case: &'a Case, a: usize) -> impl Fn(&Plane, usize, usize) -> bool + 'a {
+    fn takes<'a>(
+        &'a self,
+        case: &'a Case,
+        a: usize,
+    ) -> impl Fn(&ReachedPlane, usize, usize) -> bool + 'a {
         let space = &case.space;
         let (x, v) = (&space.x[a], &space.v[a]);
         // What a velocity finds behind a face with a jump.
-        let mut behind: BTreeMap<u64, Vec<Vec<Source>>> = BTreeMap::new();
+        let mut behind: BTreeMap<u64, Vec<Vec<FluxSource>>> = BTreeMap::new();
         for jump in self.jumps.iter().flatten() {
             behind.entry(*jump).or_insert_with(|| {
                 let list = |j: i64| {
@@ -209,7 +213,7 @@ impl Faces {
             let speed = velocity(v, j as i64);
             let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
             let across = space.wrap(a, i as i64 + step);
-            let holds = |source: &Source| match (source.side, across) {
+            let holds = |source: &FluxSource| match (source.side, across) {
                 (Side::Same, _) => plane.holds(i, source.velocity),
                 (Side::Across, Some(across)) => plane.holds(across, source.velocity),
                 (Side::Across, None) => false,
@@ -226,11 +230,11 @@ impl Faces {
 
 /// The planes with the initial data and the inflow, of every `of`-th point of space from `first`
 /// on; not all of them where the planes are full before.
-fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
+fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
     // Of degree 0, elements are cells.
     let (space, n) = (case.space.by_elements(), case.space.dimension());
-    let mut planes: Vec<Plane> = (0..n)
-        .map(|axis| Plane {
+    let mut planes: Vec<ReachedPlane> = (0..n)
+        .map(|axis| ReachedPlane {
             axis,
             cells: space.v[axis].cells,
             reached: vec![0.0; space.x[axis].cells * space.v[axis].cells],

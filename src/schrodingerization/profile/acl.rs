@@ -8,8 +8,10 @@
 //! `p > 0`; below, the branch cut from `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`,
 //! `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
 
-use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::window::{
+    ProfileRequirements, Window, place, summed_by_parts,
+};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -29,7 +31,7 @@ pub struct Acl {
 
 impl Acl {
     /// The one of `β` for `demand`.
-    pub fn meeting(beta: f64, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(beta: f64, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(beta);
         place(&profile, 0.0, demand).map(|window| (profile, window))
     }
@@ -85,8 +87,8 @@ impl Acl {
 }
 
 impl Planned for Acl {
-    fn form(&self) -> Form<'_> {
-        Form::Transform(self)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Transform(self)
     }
 
     fn description(&self) -> String {
@@ -94,7 +96,7 @@ impl Planned for Acl {
     }
 }
 
-impl Shape for Acl {
+impl ProfileShape for Acl {
     fn coefficient(&self, mu: f64) -> Complex64 {
         self.transform(Complex64::from(mu))
     }

@@ -4,7 +4,7 @@
 //! its one mode, read at `p◇ = 0`, is the solution.
 
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::{Form, Planned};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm};
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -31,8 +31,8 @@ impl Default for Constant {
 }
 
 impl Planned for Constant {
-    fn form(&self) -> Form<'_> {
-        Form::Series(&self.series)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Series(&self.series)
     }
 
     fn description(&self) -> String {

@@ -37,8 +37,8 @@ pub mod least_squares;
 use crate::schrodingerization::profile::designed::circle::{Circle, TURN};
 use crate::schrodingerization::profile::designed::least_squares::minimiser;
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::{Form, Planned};
-use crate::schrodingerization::profile::window::{Demand, Window};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
@@ -79,7 +79,7 @@ pub struct Designed {
 impl Designed {
     /// The one of about least work for `demand`, read at `p◇ = 0` or the given point; `None` where
     /// round-off forbids it ([`possible`](Self::possible)).
-    pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(demand: &ProfileRequirements) -> Option<(Self, Window)> {
         if !Self::possible(demand) {
             return None;
         }
@@ -118,7 +118,7 @@ impl Designed {
 
     /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and no interval
     /// and no samples are asked for. Beyond its domain it is no function to take samples of.
-    pub fn possible(demand: &Demand) -> bool {
+    pub fn possible(demand: &ProfileRequirements) -> bool {
         // False where the growth is not known, too.
         let least = demand.tolerance * libm::exp(-demand.growth);
         let [lower, upper] = domain(demand);
@@ -130,8 +130,8 @@ impl Designed {
 }
 
 impl Planned for Designed {
-    fn form(&self) -> Form<'_> {
-        Form::Series(&self.series)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Series(&self.series)
     }
 
     fn description(&self) -> String {
@@ -140,22 +140,22 @@ impl Planned for Designed {
 }
 
 /// How many times more than by arithmetic itself modes are rounded.
-fn coarser(demand: &Demand) -> f64 {
+fn coarser(demand: &ProfileRequirements) -> f64 {
     demand.round_off / f64::EPSILON
 }
 
 /// `ln 1/ε`, relative to the largest value on the domain, `e^{Λ⁺}`.
-fn digits(demand: &Demand) -> f64 {
+fn digits(demand: &ProfileRequirements) -> f64 {
     demand.growth - libm::log(demand.tolerance)
 }
 
 /// Where `g` must be `e^{−p}`.
-fn domain(demand: &Demand) -> [f64; 2] {
+fn domain(demand: &ProfileRequirements) -> [f64; 2] {
     [-demand.growth, demand.reach + demand.decay]
 }
 
 /// The polynomial of fewest modes with a period longer by `gap` than the domain.
-fn with_gap(circle: &Circle, demand: &Demand, gap: f64) -> Option<Polynomial> {
+fn with_gap(circle: &Circle, demand: &ProfileRequirements, gap: f64) -> Option<Polynomial> {
     let [lower, upper] = domain(demand);
     let (tolerance, digits) = (demand.tolerance, digits(demand));
     let cutoff = libm::tan(FRAC_PI_2 * digits / ROOM);

@@ -18,8 +18,8 @@
 
 use crate::base::piecewise::{ORDERS, Piecewise};
 use crate::problem::case::Alpha;
-use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-use crate::schrodingerization::profile::window::{Demand, Window, place};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -35,10 +35,11 @@ pub struct Exponential {
 
 impl Exponential {
     /// The one of `α` for `demand`.
-    pub fn meeting(alpha: &Alpha, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(alpha: &Alpha, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self { alpha: alpha.clone() };
         let round_off = demand.round_off * profile.excess();
-        place(&profile, 0.0, &Demand { round_off, ..*demand }).map(|window| (profile, window))
+        place(&profile, 0.0, &ProfileRequirements { round_off, ..*demand })
+            .map(|window| (profile, window))
     }
 
     /// How many times larger `Σ|c_l|` may be than the 2 that plans count on.
@@ -64,8 +65,8 @@ impl Exponential {
 }
 
 impl Planned for Exponential {
-    fn form(&self) -> Form<'_> {
-        Form::Transform(self)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Transform(self)
     }
 
     fn description(&self) -> String {
@@ -73,7 +74,7 @@ impl Planned for Exponential {
     }
 }
 
-impl Shape for Exponential {
+impl ProfileShape for Exponential {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let right = 1.0 / Complex64::new(1.0, mu);
         let left = match &self.alpha {

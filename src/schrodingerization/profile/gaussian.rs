@@ -9,8 +9,8 @@
 
 use crate::base::bisect::bisect;
 use crate::problem::limits::SIGMAS;
-use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-use crate::schrodingerization::profile::window::{Demand, Window};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{PI, SQRT_2};
 
@@ -42,8 +42,11 @@ impl Gaussian {
     /// period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that the
     /// next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`.
-    fn candidates(sigma: Option<f64>, demand: &Demand) -> impl Iterator<Item = Self> + use<> {
-        let &Demand { tolerance, growth, decay, reach, round_off, .. } = demand;
+    fn candidates(
+        sigma: Option<f64>,
+        demand: &ProfileRequirements,
+    ) -> impl Iterator<Item = Self> + use<> {
+        let &ProfileRequirements { tolerance, growth, decay, reach, round_off, .. } = demand;
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
@@ -72,7 +75,7 @@ impl Gaussian {
 
     /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where
     /// `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
-    pub fn meeting(sigma: Option<f64>, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(sigma: Option<f64>, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
             profile.offset += point;
@@ -91,8 +94,8 @@ impl Gaussian {
 }
 
 impl Planned for Gaussian {
-    fn form(&self) -> Form<'_> {
-        Form::Transform(self)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Transform(self)
     }
 
     fn description(&self) -> String {
@@ -100,7 +103,7 @@ impl Planned for Gaussian {
     }
 }
 
-impl Shape for Gaussian {
+impl ProfileShape for Gaussian {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let one = Complex64::new(1.0, mu);
         (0.5 * self.sigma * self.sigma * one * one - one * self.offset).exp() / one
@@ -139,7 +142,7 @@ mod tests {
     }
 
     fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Gaussian> {
-        let demand = Demand::new(tolerance, growth, decay, reach);
+        let demand = ProfileRequirements::new(tolerance, growth, decay, reach);
         Gaussian::meeting(None, &demand).map(|(g, _)| g)
     }
 
@@ -201,7 +204,7 @@ mod tests {
     #[test]
     fn round_off_sets_the_limit() {
         let limit = |growth, decay| {
-            let demand = Demand::new(0.1, growth, decay, 0.0);
+            let demand = ProfileRequirements::new(0.1, growth, decay, 0.0);
             Profile::smallest_tolerance(&ProfileChoice::Gaussian { sigma: None }, &demand)
         };
         let smallest = limit(0.375, 127.0).expect("possible");

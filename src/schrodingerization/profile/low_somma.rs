@@ -11,8 +11,8 @@
 //! within the tolerance, cut-off and period as for every profile.
 
 use crate::base::bisect::bisect;
-use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-use crate::schrodingerization::profile::window::{Demand, Window, place};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -35,7 +35,7 @@ fn normal(x: f64) -> f64 {
 
 impl LowSomma {
     /// The cheapest for `demand`, with `c` chosen unless it is given; read at `p◇ = Λ⁺ + c`.
-    pub fn meeting(c: Option<f64>, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(c: Option<f64>, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         // 0.25 to 16, in equal ratios.
         let planned: Vec<f64> = match (c, demand.recovery) {
             (Some(c), _) => vec![c],
@@ -47,7 +47,7 @@ impl LowSomma {
             let allowed = DEVIATION * demand.tolerance * (-demand.growth).exp();
             let profile = Self::within(c, allowed)?;
             let point = demand.recovery.unwrap_or(demand.growth + c);
-            let demand = Demand { recovery: Some(point), ..*demand };
+            let demand = ProfileRequirements { recovery: Some(point), ..*demand };
             place(&profile, c, &demand).map(|w| (profile, w))
         });
         planned.min_by(|(_, a), (_, b)| {
@@ -78,8 +78,8 @@ impl LowSomma {
 }
 
 impl Planned for LowSomma {
-    fn form(&self) -> Form<'_> {
-        Form::Transform(self)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Transform(self)
     }
 
     fn description(&self) -> String {
@@ -87,7 +87,7 @@ impl Planned for LowSomma {
     }
 }
 
-impl Shape for LowSomma {
+impl ProfileShape for LowSomma {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let square = 1.0 + mu * mu;
         Complex64::from(2.0 / square * (-0.5 * self.sigma * self.sigma * square).exp())

@@ -4,7 +4,7 @@ use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
 
 /// A function `g(p)` on the line.
-pub trait Shape {
+pub trait ProfileShape {
     /// `ĝ(μ) = ∫ g(p) e^{−iμp} dp`.
     fn coefficient(&self, mu: f64) -> Complex64;
 
@@ -20,9 +20,9 @@ pub trait Shape {
 }
 
 /// How a profile is known.
-pub enum Form<'a> {
+pub enum ProfileForm<'a> {
     /// As a function on the line.
-    Transform(&'a dyn Shape),
+    Transform(&'a dyn ProfileShape),
     /// As a periodic series only.
     Series(&'a Series),
 }
@@ -30,7 +30,7 @@ pub enum Form<'a> {
 /// A profile whose parameters are planned.
 pub trait Planned {
     /// How it is known.
-    fn form(&self) -> Form<'_>;
+    fn form(&self) -> ProfileForm<'_>;
 
     /// Kind and parameters of the profile, in words.
     fn description(&self) -> String;

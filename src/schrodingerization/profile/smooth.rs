@@ -16,8 +16,10 @@
 //! ```
 
 use crate::base::quadrature::gauss_legendre;
-use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
-use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
+use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::window::{
+    ProfileRequirements, Window, place, summed_by_parts,
+};
 use num_complex::Complex64;
 use std::f64::consts::E;
 
@@ -53,7 +55,7 @@ fn factorial(n: usize) -> f64 {
 
 impl Smooth {
     /// The one of `r = order` for `demand`.
-    pub fn meeting(order: usize, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(order: usize, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(order);
         place(&profile, 0.0, demand).map(|window| (profile, window))
     }
@@ -117,8 +119,8 @@ impl Smooth {
 }
 
 impl Planned for Smooth {
-    fn form(&self) -> Form<'_> {
-        Form::Transform(self)
+    fn form(&self) -> ProfileForm<'_> {
+        ProfileForm::Transform(self)
     }
 
     fn description(&self) -> String {
@@ -126,7 +128,7 @@ impl Planned for Smooth {
     }
 }
 
-impl Shape for Smooth {
+impl ProfileShape for Smooth {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let i_mu = Complex64::new(0.0, mu);
         if mu.abs() <= SMALL {

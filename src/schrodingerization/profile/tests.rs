@@ -48,20 +48,20 @@ fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     profiles().into_iter().chain([jump]).collect()
 }
 
-fn planned(choice: &Choice, demand: &Demand) -> (Profile, Window) {
+fn planned(choice: &Choice, demand: &ProfileRequirements) -> (Profile, Window) {
     Profile::plan(choice, demand).unwrap_or_else(|| panic!("{choice:?} {demand:?}"))
 }
 
-fn shape(profile: &Profile) -> &dyn Shape {
+fn shape(profile: &Profile) -> &dyn ProfileShape {
     match profile.form() {
-        Form::Transform(shape) => shape,
-        Form::Series(_) => panic!("{profile} is no function on the line"),
+        ProfileForm::Transform(shape) => shape,
+        ProfileForm::Series(_) => panic!("{profile} is no function on the line"),
     }
 }
 
 /// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have
 /// corners.
-fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
+fn samples(g: &dyn ProfileShape) -> Vec<[f64; 2]> {
     let pieces = [(-200.0, -1.0, 160_000), (-1.0, 0.0, 800), (0.0, 40.0, 40_000)];
     let mut samples = Vec::new();
     for (a, b, n) in pieces {
@@ -83,7 +83,7 @@ fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
 #[test]
 fn coefficients_are_the_transform_of_the_values() {
     for (choice, _) in profiles() {
-        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.1, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 5.0, 0.0));
         let g = shape(&profile);
         let samples = samples(g);
         for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
@@ -106,7 +106,7 @@ fn a_formula_without_p_is_the_constant() {
         let [constant, formula] = [exponential(alpha), exponential(&format!("{alpha} + 0*p"))];
         assert_ne!(constant, formula);
         for (growth, decay) in [(0.0, 3.0), (0.375, 40.0)] {
-            let demand = Demand::new(1e-2, growth, decay, 0.0);
+            let demand = ProfileRequirements::new(1e-2, growth, decay, 0.0);
             let [(a, of_constant), (b, of_formula)] =
                 [&constant, &formula].map(|choice| planned(choice, &demand));
             let [g, h] = [shape(&a), shape(&b)];
@@ -149,14 +149,14 @@ fn smooth_coefficients_agree_where_their_formulas_meet() {
 }
 
 /// The periodic sum, from values.
-fn periodic(g: &dyn Shape, period: f64, p: f64) -> f64 {
+fn periodic(g: &dyn ProfileShape, period: f64, p: f64) -> f64 {
     (-6..=6).map(|m| g.value(p + period * f64::from(m))).sum()
 }
 
 #[test]
 fn tails_bound_what_is_left_out() {
     for (choice, _) in all_profiles() {
-        let (profile, window) = planned(&choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+        let (profile, window) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
         let (g, period) = (shape(&profile), window.period);
         for mu in [2.0, 5.0, 17.0] {
             let modes = (mu * period / (2.0 * PI)) as usize + 1;
@@ -189,7 +189,7 @@ fn rounding_is_amplified_as_planned() {
         if choice == GAUSSIAN {
             continue;
         }
-        let (profile, window) = planned(&choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+        let (profile, window) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
         let sum: f64 = (0..modes).map(|l| series.factor(l).norm()).sum();
@@ -202,7 +202,7 @@ fn rounding_is_amplified_as_planned() {
 }
 
 /// `e^{p◇}` times the error of the series on the domain of dependence, relative to the tolerance.
-fn worst(series: &Series, demand: &Demand, window: &Window) -> f64 {
+fn worst(series: &Series, demand: &ProfileRequirements, window: &Window) -> f64 {
     let (from, to) = (window.point - demand.growth, window.point + demand.reach + demand.decay);
     let count = 400;
     (0..=count)
@@ -216,7 +216,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
     for (choice, tolerances) in all_profiles() {
         for &tolerance in tolerances {
             for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
-                let mut demand = Demand::new(tolerance, growth, decay, 0.0);
+                let mut demand = ProfileRequirements::new(tolerance, growth, decay, 0.0);
                 if Profile::plan(&choice, &demand).is_none() {
                     // Round-off forbids it, and not much less.
                     let least = Profile::smallest_tolerance(&choice, &demand).expect("possible");
@@ -255,7 +255,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 #[test]
 fn series_reach_as_far_as_readings() {
     for (choice, tolerances) in all_profiles() {
-        let demand = Demand::new(tolerances[0], 0.375, 10.0, 1.5);
+        let demand = ProfileRequirements::new(tolerances[0], 0.375, 10.0, 1.5);
         let (profile, window) = planned(&choice, &demand);
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
@@ -269,7 +269,7 @@ fn series_reach_as_far_as_readings() {
 #[test]
 fn samples_alias() {
     for (choice, _) in profiles() {
-        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let interval: [f64; 2] = [-45.0, 40.0];
         let (period, points) = (interval[1] - interval[0], 340);
@@ -318,7 +318,7 @@ fn low_somma_is_as_published() {
             // Spacing: at most 2 pi over the period that our conditions ask for, and not half of
             // it.
             let decay = 60.0;
-            let demand = Demand::new(tolerance, 0.0, decay, 0.0);
+            let demand = ProfileRequirements::new(tolerance, 0.0, decay, 0.0);
             let spacing = PI / (0.5 * decay + (64.0 * (1.5 * c).exp() / (15.0 * tolerance)).ln());
             let period = demand.period(&published, c);
             let ratio = 2.0 * PI / period / spacing;
@@ -328,7 +328,7 @@ fn low_somma_is_as_published() {
 }
 
 /// The error of the interpolant at a point, with twice and four times the points: the order.
-fn order(g: &dyn Shape, point: f64, phase: f64, points: [usize; 2], sampled: bool) -> f64 {
+fn order(g: &dyn ProfileShape, point: f64, phase: f64, points: [usize; 2], sampled: bool) -> f64 {
     let interval = [-42.0 - phase, 38.0 - phase];
     let error = |n: usize| {
         let series = if sampled {
@@ -363,7 +363,7 @@ fn orders_in_the_number_of_points() {
         (Choice::Smooth { order: 3 }, 4.0, [3840, 15360]),
     ];
     for (choice, expected, points) in rows {
-        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         for sampled in [true, false] {
             // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine
             // one.
@@ -386,7 +386,7 @@ fn orders_in_the_number_of_points() {
     for (choice, points) in
         [(GAUSSIAN, 20), (Choice::LowSomma { c: Some(2.0) }, 30), (Choice::Acl { beta: 0.75 }, 80)]
     {
-        let (profile, _) = planned(&choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-9, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
         assert!(found[0] > 1.0 && found[1] > found[0] + 0.7, "{profile}: {found:?}");

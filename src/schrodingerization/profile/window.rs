@@ -2,7 +2,7 @@
 
 use crate::base::bisect::bisect;
 use crate::matrix::lanes::LANES;
-use crate::schrodingerization::profile::shape::Shape;
+use crate::schrodingerization::profile::shape::ProfileShape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,7 @@ pub const PLATEAU: f64 = 2.0;
 
 /// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Demand {
+pub struct ProfileRequirements {
     /// `ε`: largest error of the state, relative to the initial one.
     pub tolerance: f64,
     /// `Λ⁺ ≥ λ⁺T`.
@@ -37,7 +37,7 @@ pub struct Demand {
     pub round_off: f64,
 }
 
-impl Demand {
+impl ProfileRequirements {
     /// What a plan without anything by hand asks of the analytic coefficients.
     pub fn new(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Self {
         Self {
@@ -86,7 +86,7 @@ impl Demand {
     /// Least period for reading at `point` and `reach` further: with `q` the point below which `g`
     /// is small enough, the left images end before the domain of dependence,
     /// `P ≥ p◇ + reach + Λ⁻ − q`; the right ones add `e^{−P}` at its other end, `P ≥ Λ⁺ + ln 1/ε`.
-    pub fn period(&self, shape: &dyn Shape, point: f64) -> f64 {
+    pub fn period(&self, shape: &dyn ProfileShape, point: f64) -> f64 {
         let furthest = point + self.reach + self.decay;
         let right = self.growth - (self.images * self.tolerance).ln();
         (furthest - shape.left(self.image(point))).max(right)
@@ -95,7 +95,7 @@ impl Demand {
     /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at
     /// `L`: both within what an image may add. Of analytic coefficients any whole period would do:
     /// it is one that begins [`PLATEAU`] below `p◇` or lower, so that it holds what is read.
-    pub fn ends(&self, shape: &dyn Shape, window: &Window) -> [f64; 2] {
+    pub fn ends(&self, shape: &dyn ProfileShape, window: &Window) -> [f64; 2] {
         let upper = window.point + self.reach - (self.images * self.tolerance).ln();
         if self.sampled {
             let left = shape.left(self.image(window.point));
@@ -106,7 +106,7 @@ impl Demand {
     }
 
     /// Whether the interval given by hand has room for `window`.
-    pub fn admits(&self, shape: &dyn Shape, window: &Window) -> bool {
+    pub fn admits(&self, shape: &dyn ProfileShape, window: &Window) -> bool {
         let Some([lower, upper]) = self.interval else {
             return true;
         };
@@ -154,7 +154,7 @@ impl Window {
 /// The window of least cost for a profile that is `e^{−p}` from `edge` on. What is read at `p◇`
 /// comes from `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
 /// `e` times larger and the modes left out of a profile with a corner cancel.
-pub fn place(shape: &dyn Shape, edge: f64, demand: &Demand) -> Option<Window> {
+pub fn place(shape: &dyn ProfileShape, edge: f64, demand: &ProfileRequirements) -> Option<Window> {
     let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
     let points = match &demand.recovery {
         Some(point) => std::slice::from_ref(point),
@@ -169,7 +169,12 @@ pub fn place(shape: &dyn Shape, edge: f64, demand: &Demand) -> Option<Window> {
         })
 }
 
-fn window(shape: &dyn Shape, edge: f64, demand: &Demand, point: f64) -> Option<Window> {
+fn window(
+    shape: &dyn ProfileShape,
+    edge: f64,
+    demand: &ProfileRequirements,
+    point: f64,
+) -> Option<Window> {
     if !demand.keeps_digits(point) {
         return None;
     }

@@ -14,7 +14,7 @@
 use crate::base::checksum::of_run;
 use crate::parallel::partition::common_runs;
 use crate::solve::kept::{KeptModes, ModeProgress};
-use crate::solve::snapshot::{Fingerprint, Snapshot, State};
+use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -54,7 +54,7 @@ pub struct Header {
     /// The modes it keeps, and how far each is.
     pub kept: Vec<(usize, ModeProgress)>,
     /// How far the rank's mode group is.
-    pub state: State,
+    pub state: GroupProgress,
 }
 
 /// Where the parts of a file begin, in words from the first sum on.

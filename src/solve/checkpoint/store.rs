@@ -3,11 +3,11 @@
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::{Mesh, common_runs};
+use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::PhaseSpace;
 use crate::solve::checkpoint::file;
 use crate::solve::checkpoint::file::{Destination, Header, RankFile, Written};
-use crate::solve::snapshot::{Fingerprint, Snapshot, State};
+use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::fs::File;
@@ -23,7 +23,7 @@ struct Manifest {
     fingerprint: Fingerprint,
     generation: u64,
     /// The process mesh it was written on.
-    mesh: Mesh,
+    mesh: ProcessMesh,
     /// For people: the stage, how many of its modes are finished, and the applications done so far.
     stage: usize,
     finished: usize,
@@ -84,7 +84,7 @@ pub struct Generation {
     space: PhaseSpace,
     manifest: Manifest,
     /// How far it is, all mode groups together.
-    pub state: State,
+    pub state: GroupProgress,
     /// Numbers at a point of space, of each result.
     pub results: Vec<usize>,
 }
@@ -143,7 +143,12 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::Checkpoint`], of the first rank that has one.
-    pub fn write(&mut self, world: &Group, mesh: &Mesh, snapshot: &Snapshot<'_>) -> Result<usize> {
+    pub fn write(
+        &mut self,
+        world: &Group,
+        mesh: &ProcessMesh,
+        snapshot: &Snapshot<'_>,
+    ) -> Result<usize> {
         // Other ranks may not see the files that rank 0 found.
         let number = world.broadcast_text(&self.next.to_string());
         let number = number.parse().unwrap_or(self.next);
@@ -172,7 +177,7 @@ impl Store {
     fn write_files(
         &self,
         world: &Group,
-        mesh: &Mesh,
+        mesh: &ProcessMesh,
         number: u64,
         directory: &Path,
         snapshot: &Snapshot<'_>,
@@ -211,7 +216,13 @@ impl Store {
         world.agree(manifest.write(directory).map_err(failed).map(|()| finished))
     }
 
-    fn header(&self, mesh: &Mesh, rank: usize, generation: u64, snapshot: &Snapshot<'_>) -> Header {
+    fn header(
+        &self,
+        mesh: &ProcessMesh,
+        rank: usize,
+        generation: u64,
+        snapshot: &Snapshot<'_>,
+    ) -> Header {
         let (block, group) = (rank % mesh.blocks(), rank / mesh.blocks());
         let kept = snapshot.kept.as_ref();
         Header {
@@ -289,7 +300,7 @@ impl Store {
         world: &Group,
         number: u64,
         text: &str,
-    ) -> Result<(Manifest, State, Vec<usize>)> {
+    ) -> Result<(Manifest, GroupProgress, Vec<usize>)> {
         let path = self.generation(number);
         let refuse = |reason: String| failure(&path, &reason);
         let manifest = Manifest::parse(text, number).map_err(refuse)?;

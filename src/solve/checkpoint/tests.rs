@@ -5,11 +5,13 @@
 mod fuzzing;
 
 use super::*;
-use crate::parallel::partition::Mesh;
+use crate::parallel::partition::ProcessMesh;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
 use crate::solve::kept::{KeptModes, ModeProgress};
-use crate::solve::snapshot::{Fingerprint, Kept, KeptMode, Numbers, Start, State};
+use crate::solve::snapshot::{
+    BoxValues, Fingerprint, GroupProgress, Kept, KeptMode, WarpedFieldKey,
+};
 use crate::solve::statistics::BatchStatistics;
 use fuzzing::{Random, Reader, fuzz};
 use num_complex::Complex64;
@@ -63,7 +65,7 @@ fn fingerprint() -> Fingerprint {
     Fingerprint {
         program: "1".to_owned(),
         settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
-        start: Some(Start { points: ([4, 5], 6), values: Some(7) }),
+        start: Some(WarpedFieldKey { points: ([4, 5], 6), values: Some(7) }),
         field: Some(9),
         tables: [("potential.0.table".to_owned(), Some(8))].into(),
         plan: 3,
@@ -117,7 +119,7 @@ struct Rank<'a> {
 }
 
 impl<'a> Rank<'a> {
-    fn all(space: &'a PhaseSpace, mesh: &Mesh) -> Vec<Self> {
+    fn all(space: &'a PhaseSpace, mesh: &ProcessMesh) -> Vec<Self> {
         (0..mesh.ranks())
             .map(|number| {
                 let (block, group) = (number % mesh.blocks(), number / mesh.blocks());
@@ -139,7 +141,7 @@ impl<'a> Rank<'a> {
         auxiliary(self.space, &self.block)
     }
 
-    fn header(&self, state: &State) -> Header {
+    fn header(&self, state: &GroupProgress) -> Header {
         Header {
             fingerprint: fingerprint(),
             generation: 3,
@@ -175,16 +177,16 @@ impl<'a> Rank<'a> {
             rows,
         });
         let snapshot = Snapshot {
-            state: State {
+            state: GroupProgress {
                 finished: self.modes.clone(),
                 beyond: vec![1.0 / 3.0, 1e-300, 0.1 + 0.2],
-                ..State::default()
+                ..GroupProgress::default()
             },
             sums: (sums.iter().zip(SUMS))
-                .map(|(values, width)| Numbers { width, values })
+                .map(|(values, width)| BoxValues { width, values })
                 .collect(),
             results: (results.iter().zip(RESULTS))
-                .map(|(values, width)| Numbers { width, values })
+                .map(|(values, width)| BoxValues { width, values })
                 .collect(),
             kept: Some(Kept { auxiliary: self.auxiliary(), modes: modes.collect() }),
         };
@@ -198,7 +200,7 @@ impl<'a> Rank<'a> {
 
     /// Reads what concerns it from the files that the ranks of `from` wrote, compares results and
     /// modes; its part of the sums.
-    fn read(&self, directory: &Path, from: &Mesh) -> Vec<Vec<i64>> {
+    fn read(&self, directory: &Path, from: &ProcessMesh) -> Vec<Vec<i64>> {
         let own = file::points(&self.block);
         let sum = |width: &usize| vec![0; 2 * width * own];
         let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
@@ -231,7 +233,7 @@ impl<'a> Rank<'a> {
     }
 }
 
-fn write_all(directory: &Path, space: &PhaseSpace, mesh: &Mesh) -> Vec<file::Written> {
+fn write_all(directory: &Path, space: &PhaseSpace, mesh: &ProcessMesh) -> Vec<file::Written> {
     let ranks = Rank::all(space, mesh);
     ranks.iter().map(|rank| rank.write(directory)).collect()
 }
@@ -248,7 +250,7 @@ fn expected_result(space: &PhaseSpace, share: &[Range<usize>], k: usize, width: 
 
 #[test]
 fn what_a_mesh_wrote_is_read_on_any_other() {
-    let mesh = |space: &[usize], groups: usize| Mesh { space: space.to_vec(), groups };
+    let mesh = |space: &[usize], groups: usize| ProcessMesh { space: space.to_vec(), groups };
     // Some shares are empty: more groups than layers of a block.
     let line = [(1, 1), (3, 1), (1, 4), (4, 3), (2, 7)].map(|(x, groups)| mesh(&[x], groups));
     let plane = [([1, 1], 2), ([2, 3], 1), ([5, 1], 2), ([1, 4], 3)];
@@ -265,7 +267,7 @@ fn what_a_mesh_wrote_is_read_on_any_other() {
 }
 
 /// Reads what the ranks of `from` wrote on those of `to`; the sums of all are whole.
-fn read_all(directory: &Path, space: &PhaseSpace, from: &Mesh, to: &Mesh) {
+fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &ProcessMesh) {
     let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
     let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
     let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
@@ -287,7 +289,7 @@ fn read_all(directory: &Path, space: &PhaseSpace, from: &Mesh, to: &Mesh) {
 #[test]
 fn every_flipped_bit_is_found() {
     let space = space(&[3]);
-    let mesh = Mesh { space: vec![1], groups: 1 };
+    let mesh = ProcessMesh { space: vec![1], groups: 1 };
     let directory = tempfile::tempdir().expect("a directory");
     let written = write_all(directory.path(), &space, &mesh)[0];
     let path = file_of(directory.path(), 0);
@@ -306,21 +308,21 @@ fn every_flipped_bit_is_found() {
 }
 
 /// Files of checkpoints whose checksum is right and whose contents are not.
-struct Files {
+struct DamagedFiles {
     space: PhaseSpace,
-    mesh: Mesh,
+    mesh: ProcessMesh,
     directory: tempfile::TempDir,
     /// The file of each rank as it was written.
     written: Vec<Vec<u8>>,
 }
 
-impl Reader for Files {
+impl Reader for DamagedFiles {
     /// A rank, and what is in the place of its file.
     type Input = (usize, Vec<u8>);
     const INPUTS: u64 = 2000;
 
     fn new() -> Self {
-        let (space, mesh) = (space(&[5, 4]), Mesh { space: vec![2, 1], groups: 2 });
+        let (space, mesh) = (space(&[5, 4]), ProcessMesh { space: vec![2, 1], groups: 2 });
         let directory = tempfile::tempdir().expect("a directory");
         write_all(directory.path(), &space, &mesh);
         let read = |rank| std::fs::read(file_of(directory.path(), rank)).expect("a file");
@@ -343,7 +345,7 @@ impl Reader for Files {
 
 #[test]
 fn changed_files_are_refused_or_read() {
-    fuzz::<Files>("solve::checkpoint::tests::changed_files_are_refused_or_read");
+    fuzz::<DamagedFiles>("solve::checkpoint::tests::changed_files_are_refused_or_read");
 }
 
 /// Whether `rank` can read the file.
@@ -402,7 +404,7 @@ fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
 fn runs_that_differ_are_told_apart() {
     let own = fingerprint();
     assert_eq!(own.difference(&own), None);
-    let start = |points, values| Some(Start { points, values });
+    let start = |points, values| Some(WarpedFieldKey { points, values });
     let change = |change: &dyn Fn(&mut Fingerprint)| {
         let mut other = own.clone();
         change(&mut other);
@@ -443,11 +445,11 @@ fn runs_that_differ_are_told_apart() {
 fn mode_groups_together() {
     let told =
         |kept, defect, applications| BatchStatistics { kept, defect, applications, solves: 2 };
-    let state = |finished: &[usize], told: BatchStatistics| State {
+    let state = |finished: &[usize], told: BatchStatistics| GroupProgress {
         finished: finished.to_vec(),
         beyond: vec![0.5],
         statistics: told,
-        ..State::default()
+        ..GroupProgress::default()
     };
     let mut all = state(&[3, 4], told(Some(0.5), None, 7));
     all.add(state(&[1], told(Some(0.25), Some(0.1), 5)));

@@ -75,7 +75,7 @@ pub enum Verdict {
 
 /// When checkpoints are made.
 #[derive(Clone, Debug, Default)]
-pub struct Times {
+pub struct CheckpointTimes {
     /// Every so often, by rank 0's clock.
     pub every: Option<Duration>,
     /// How long the program may take, and since when it does.
@@ -87,7 +87,7 @@ pub struct Times {
 /// The clock and the votes of a rank.
 pub struct Watch {
     vote: Vote,
-    times: Times,
+    times: CheckpointTimes,
     /// Whether its clock counts: rank 0's does.
     leads: bool,
     /// Whether ranks wait for each other's votes.
@@ -111,7 +111,7 @@ pub struct Watch {
 
 impl Watch {
     /// Begins to watch. Collective.
-    pub fn new(communicator: &Communicator, times: Times) -> Self {
+    pub fn new(communicator: &Communicator, times: CheckpointTimes) -> Self {
         let now = Instant::now();
         Self {
             vote: Vote::new(&communicator.world),

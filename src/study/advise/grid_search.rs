@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::study::advise::order::{Order, Range};
-use crate::study::advise::scheme::Scheme;
+use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::{Trials, cells};
 use crate::study::grids::Grids;
 use serde::Serialize;
@@ -114,7 +114,7 @@ pub struct DensityError {
 #[derive(Clone, Copy)]
 pub struct Goal<'a> {
     /// The scheme.
-    pub scheme: Scheme,
+    pub scheme: SchemeChoice,
     /// Shape of the coarse grid to begin with.
     pub start: &'a [usize],
     /// Shape of the case's own grid.
@@ -183,7 +183,7 @@ pub fn grid_near(
 /// As [`Trials::run`].
 pub fn error_on(
     trials: &mut Trials<'_>,
-    scheme: Scheme,
+    scheme: SchemeChoice,
     shape: &[usize],
     order: &Order,
     share: f64,

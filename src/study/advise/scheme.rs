@@ -8,7 +8,7 @@ use crate::study::treatment::Treatment;
 
 /// A semi-discrete scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Scheme {
+pub struct SchemeChoice {
     /// Interface law, of degree 0.
     pub interface: Interface,
     /// Slope limiter, of degree 0.
@@ -47,7 +47,7 @@ impl Flux {
 /// Highest degree that is tried, where the case has no higher one.
 const HIGHEST_DEGREE: usize = 4;
 
-impl Scheme {
+impl SchemeChoice {
     /// The scheme of `case`; Schrödingerization has no slopes.
     pub fn of(case: &Case) -> Self {
         let limiter = match case.method {

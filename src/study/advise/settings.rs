@@ -71,7 +71,7 @@ pub fn command(case: &Case, settings: &[String]) -> String {
 mod tests {
     use super::*;
     use crate::problem::case::{Integrator, Interface};
-    use crate::study::advise::scheme::Scheme;
+    use crate::study::advise::scheme::SchemeChoice;
 
     #[test]
     fn settings_lead_from_a_case_to_the_target() {
@@ -90,7 +90,7 @@ mod tests {
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
         let base = base_case(&case).unwrap();
         for interface in Interface::ALL {
-            let scheme = Scheme { interface, limiter: Limiter::None, degree: 0, flux: None };
+            let scheme = SchemeChoice { interface, limiter: Limiter::None, degree: 0, flux: None };
             let mut target = scheme.schrodingerized(&base, &[40, 36]);
             target.tolerance = 3e-4;
             let set = settings(&case, &base, &target);
@@ -103,7 +103,7 @@ mod tests {
             assert!(!command.contains("cells=24"), "{command}");
         }
         let limiter = Limiter::VanLeer;
-        let scheme = Scheme { interface: Interface::Hat, limiter, degree: 0, flux: None };
+        let scheme = SchemeChoice { interface: Interface::Hat, limiter, degree: 0, flux: None };
         let found = read(&settings(&case, &base, &scheme.classical(&base, &[40, 36]))).unwrap();
         assert_eq!(
             (found.method, found.limiter, found.integrator),

@@ -5,11 +5,11 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Exact, Limiter};
 use crate::problem::grid::averaged;
-use crate::problem::grid::{Axis, Part};
+use crate::problem::grid::{Axis, AxisPart};
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
-use crate::study::advise::scheme::Scheme;
+use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;
 use crate::study::cost::{CostModel, Seconds, planned_updates, planned_work};
 use crate::study::grids::{Grids, of_degree};
@@ -60,7 +60,7 @@ pub struct Trials<'a> {
     /// ranks makes the same trials.
     pub budget: Budget,
     cost: CostModel,
-    done: BTreeMap<(Scheme, Vec<usize>), TrialResult>,
+    done: BTreeMap<(SchemeChoice, Vec<usize>), TrialResult>,
     exact_densities: BTreeMap<Vec<usize>, Vec<f64>>,
 }
 
@@ -73,7 +73,7 @@ impl<'a> Trials<'a> {
     pub fn new(world: &'a World, base: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
         let budget = Budget::new(world, seconds);
         let needed = reduced(&world.group(), &base)?;
-        let is_merged = |axis: &Axis| matches!(axis.part, Part::Merged { .. });
+        let is_merged = |axis: &Axis| matches!(axis.part, AxisPart::Merged { .. });
         let merged: Vec<bool> = needed.space.axes().map(is_merged).collect();
         let own_degree = base.space.degree();
         let grids = Grids::new(&base).with_merged(merged.clone());
@@ -114,7 +114,7 @@ impl<'a> Trials<'a> {
     }
 
     /// The case with elements of the degree of `scheme`, which was prepared.
-    pub fn degree_case(&self, scheme: Scheme) -> &DegreeCase {
+    pub fn degree_case(&self, scheme: SchemeChoice) -> &DegreeCase {
         &self.degree_cases[&scheme.degree]
     }
 
@@ -140,7 +140,7 @@ impl<'a> Trials<'a> {
 
     /// Updates that a classical run of `scheme` on `shape` counts as; infinite for a grid with more
     /// cells than the budget has updates.
-    fn updates(&mut self, scheme: Scheme, shape: &[usize]) -> Result<f64> {
+    fn updates(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
         let cells = all_cells(&case);
         match self.budget.holds(cells, 1.0) {
@@ -152,7 +152,7 @@ impl<'a> Trials<'a> {
     /// Updates that a comparison with the exact density on `shape` counts as. Of degree 0 the exact
     /// density is computed once a grid; of higher degrees with each trial, at more points than
     /// nodes.
-    fn updates_to_compare(&self, scheme: Scheme, shape: &[usize]) -> f64 {
+    fn updates_to_compare(&self, scheme: SchemeChoice, shape: &[usize]) -> f64 {
         if self.exact.is_none() {
             return 0.0;
         }
@@ -176,7 +176,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`CostModel::work`].
-    pub fn is_cheap(&mut self, scheme: Scheme, shape: &[usize], part: f64) -> Result<bool> {
+    pub fn is_cheap(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
         let updates = self.updates(scheme, shape)? + self.updates_to_compare(scheme, shape);
         Ok(self.budget.holds(updates, part))
     }
@@ -185,7 +185,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`CostModel::work`].
-    pub fn affords(&mut self, scheme: Scheme, shape: &[usize], part: f64) -> Result<bool> {
+    pub fn affords(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
         let mut updates = self.updates_to_compare(scheme, shape);
         if self.has_run(scheme, shape) {
             return Ok(updates == 0.0 || self.budget.allows(updates, part));
@@ -195,7 +195,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Whether `scheme` on `shape` was tried.
-    pub fn has_run(&self, scheme: Scheme, shape: &[usize]) -> bool {
+    pub fn has_run(&self, scheme: SchemeChoice, shape: &[usize]) -> bool {
         self.done.contains_key(&(scheme, shape.to_vec()))
     }
 
@@ -203,7 +203,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`Trials::measure`].
-    pub fn run(&mut self, scheme: Scheme, shape: &[usize]) -> Result<&TrialResult> {
+    pub fn run(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<&TrialResult> {
         let key = (scheme, shape.to_vec());
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.degree_case(scheme).base, shape);
@@ -247,7 +247,7 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`Trials::run`] and [`exact_density`].
-    pub fn error(&mut self, scheme: Scheme, shape: &[usize]) -> Result<Option<f64>> {
+    pub fn error(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<Option<f64>> {
         let found = self.run(scheme, shape)?;
         if scheme.degree > 0 {
             return Ok(found.error);
@@ -262,7 +262,7 @@ impl<'a> Trials<'a> {
     /// As [`exact_density`].
     pub fn error_of(
         &mut self,
-        scheme: Scheme,
+        scheme: SchemeChoice,
         found: &TrialResult,
         shape: &[usize],
     ) -> Result<Option<f64>> {
@@ -275,7 +275,7 @@ impl<'a> Trials<'a> {
     /// The relative L1 error of a density of degree 0. Collective.
     fn error_of_cells(
         &mut self,
-        scheme: Scheme,
+        scheme: SchemeChoice,
         density: &[f64],
         shape: &[usize],
     ) -> Result<Option<f64>> {
@@ -296,7 +296,12 @@ impl<'a> Trials<'a> {
     ///
     /// # Errors
     /// As [`Trials::run`].
-    pub fn distance(&mut self, scheme: Scheme, coarse: &[usize], fine: &[usize]) -> Result<f64> {
+    pub fn distance(
+        &mut self,
+        scheme: SchemeChoice,
+        coarse: &[usize],
+        fine: &[usize],
+    ) -> Result<f64> {
         let space = &self.degree_case(scheme).base.space;
         let cells = |shape: &[usize]| -> Vec<usize> {
             space.x.iter().zip(shape).map(|(axis, n)| n * axis.nodes.count()).collect()

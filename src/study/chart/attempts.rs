@@ -84,13 +84,13 @@ struct ExpectedSeconds {
 }
 
 /// The outcome of a setting.
-enum Outcome {
+enum TrialOutcome {
     LeftOut(ExpectedSeconds),
     Refused(String),
     Done(Box<Trial>, Seconds),
 }
 
-impl Outcome {
+impl TrialOutcome {
     fn longer_than(seconds: f64) -> Self {
         Self::LeftOut(ExpectedSeconds { seconds, at_least: true })
     }
@@ -182,14 +182,14 @@ impl<'a> Attempts<'a> {
         let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
             let reason = error.to_string();
             self.first_error.get_or_insert(error);
-            Outcome::Refused(reason)
+            TrialOutcome::Refused(reason)
         });
         let entry = match outcome {
-            Outcome::Done(trial, seconds) => Entry::done(&case, &trial, seconds),
-            Outcome::Refused(reason) => {
+            TrialOutcome::Done(trial, seconds) => Entry::done(&case, &trial, seconds),
+            TrialOutcome::Refused(reason) => {
                 Entry { reason: Some(reason), ..Entry::of(&case, Status::Refused) }
             }
-            Outcome::LeftOut(ExpectedSeconds { seconds, at_least }) => {
+            TrialOutcome::LeftOut(ExpectedSeconds { seconds, at_least }) => {
                 let coarser = self.seconds_on_coarser(setting);
                 Entry {
                     expected_seconds: Some(seconds.max(coarser)),
@@ -211,25 +211,25 @@ impl<'a> Attempts<'a> {
     ///
     /// # Errors
     /// Those of reducing, measuring and running the case.
-    fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<Outcome> {
+    fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<TrialOutcome> {
         let setup = &setting.setup;
         if let Some(why) = refused(case) {
-            return Ok(Outcome::Refused(why.to_owned()));
+            return Ok(TrialOutcome::Refused(why.to_owned()));
         }
         if self.is_over() {
-            return Ok(Outcome::longer_than(self.least_seconds(case)));
+            return Ok(TrialOutcome::longer_than(self.least_seconds(case)));
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
             if self.budget.decide(self.too_late(case, setup, least)) {
-                return Ok(Outcome::longer_than(least));
+                return Ok(TrialOutcome::longer_than(least));
             }
         }
         let mut scene = self.reduce(case)?;
         if setup.needs_bounds() {
             let least = (self.cost).overhead(&scene, scene.space.cells() as f64);
             if !self.budget.decide(self.fits(setup, least)) {
-                return Ok(Outcome::longer_than(least));
+                return Ok(TrialOutcome::longer_than(least));
             }
             let bounds = self.measured_bounds(&scene)?;
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
@@ -239,12 +239,12 @@ impl<'a> Attempts<'a> {
         // With measured bounds the error is the plan's own; without them the trial tells.
         if self.budget.decide(error.is_some() && self.cost.is_measured(&scene)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
-            return Ok(Outcome::Refused(reason));
+            return Ok(TrialOutcome::Refused(reason));
         }
         // A lower bound promises nothing; one that cannot be planned is refused at once.
         let known = !expected.at_least || error.is_some();
         if !self.budget.decide(known && self.fits(setup, expected.seconds)) {
-            return Ok(Outcome::LeftOut(expected));
+            return Ok(TrialOutcome::LeftOut(expected));
         }
         let (trial, seconds) = self.timed(&scene)?;
         self.cost.learn(&scene, &trial.plan, seconds);
@@ -253,7 +253,7 @@ impl<'a> Attempts<'a> {
             let largest = all.fold(0.0, |largest, f| f64::max(largest, f.abs()));
             self.zero = Some(self.budget.group().max(largest) == 0.0);
         }
-        Ok(Outcome::Done(Box::new(trial), seconds))
+        Ok(TrialOutcome::Done(Box::new(trial), seconds))
     }
 
     /// Whether the budget is used up, once anything ran. Collective until it is.

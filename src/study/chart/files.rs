@@ -7,7 +7,7 @@ use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected;
-use crate::study::files::Files;
+use crate::study::files::StudyFiles;
 use serde_json::Value;
 use std::fmt;
 use std::path::Path;
@@ -58,7 +58,7 @@ impl Chart {
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
         let (table, figure) = (csv(&self.entries), picture::figure(self));
-        Files { name: "chart", found: self, table, figure }.write(directory)
+        StudyFiles { name: "chart", found: self, table, figure }.write(directory)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::base::text::word;
 use crate::problem::case::{DEFAULT_CFL, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::results::figure::palette::{Marker, Style};
-use crate::results::figure::{Axis, Figure, Panel};
+use crate::results::figure::{Figure, Panel, PlotAxis};
 use crate::study::chart::entry::Entry;
 use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
@@ -16,7 +16,7 @@ use crate::study::chart::verdict::ends;
 use crate::study::treatment::Treatment;
 
 /// Coordinates of an entry in a panel.
-type Point = fn(&Entry) -> Option<[f64; 2]>;
+type PointOf = fn(&Entry) -> Option<[f64; 2]>;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
 const APPLICATIONS: &str = "applications of the matrix";
@@ -42,15 +42,15 @@ pub fn figure(chart: &Chart) -> Figure {
 struct Plot<'a> {
     panel: Panel,
     entries: &'a [&'a Entry],
-    point: Point,
+    point: PointOf,
 }
 
 impl<'a> Plot<'a> {
     fn new(
         title: impl Into<String>,
-        axes: [Axis; 2],
+        axes: [PlotAxis; 2],
         entries: &'a [&'a Entry],
-        point: Point,
+        point: PointOf,
     ) -> Self {
         let [x, y] = axes;
         Self { panel: Panel::new(title, x, y), entries, point }
@@ -137,9 +137,9 @@ fn profiles(entries: &[&Entry]) -> Vec<String> {
 /// Applications, probability and their quotient against the error; tolerances against errors.
 fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
     let profiles = profiles(entries);
-    let plot = |title: &str, axes: [&str; 2], point: Point| {
+    let plot = |title: &str, axes: [&str; 2], point: PointOf| {
         let title = format!("{title} ({grid})");
-        Plot::new(title, axes.map(Axis::log), entries, point).profiles(&profiles, "", |of| of)
+        Plot::new(title, axes.map(PlotAxis::log), entries, point).profiles(&profiles, "", |of| of)
     };
     let applications = plot("Applications, by profile", [APPLICATIONS, SEMIDISCRETE], |e| {
         Some([e.applications? as f64, e.error_semidiscrete?])
@@ -152,7 +152,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
         [APPLICATIONS, "probability"],
         |e| Some([e.applications? as f64, e.probability_window?]),
     );
-    let slice: Point = |e| Some([e.applications? as f64, e.probability_slice?]);
+    let slice: PointOf = |e| Some([e.applications? as f64, e.probability_slice?]);
     let probability = Plot { point: slice, ..probability };
     let probability = probability.profiles(&profiles, ", slice", |of| of.hollow().dashed(1));
     let until = plot(
@@ -184,7 +184,7 @@ fn diagonal(entries: &[&Entry]) -> Vec<[f64; 2]> {
 /// Seconds: propagators of the first profile, classical steps, the paper's set-up.
 fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
     let title = format!("Seconds, by propagator ({grid})");
-    let axes = ["seconds", SEMIDISCRETE].map(Axis::log);
+    let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
     let propagators = ["chebyshev", "krylov", "crank-nicolson", "backward-euler"];
@@ -207,8 +207,8 @@ fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
 /// Each treatment of growth, of two profiles.
 fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
     let title = format!("Against growth at a jump ({grid})");
-    let axes = [APPLICATIONS, SEMIDISCRETE].map(Axis::log);
-    let point: Point = |e| Some([e.applications? as f64, e.error_semidiscrete?]);
+    let axes = [APPLICATIONS, SEMIDISCRETE].map(PlotAxis::log);
+    let point: PointOf = |e| Some([e.applications? as f64, e.error_semidiscrete?]);
     let mut plot = Plot::new(title, axes, entries, point);
     for (k, profile) in profiles(entries).iter().take(2).enumerate() {
         for (dash, treatment) in Treatment::by_growth().into_iter().enumerate() {
@@ -227,14 +227,14 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
 }
 
 /// The axis of memory: by logarithms where it spans more than a power of ten.
-fn memory_axis(entries: &[&Entry]) -> Axis {
+fn memory_axis(entries: &[&Entry]) -> PlotAxis {
     let label = "peak memory of a rank, MiB";
     let all: Vec<f64> =
         (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64)).collect();
     let [least, most] = ends(&all);
     match most > 10.0 * least {
-        true => Axis::log(label),
-        false => Axis::linear(label),
+        true => PlotAxis::log(label),
+        false => PlotAxis::linear(label),
     }
 }
 
@@ -245,10 +245,11 @@ fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
         "f" => "relative L1 error to the exact solution",
         _ => "relative L1 error to the exact density",
     };
-    let axes = |x: Axis| [x, Axis::log(what)];
+    let axes = |x: PlotAxis| [x, PlotAxis::log(what)];
     let title = "Exact solution, each method over the grids";
-    let seconds =
-        Plot::new(title, axes(Axis::log("seconds")), &all, |e| Some([e.seconds?, e.error_exact?]));
+    let seconds = Plot::new(title, axes(PlotAxis::log("seconds")), &all, |e| {
+        Some([e.seconds?, e.error_exact?])
+    });
     let memory = Plot::new("The same in memory", axes(memory_axis(&all)), &all, |e| {
         Some([e.memory_bytes_per_rank? as f64 / MIB, e.error_exact?])
     });

@@ -22,7 +22,7 @@ use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::scene::{assembled, notes};
 use crate::study::stability::search::{Bisection, Located};
 use num_complex::Complex64;
@@ -278,7 +278,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
                 true => f64::NAN,
                 false => steps.growth(integrator, x, LONG),
             };
-            Point { x, measured, theory: growth_bound(integrator, x, rate_ratio, of_norm) }
+            CurvePoint { x, measured, theory: growth_bound(integrator, x, rate_ratio, of_norm) }
         });
         Curve::bounded(name, points.collect())
     });

@@ -32,7 +32,7 @@ use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::scene::{
     assembled, growth, notes, refuse_elements, with_potential_times,
 };
@@ -191,10 +191,10 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let jumps = all_jumps(&case)?;
     let height = jumps.iter().flatten().copied().fold(0.0, f64::max);
     let mut notes = notes(whole, &coarse);
-    let at = |factor: f64| -> Result<Point> {
+    let at = |factor: f64| -> Result<CurvePoint> {
         let scaled = with_potential_times(&case, factor);
         let mut found = assembled(world, &scaled)?;
-        Ok(Point {
+        Ok(CurvePoint {
             x: factor * height,
             measured: growth(&mut found)? * case.duration(),
             theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.duration(),
@@ -225,11 +225,11 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
 }
 
 /// The point where `of` is largest.
-fn highest(points: &[Point], of: fn(&Point) -> f64) -> Option<Point> {
+fn highest(points: &[CurvePoint], of: fn(&CurvePoint) -> f64) -> Option<CurvePoint> {
     points.iter().max_by(|a, b| of(a).total_cmp(&of(b))).copied()
 }
 
-fn borders(points: &[Point], own: Point) -> Vec<Border> {
+fn borders(points: &[CurvePoint], own: CurvePoint) -> Vec<Border> {
     let measured = highest(points, |p| p.measured);
     let theory = highest(points, |p| p.theory);
     vec![
@@ -249,7 +249,7 @@ fn borders(points: &[Point], own: Point) -> Vec<Border> {
 }
 
 /// `located` are the heights of the spikes that theory located.
-fn verdict(points: &[Point], own: Point, located: &[f64]) -> String {
+fn verdict(points: &[CurvePoint], own: CurvePoint, located: &[f64]) -> String {
     let [place, most] =
         highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
     let among = match located.contains(&place) {

@@ -6,7 +6,7 @@ use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
-    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
 };
 use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
@@ -21,7 +21,7 @@ const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 /// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose
 /// slope counts where it is [`SURE`] times its standard error and changes `λ⁺T` by [`LITTLE`] over
 /// the grids.
-fn trend(points: &[Point]) -> &'static str {
+fn trend(points: &[CurvePoint]) -> &'static str {
     /// Fewer grids show no trend.
     const GRIDS: usize = 4;
     /// Student's t of four grids at 95 %.
@@ -64,7 +64,7 @@ fn sentence(curve: &Curve) -> String {
             finest.measured, finest.x
         );
     }
-    let amplified = |p: &Point| match p.measured {
+    let amplified = |p: &CurvePoint| match p.measured {
         m if m <= 1.0 + ROUND_OFF => format!("does not amplify at {} cells along x", p.x),
         m => format!("a factor {m:.4e} at {} cells along x", p.x),
     };
@@ -131,7 +131,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
             let Growth { measured, theory } = Growth::of(task, &case, *treatment)?;
             let [measured_factor, by_theory] =
                 [measured, theory].map(|of| (of * case.duration()).exp());
-            curve.points.push(Point { x, measured: measured_factor, theory: by_theory });
+            curve.points.push(CurvePoint { x, measured: measured_factor, theory: by_theory });
             let name = format!("{}: lambda+ at {x} cells", curve.name);
             let border = Border::place(name, Some(measured), Some(theory));
             borders.push(Border { bound: curve.bound, ..border });

@@ -4,7 +4,7 @@ use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::grids::coarsened;
 use crate::study::knobs::implicit_propagators;
 use crate::study::stability::panel::{
-    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
 };
 use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
@@ -22,7 +22,7 @@ const COMPARED: f64 = 1e-3;
 
 /// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is
 /// that of the step, and those steps.
-fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
+fn slope(points: &[CurvePoint]) -> Option<(f64, [f64; 2])> {
     let mut fine = points.iter().filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
     let slope = (b.measured / a.measured).ln() / (b.x / a.x).ln();
@@ -31,7 +31,7 @@ fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
 
 /// Of points by rising step, the one with the longest step of which no shorter one makes the error
 /// smaller by a tenth.
-fn stalled(points: &[Point]) -> Option<usize> {
+fn stalled(points: &[CurvePoint]) -> Option<usize> {
     let shorter = |k: usize| points[..k].iter().map(|p| p.measured);
     (1..points.len())
         .rev()
@@ -39,7 +39,7 @@ fn stalled(points: &[Point]) -> Option<usize> {
 }
 
 /// The step at which `of` crosses `level`, on the line between its neighbours in logarithms.
-fn crossing(points: &[Point], level: f64, of: fn(&Point) -> f64) -> Option<f64> {
+fn crossing(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) -> Option<f64> {
     points.windows(2).find_map(|pair| {
         let [a, b] = [of(&pair[0]), of(&pair[1])];
         (a <= level && level < b).then(|| {
@@ -54,7 +54,7 @@ struct ImplicitSteps {
     name: &'static str,
     method: PropagatorMethod,
     /// Points by rising step.
-    points: Vec<Point>,
+    points: Vec<CurvePoint>,
     /// Why it ended early.
     refused: Option<String>,
     /// The largest number of steps, where it ended for the budget.
@@ -78,7 +78,7 @@ impl ImplicitSteps {
                 break;
             };
             match tried {
-                Ok(trial) => found.points.push(Point {
+                Ok(trial) => found.points.push(CurvePoint {
                     x: case.duration() / f64::from(steps),
                     measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
                     theory: trial.summary.step_error.unwrap_or(f64::NAN),
@@ -181,8 +181,8 @@ mod tests {
     /// An error that falls to the shortest step, one that turns, one that stays.
     #[test]
     fn where_errors_no_longer_fall() {
-        let points = |errors: &[f64]| -> Vec<Point> {
-            let point = |(k, &measured): (usize, &f64)| Point {
+        let points = |errors: &[f64]| -> Vec<CurvePoint> {
+            let point = |(k, &measured): (usize, &f64)| CurvePoint {
                 x: f64::from(1u32 << k),
                 measured,
                 theory: f64::NAN,

@@ -8,11 +8,11 @@
 //! which round-off and truncation errors appear in the field.
 
 use crate::base::error::Result;
-use crate::matrix::inflow::Inflow;
+use crate::matrix::inflow::AuxiliaryRow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::scene::{assembled, growth, notes};
 
 /// Cells that are enough.
@@ -22,7 +22,7 @@ const PER_DECADE: i32 = 4;
 const DECADES: i32 = 3;
 
 /// Largest of `of` over the rows of inflow on all ranks. Collective.
-fn over_rows(found: &Prepared, of: impl Fn(&Inflow) -> f64) -> f64 {
+fn over_rows(found: &Prepared, of: impl Fn(&AuxiliaryRow) -> f64) -> f64 {
     let rows = found.system.matrix.inflow.iter();
     found.communicator.world.max(rows.map(of).fold(0.0, f64::max))
 }
@@ -43,7 +43,7 @@ impl Loss {
         let ratio = found.probe();
         let exponent = growth(found)? * end;
         let matrix = &found.system.matrix;
-        let block = |aux: &Inflow| {
+        let block = |aux: &AuxiliaryRow| {
             let row = aux.row as usize;
             let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row)).map(|(_, s, _)| s).sum();
             0.5 * (own + own.hypot(aux.coupling))
@@ -59,21 +59,21 @@ impl Loss {
 /// LossCurves over `δ`.
 #[derive(Default)]
 struct LossCurves {
-    total: Vec<Point>,
-    growth: Vec<Point>,
-    state: Vec<Point>,
+    total: Vec<CurvePoint>,
+    growth: Vec<CurvePoint>,
+    state: Vec<CurvePoint>,
 }
 
 impl LossCurves {
     fn push(&mut self, delta: f64, loss: &Loss, bound: f64) {
-        let point = |measured: f64, theory: f64| Point { x: delta, measured, theory };
+        let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
         self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
         self.state.push(point(loss.ratio, f64::NAN));
         self.total.push(point(loss.total(), bound.exp() * loss.ratio));
     }
 
     /// The point of least loss.
-    fn least(&self, of: fn(&Point) -> f64) -> Option<Point> {
+    fn least(&self, of: fn(&CurvePoint) -> f64) -> Option<CurvePoint> {
         let finite = self.total.iter().filter(|p| of(p).is_finite());
         finite.min_by(|a, b| of(a).total_cmp(&of(b))).copied()
     }

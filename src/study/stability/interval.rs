@@ -5,10 +5,10 @@ use crate::base::error::Result;
 use crate::problem::case::{Case, Coefficients, LARGEST_TOLERANCE, ProfileChoice};
 use crate::schrodingerization::profile::gaussian::Gaussian;
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::Shape;
+use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
@@ -42,8 +42,8 @@ struct Intervals {
 /// Errors by either end of the interval.
 #[derive(Default)]
 struct IntervalErrors {
-    left: Vec<Point>,
-    right: Vec<Point>,
+    left: Vec<CurvePoint>,
+    right: Vec<CurvePoint>,
     /// Intervals that took too long.
     skipped: usize,
     /// Whether the budget ended before all were tried.
@@ -72,7 +72,12 @@ impl Intervals {
 
     /// The error with the interval `ends`, as a point at `x`; none if it takes too long.
     /// Collective.
-    fn error(&mut self, task: &PanelTask<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
+    fn error(
+        &mut self,
+        task: &PanelTask<'_>,
+        ends: [f64; 2],
+        x: f64,
+    ) -> Result<Option<CurvePoint>> {
         let Self { reference, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);
         let series = Series::sampled(ends, points, |p| profile.value(p));
@@ -80,7 +85,7 @@ impl Intervals {
             return Ok(None);
         }
         let errors = reference.errors(&series, &[0.0])?;
-        Ok(Some(Point {
+        Ok(Some(CurvePoint {
             x,
             measured: errors.first().copied().unwrap_or(f64::NAN),
             theory: expected(&series, 0.0, *extent, reference.ratio),
@@ -141,7 +146,7 @@ fn sampled(mut case: Case, ratio: f64) -> Case {
 
 impl IntervalErrors {
     /// Where the error begins to exceed `level` at either end, measured or by theory.
-    fn borders(&self, level: f64, of: fn(&Point) -> f64) -> [Option<f64>; 2] {
+    fn borders(&self, level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
         let [_, left] = plateau(&self.left, level, of);
         let [right, _] = plateau(&self.right, level, of);
         [left, right]

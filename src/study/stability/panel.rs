@@ -89,7 +89,7 @@ impl PanelTask<'_> {
 
 /// A point of a curve; NaN where there is no number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Point {
+pub struct CurvePoint {
     /// The varied quantity.
     pub x: f64,
     /// The measured value.
@@ -104,7 +104,7 @@ pub struct Curve {
     /// Name of the curve.
     pub name: String,
     /// Points by rising `x`.
-    pub points: Vec<Point>,
+    pub points: Vec<CurvePoint>,
     /// Whether theory is only a bound on the measured values.
     pub bound: bool,
 }
@@ -129,12 +129,12 @@ pub struct Border {
 
 impl Curve {
     /// A curve whose theory is exact.
-    pub fn new(name: impl Into<String>, points: Vec<Point>) -> Self {
+    pub fn new(name: impl Into<String>, points: Vec<CurvePoint>) -> Self {
         Self { name: name.into(), points, bound: false }
     }
 
     /// A curve whose theory is a bound.
-    pub fn bounded(name: impl Into<String>, points: Vec<Point>) -> Self {
+    pub fn bounded(name: impl Into<String>, points: Vec<CurvePoint>) -> Self {
         Self { bound: true, ..Self::new(name, points) }
     }
 }
@@ -193,7 +193,7 @@ impl AxisScale {
 
 /// A panel: measurements over one varied quantity.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Panel {
+pub struct StabilityPanel {
     /// Its name for `--only`.
     pub name: PanelName,
     /// Its title.
@@ -259,7 +259,7 @@ pub struct Stability {
     /// Ranks that measured.
     pub ranks: usize,
     /// The panels.
-    pub panels: Vec<Panel>,
+    pub panels: Vec<StabilityPanel>,
     /// The panels that the case does not have.
     pub left_out: Vec<LeftOut>,
     /// Seconds it took.

@@ -18,7 +18,7 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
-use crate::study::stability::panel::{Point, Reason};
+use crate::study::stability::panel::{CurvePoint, Reason};
 use crate::study::stability::reference::ReferenceProblem;
 use crate::study::stability::scene::LANCZOS;
 
@@ -96,12 +96,12 @@ pub fn expected(series: &Series, p: f64, extent: SpectrumExtent, ratio: f64) -> 
 
 /// Where `of` falls to `level` first and where it rises above it last, between the points on a line
 /// in logarithms.
-pub fn plateau(points: &[Point], level: f64, of: fn(&Point) -> f64) -> [Option<f64>; 2] {
-    let between = |a: &Point, b: &Point| {
+pub fn plateau(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
+    let between = |a: &CurvePoint, b: &CurvePoint| {
         let part = (level / of(a)).ln() / (of(b) / of(a)).ln();
         Some(a.x + part * (b.x - a.x)).filter(|x| x.is_finite())
     };
-    let inside = |p: &Point| of(p) <= level;
+    let inside = |p: &CurvePoint| of(p) <= level;
     let pairs = || points.windows(2);
     let first = pairs().find(|w| !inside(&w[0]) && inside(&w[1]));
     let last = pairs().rfind(|w| inside(&w[0]) && !inside(&w[1]));

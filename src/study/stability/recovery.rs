@@ -4,10 +4,10 @@ use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::Shape;
+use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
 use crate::study::stability::panel::{
-    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
 };
 use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
@@ -39,7 +39,7 @@ fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
 /// The readings of one kind.
 struct Readings {
     name: String,
-    points: Vec<Point>,
+    points: Vec<CurvePoint>,
     extent: SpectrumExtent,
     /// The bound of a run on `λ⁺T`.
     growth_bound: f64,
@@ -50,7 +50,7 @@ struct Readings {
 impl Readings {
     /// Where the plateau begins and ends, measured and by theory.
     fn ends(&self) -> [[Option<f64>; 2]; 2] {
-        [|p: &Point| p.measured, |p: &Point| p.theory]
+        [|p: &CurvePoint| p.measured, |p: &CurvePoint| p.theory]
             .map(|of| plateau(&self.points, self.level, of))
     }
 
@@ -105,7 +105,7 @@ fn read(
     }
     let ratio = reference.ratio;
     let errors = reference.errors(&series, &at)?;
-    let point = |(&x, &measured): (&f64, &f64)| Point {
+    let point = |(&x, &measured): (&f64, &f64)| CurvePoint {
         x,
         measured,
         theory: expected(&series, x, extent, ratio),

@@ -3,11 +3,11 @@
 use crate::base::error::Result;
 use crate::results::figure;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure};
-use crate::study::files::Files;
+use crate::results::figure::{Figure, PlotAxis};
+use crate::study::files::StudyFiles;
 use crate::study::grids::shape_text;
 use crate::study::stability::panel::{
-    AxisScale, Border, Curve, Panel, PanelName, Point, Stability,
+    AxisScale, Border, Curve, CurvePoint, PanelName, Stability, StabilityPanel,
 };
 use std::fmt::Write as _;
 use std::path::Path;
@@ -92,7 +92,7 @@ impl Stability {
         let field = |x: f64| {
             if x.is_finite() { format!("{x:e}") } else { String::new() }
         };
-        for Panel { name, curves, .. } in &self.panels {
+        for StabilityPanel { name, curves, .. } in &self.panels {
             for curve in curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
@@ -110,7 +110,7 @@ impl Stability {
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
         let (table, figure) = (self.csv(), self.figure());
-        Files { name: "stability", found: self, table, figure }.write(directory)
+        StudyFiles { name: "stability", found: self, table, figure }.write(directory)
     }
 
     /// A frame a panel: what was measured with markers, theory dashed.
@@ -135,13 +135,13 @@ impl Stability {
 }
 
 /// An axis of a panel.
-fn axis(scale: &AxisScale) -> Axis {
-    if scale.logarithmic { Axis::log(scale.label) } else { Axis::linear(scale.label) }
+fn axis(scale: &AxisScale) -> PlotAxis {
+    if scale.logarithmic { PlotAxis::log(scale.label) } else { PlotAxis::linear(scale.label) }
 }
 
 /// A panel as it is drawn.
-fn drawn(panel: &Panel) -> figure::Panel {
-    let line = |curve: &Curve, of: fn(&Point) -> f64| -> Vec<[f64; 2]> {
+fn drawn(panel: &StabilityPanel) -> figure::Panel {
+    let line = |curve: &Curve, of: fn(&CurvePoint) -> f64| -> Vec<[f64; 2]> {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
     };
     let mut out = figure::Panel::new(panel.title, axis(&panel.x), axis(&panel.y));
@@ -179,9 +179,9 @@ mod tests {
     #[test]
     fn curves_without_points_are_not_in_the_legend() {
         let curve = |name: &str, measured: f64| {
-            Curve::new(name, vec![Point { x: 1.0, measured, theory: f64::NAN }])
+            Curve::new(name, vec![CurvePoint { x: 1.0, measured, theory: f64::NAN }])
         };
-        let panel = Panel {
+        let panel = StabilityPanel {
             name: PanelName::Step,
             title: "steps",
             shape: vec![4, 4],

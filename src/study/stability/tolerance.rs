@@ -9,7 +9,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::knobs::PROFILES;
 use crate::study::stability::panel::{
-    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
 };
 use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
@@ -28,7 +28,7 @@ const NONE: f64 = 1e-16;
 struct ToleranceErrors {
     name: &'static str,
     /// Points by falling tolerance.
-    points: Vec<Point>,
+    points: Vec<CurvePoint>,
     /// The smallest tolerance that a plan accepts, where it is known.
     smallest: Option<f64>,
     /// Whether smaller tolerances were left out for the budget.
@@ -60,7 +60,7 @@ impl ToleranceErrors {
                 break;
             };
             match tried {
-                Ok(trial) => found.points.push(Point {
+                Ok(trial) => found.points.push(CurvePoint {
                     x: tolerance,
                     measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
                     theory: tolerance,
@@ -71,7 +71,7 @@ impl ToleranceErrors {
         Ok(found)
     }
 
-    fn measured(&self) -> impl Iterator<Item = &Point> {
+    fn measured(&self) -> impl Iterator<Item = &CurvePoint> {
         self.points.iter().filter(|p| p.measured.is_finite())
     }
 
@@ -81,7 +81,7 @@ impl ToleranceErrors {
     }
 
     /// The first trial whose error exceeds its tolerance.
-    fn missed(&self) -> Option<&Point> {
+    fn missed(&self) -> Option<&CurvePoint> {
         self.measured().find(|p| p.measured > p.theory)
     }
 

@@ -2,7 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::table::{Column, Values, csv, in_pieces, tabular};
+use crate::base::table::{Column, ColumnValues, csv, in_pieces, tabular};
 use crate::base::text::{counted, csv_records, plain, short, shortened};
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
@@ -33,7 +33,7 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// A run in the table.
 #[derive(Debug)]
-pub struct Row {
+pub struct SweepRow {
     /// Of the varied keys.
     pub values: Vec<Value>,
     /// Where its results are.
@@ -46,7 +46,7 @@ pub struct Row {
     pub error: Option<String>,
 }
 
-impl Row {
+impl SweepRow {
     /// What went wrong, or that it is not finished.
     pub fn why_not(&self) -> Option<&str> {
         self.error.as_deref().or((!self.ended).then_some("not finished"))
@@ -68,13 +68,13 @@ impl Row {
 
 /// A row a run.
 #[derive(Debug)]
-pub struct Table {
+pub struct SweepTable {
     keys: Vec<String>,
     /// The runs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<SweepRow>,
 }
 
-impl Table {
+impl SweepTable {
     /// Without rows.
     pub fn new(keys: &[String]) -> Self {
         Self { keys: keys.to_vec(), rows: Vec::new() }
@@ -107,12 +107,12 @@ impl Table {
     }
 
     /// `values` of all rows, as a column of this name.
-    fn column(&self, name: &str, value: impl Fn(&Row) -> Value) -> Values {
-        Values::new(name, self.rows.iter().map(value))
+    fn column(&self, name: &str, value: impl Fn(&SweepRow) -> Value) -> ColumnValues {
+        ColumnValues::new(name, self.rows.iter().map(value))
     }
 
     /// The varied keys, and the numbers that any run knows.
-    fn numbers(&self) -> Vec<Values> {
+    fn numbers(&self) -> Vec<ColumnValues> {
         let keys = self.keys.iter().enumerate();
         let keys = keys.map(|(i, key)| self.column(key, |row| row.values[i].clone()));
         let entries = ENTRIES.iter().map(|key| self.column(key, |row| row.entry(key)));
@@ -120,9 +120,9 @@ impl Table {
     }
 
     /// All columns.
-    fn columns(&self) -> Vec<Values> {
+    fn columns(&self) -> Vec<ColumnValues> {
         let texts = [
-            self.column("warnings", Row::warnings),
+            self.column("warnings", SweepRow::warnings),
             self.column("error", |row| row.why_not().into()),
             self.column(DIRECTORY, |row| row.directory.clone().into()),
         ];
@@ -203,7 +203,7 @@ fn head(path: &Path) -> Option<String> {
 
 /// For the terminal: the numbers in pieces that fit, each with the number of the run; then the
 /// errors.
-impl fmt::Display for Table {
+impl fmt::Display for SweepTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = (1..=self.rows.len()).map(|number| number.to_string());
         let columns: Vec<Column> = self.numbers().iter().map(shown).collect();
@@ -216,7 +216,7 @@ impl fmt::Display for Table {
 }
 
 /// A column for the terminal.
-fn shown(column: &Values) -> Column {
+fn shown(column: &ColumnValues) -> Column {
     let fit = |text: &str| shortened(&text.replace(['\n', '\t'], " "), MOST_SHOWN - 1);
     let cell = |cell: &Value| match cell {
         Value::Null => "-".to_owned(),
@@ -232,9 +232,9 @@ mod tests {
     use crate::base::text::COLUMNS;
     use serde_json::json;
 
-    fn table() -> Table {
+    fn table() -> SweepTable {
         let keys = ["solver.tolerance", "initial.f"].map(str::to_owned);
-        let row = |values, summary, error| Row {
+        let row = |values, summary, error| SweepRow {
             values,
             directory: "a b".to_owned(),
             ended: true,
@@ -250,7 +250,7 @@ mod tests {
         let values = |tolerance: f64| vec![json!(tolerance), json!("exp(-x^2), 50 %")];
         let error = Some("solver.tolerance = 5.0:\nbelow 1".to_owned());
         let rows = vec![row(values(1e-5), summary, None), row(values(5.0), Value::Null, error)];
-        Table { rows, ..Table::new(&keys) }
+        SweepTable { rows, ..SweepTable::new(&keys) }
     }
 
     #[test]
@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn a_terminal_shows_the_first_errors() {
         let mut table = table();
-        let row = |error: Option<String>| Row {
+        let row = |error: Option<String>| SweepRow {
             values: vec![json!(7), json!("x")],
             directory: "c".to_owned(),
             ended: error.is_some(),

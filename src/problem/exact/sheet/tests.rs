@@ -57,19 +57,19 @@ fn exact(case: &Case) -> ExactMoments {
 }
 
 /// A beam between two places.
-struct Piece {
+struct Beam {
     from: f64,
     to: f64,
     density: f64,
     velocity: f64,
 }
 
-const fn piece(from: f64, to: f64, density: f64, velocity: f64) -> Piece {
-    Piece { from, to, density, velocity }
+const fn piece(from: f64, to: f64, density: f64, velocity: f64) -> Beam {
+    Beam { from, to, density, velocity }
 }
 
 /// Density and momentum of `pieces`, averaged over the cells of `axis`.
-fn averages(axis: &Axis, pieces: &[Piece]) -> Vec<(f64, f64)> {
+fn averages(axis: &Axis, pieces: &[Beam]) -> Vec<(f64, f64)> {
     (0..axis.cells as i64)
         .map(|i| {
             let (lower, upper) = (axis.face(i), axis.face(i + 1));
@@ -86,7 +86,7 @@ fn averages(axis: &Axis, pieces: &[Piece]) -> Vec<(f64, f64)> {
 const BEAM_TIME: f64 = 0.7;
 
 /// The exact moments of a straight beam are those of `pieces`.
-fn check_beam(scene: Scene<'_>, pieces: &[Piece]) {
+fn check_beam(scene: Scene<'_>, pieces: &[Beam]) {
     let case = Scene { cells: 14, end: BEAM_TIME, ..scene }.case();
     let found = exact(&case);
     let expected = averages(&case.space.x[0], pieces);
@@ -165,7 +165,7 @@ fn linear_velocities_have_their_closed_form() {
 }
 
 /// Velocities at which branch `branch` passes `x`.
-fn curve_velocity(curve: &Curve, x: f64, branch: f64) -> Vec<f64> {
+fn curve_velocity(curve: &MultivaluedVelocity, x: f64, branch: f64) -> Vec<f64> {
     (1..curve.x.len())
         .filter(|&i| curve.branch[i] == branch && curve.branch[i - 1] == branch)
         .filter(|&i| (curve.x[i - 1] - x) * (curve.x[i] - x) < 0.0)
@@ -402,7 +402,7 @@ fn copies_in_a_row(copies: i64) -> Case {
 }
 
 /// Velocities at which any branch passes `x`, ascending.
-fn all_velocities(curve: &Curve, x: f64) -> Vec<f64> {
+fn all_velocities(curve: &MultivaluedVelocity, x: f64) -> Vec<f64> {
     let branches = curve.branch.last().copied().unwrap_or(0.0) as usize;
     let of_branch = |b: usize| curve_velocity(curve, x, b as f64);
     let mut found: Vec<f64> = (0..=branches).flat_map(of_branch).collect();

@@ -1,6 +1,6 @@
 //! The operator at a face, for itself: sums, contraction, energy, polynomials, slivers.
 
-use super::{FaceCoupling, FaceSide, Share, TraceCoupling, check_axis};
+use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare, check_axis};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::Axis;
 use crate::scheme::interface::conservative::Conservative;
@@ -29,7 +29,7 @@ const REFLECTIONS: [(&str, Reflection); 5] = [
 ];
 
 /// A face with its coupling.
-struct Face {
+struct CoupledFace {
     axis: Axis,
     rise: f64,
     coupling: FaceCoupling,
@@ -38,7 +38,7 @@ struct Face {
 /// A trace: side, velocity cell.
 type Trace = (FaceSide, usize);
 
-impl Face {
+impl CoupledFace {
     fn new(axis: Axis, rise: f64, reflection: Reflection) -> Self {
         let coupling = FaceCoupling::new(&axis, rise, &reflection);
         Self { axis, rise, coupling }
@@ -229,7 +229,7 @@ fn random_faces() {
             let rise = random_rise(&mut random, &axis);
             assert!(check_axis(&axis, "v").is_ok(), "{axis:?}");
             let (what, reflection) = REFLECTIONS[round % REFLECTIONS.len()];
-            Face::new(axis, rise, reflection).check(what);
+            CoupledFace::new(axis, rise, reflection).check(what);
         }
     }
 }
@@ -250,8 +250,8 @@ fn grazing_pieces() {
                 for slow in faces.iter().chain(&[0.0]).filter(|slow| slow.abs() < fast.abs()) {
                     let rise = 0.5 * (fast * fast - slow * slow) * (1.0 + miss);
                     for (what, reflection) in [REFLECTIONS[0], REFLECTIONS[3]] {
-                        Face::new(axis.clone(), rise, reflection).check(what);
-                        Face::new(axis.clone(), -rise, reflection).check(what);
+                        CoupledFace::new(axis.clone(), rise, reflection).check(what);
+                        CoupledFace::new(axis.clone(), -rise, reflection).check(what);
                     }
                 }
             }
@@ -265,7 +265,7 @@ fn many_elements() {
     for (degree, elements) in [(0, 300), (1, 150), (3, 90), (8, 40)] {
         let axis = Axis::new(-1.5, 1.5, elements).with_nodes(Nodes::of_velocity(degree));
         for rise in [0.2, -0.013, 1e-9, 0.5 * (1.0 - 0.25), 0.3125] {
-            Face::new(axis.clone(), rise, |_| 0.0).check("none");
+            CoupledFace::new(axis.clone(), rise, |_| 0.0).check("none");
         }
     }
 }
@@ -278,7 +278,7 @@ fn a_wall_mirrors_polynomials() {
         for (rise, reflection) in
             [(0.7, REFLECTIONS[0].1), (-0.7, REFLECTIONS[0].1), (0.01, REFLECTIONS[1].1)]
         {
-            let face = Face::new(axis.clone(), rise, reflection);
+            let face = CoupledFace::new(axis.clone(), rise, reflection);
             for trace in face.traces(true) {
                 for power in 0..=degree as i32 {
                     if !face.trace(trace).beyond.is_empty() {
@@ -286,7 +286,7 @@ fn a_wall_mirrors_polynomials() {
                     }
                     let shares = &face.trace(trace).partners;
                     assert!(shares.iter().all(|s| s.side == trace.0), "{}", face.name());
-                    let term = |s: &Share| s.weight * face.velocity(s.node).powi(power);
+                    let term = |s: &TraceShare| s.weight * face.velocity(s.node).powi(power);
                     let found: f64 = shares.iter().map(term).sum();
                     let exact = (-face.velocity(trace.1)).powi(power);
                     assert!((found - exact).abs() < 1e-12, "{}: {found} {exact}", face.name());
@@ -311,7 +311,7 @@ fn the_projection_of_what_arrives() {
     for degree in [0, 1, 2, 5] {
         let axis = Axis::new(-1.0, 1.5, 5).with_nodes(Nodes::of_velocity(degree));
         let (rise, reflection) = (0.17, REFLECTIONS[3].1);
-        let face = Face::new(axis.clone(), rise, reflection);
+        let face = CoupledFace::new(axis.clone(), rise, reflection);
         let cells = axis.cells;
         let number = |(side, node): Trace| node + if side == FaceSide::Above { cells } else { 0 };
         let mut sums = Mat::<f64>::zeros(2 * cells, 2 * cells);
@@ -369,7 +369,7 @@ fn degree_0_is_the_conservative_law() {
         if axis.lower > 0.0 || axis.upper < 0.0 {
             continue;
         }
-        let face = Face::new(axis.clone(), rise, |_| 0.0);
+        let face = CoupledFace::new(axis.clone(), rise, |_| 0.0);
         for trace in face.traces(true) {
             let towards = if trace.0 == FaceSide::Above { rise } else { -rise };
             list.clear();

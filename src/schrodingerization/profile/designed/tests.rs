@@ -8,7 +8,7 @@ const DECAYS: [f64; 9] = [1.0, 3.0, 10.0, 40.0, 128.0, 300.0, 512.0, 1000.0, 200
 const GROWTHS: [f64; 3] = [0.0, 0.15, 0.525];
 
 /// Applications of the modes, by their Chebyshev series.
-fn applications(demand: &Demand, period: f64, modes: usize) -> usize {
+fn applications(demand: &ProfileRequirements, period: f64, modes: usize) -> usize {
     let tail = demand.tolerance / (10.0 * modes as f64);
     let mut scratch = Vec::new();
     (0..modes)
@@ -31,7 +31,7 @@ fn value(series: &Series, k: i64) -> f64 {
 
 /// Largest `|g − e^{−p}|/ε` on the domain, on a grid unlike the design's: equally spaced, and by
 /// powers of 1.1 towards its ends.
-fn worst(demand: &Demand, series: &Series) -> f64 {
+fn worst(demand: &ProfileRequirements, series: &Series) -> f64 {
     let [lower, upper] = domain(demand);
     let unit = series.period / TURN as f64;
     let count = 2000.max(4 * series.modes()) as i64;
@@ -58,7 +58,7 @@ fn table_of_designs() {
         for growth in GROWTHS {
             for digits in 2..=12 {
                 let tolerance = 10f64.powi(-digits);
-                let demand = Demand::new(tolerance, growth, decay, 1.0);
+                let demand = ProfileRequirements::new(tolerance, growth, decay, 1.0);
                 let started = Instant::now();
                 let Some((g, window)) = Designed::meeting(&demand) else {
                     println!("{decay} {growth} {tolerance:e} | none");
@@ -98,7 +98,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 if !chosen || (decay > 600.0 && digits > 9) {
                     continue;
                 }
-                let demand = Demand::new(10f64.powi(-digits), growth, decay, 1.0);
+                let demand = ProfileRequirements::new(10f64.powi(-digits), growth, decay, 1.0);
                 let what = format!("{decay} {growth} 1e-{digits}");
                 let (g, window) = Designed::meeting(&demand).expect(&what);
                 let error = worst(&demand, &g.series);
@@ -127,7 +127,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
 #[test]
 fn cut_off_is_near_what_is_possible() {
     for digits in [6, 9, 11] {
-        let demand = Demand::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
+        let demand = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
         let (_, window) = Designed::meeting(&demand).expect("possible");
         let least = (FRAC_PI_2 * crate::schrodingerization::profile::designed::digits(&demand)
             / ROOM)
@@ -140,11 +140,12 @@ fn cut_off_is_near_what_is_possible() {
 /// Of round-off, growth and what is given by hand.
 #[test]
 fn refused_where_it_is_not_possible() {
-    let smallest =
-        |choice, growth| Profile::smallest_tolerance(choice, &Demand::new(0.1, growth, 100.0, 1.0));
+    let smallest = |choice, growth| {
+        Profile::smallest_tolerance(choice, &ProfileRequirements::new(0.1, growth, 100.0, 1.0))
+    };
     let designed = smallest(&ProfileChoice::Designed, 1.0).expect("possible");
     assert!((designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9, "{designed:e}");
-    let demand = |tolerance| Demand::new(tolerance, 1.0, 100.0, 1.0);
+    let demand = |tolerance| ProfileRequirements::new(tolerance, 1.0, 100.0, 1.0);
     assert!(Designed::meeting(&demand(1.001 * designed)).is_some());
     assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
     assert_eq!(smallest(&ProfileChoice::Designed, f64::INFINITY), None);
@@ -153,9 +154,9 @@ fn refused_where_it_is_not_possible() {
     let gaussian = smallest(&ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
     assert_eq!(smallest(&ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
-        Demand { sampled: true, ..demand(1e-6) },
-        Demand { interval: Some([-1e3, 1e3]), ..demand(1e-6) },
-        Demand { decay: 1.001 * LONGEST, ..demand(1e-6) },
+        ProfileRequirements { sampled: true, ..demand(1e-6) },
+        ProfileRequirements { interval: Some([-1e3, 1e3]), ..demand(1e-6) },
+        ProfileRequirements { decay: 1.001 * LONGEST, ..demand(1e-6) },
     ] {
         assert_eq!(Profile::plan(&ProfileChoice::Designed, &by_hand), None);
         assert!(matches!(
@@ -168,7 +169,7 @@ fn refused_where_it_is_not_possible() {
 /// Read elsewhere, it is moved: `e^{p◇} c_l e^{iμ_l p◇}` stay.
 #[test]
 fn recovery_point_by_hand_moves_it() {
-    let mut demand = Demand::new(1e-6, 0.2, 30.0, 1.0);
+    let mut demand = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
     let (zero, _) = Designed::meeting(&demand).expect("possible");
     demand.recovery = Some(2.5);
     let (moved, window) = Designed::meeting(&demand).expect("possible");
@@ -193,7 +194,7 @@ fn extremes() {
                 if decay > 1e3 && (tolerance < 1e-3 || growth > 0.0) {
                     continue;
                 }
-                let demand = Demand::new(tolerance, growth, decay, reach);
+                let demand = ProfileRequirements::new(tolerance, growth, decay, reach);
                 let found = Designed::meeting(&demand);
                 assert_eq!(found.is_some(), Designed::possible(&demand), "{demand:?}");
                 if let Some((g, _)) = found {
@@ -214,8 +215,8 @@ fn modes_of_single_precision() {
     println!("decay tolerance | modes, applications in double, in single precision");
     for decay in [28.0, 57.0, 101.0, 202.0] {
         for digits in 2..=4 {
-            let double = Demand::new(10f64.powi(-digits), 0.0, decay, 1.0);
-            let single = Demand { round_off: f64::from(f32::EPSILON), ..double };
+            let double = ProfileRequirements::new(10f64.powi(-digits), 0.0, decay, 1.0);
+            let single = ProfileRequirements { round_off: f64::from(f32::EPSILON), ..double };
             let [double, single] = [double, single].map(|demand| {
                 Designed::meeting(&demand).map_or("none".to_owned(), |(g, window)| {
                     let modes = g.series.modes();
