@@ -2,6 +2,7 @@
 
 mod chebyshev;
 mod fuzz;
+mod names;
 mod plans;
 mod scheme;
 mod size;

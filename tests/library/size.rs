@@ -40,7 +40,7 @@ fn what_is_too_wide_or_too_long_is_found() {
 }
 
 /// The files with this extension below a folder.
-fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+pub fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path());
     entries
         .flat_map(|path| match path.is_dir() {

@@ -1,0 +1,47 @@
+//! Each type of `src/` has a name of its own.
+
+use crate::size::files;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Names that two types have, with the reason.
+const SHARED_NAMES: [(&str, &str); 1] =
+    [("Panel", "a private interval of quadrature beside the panels of figures")];
+
+#[test]
+fn no_type_name_is_defined_twice() {
+    let mut defined: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for file in files(Path::new("src"), "rs") {
+        if file.file_name().is_some_and(|name| name != "tests.rs") {
+            let text = std::fs::read_to_string(&file).expect("a source file");
+            for name in type_names(&text) {
+                defined.entry(name.to_owned()).or_default().push(file.display().to_string());
+            }
+        }
+    }
+    assert!(defined.len() > 300, "only {} types are found", defined.len());
+    defined.retain(|_, files| files.len() > 1);
+    for (name, reason) in SHARED_NAMES {
+        assert!(defined.remove(name).is_some(), "{name} ({reason}) has one meaning: remove it");
+    }
+    assert!(defined.is_empty(), "names of more than one type: {defined:#?}");
+}
+
+#[test]
+fn type_names_are_found() {
+    let text = "/// struct No;\npub(crate) struct Row<'a> {\nenum Kind {\npub type Sum = f64;\n    \
+                type Error = E;\npub unsafe trait Work {\npub fn f() {\n";
+    assert_eq!(type_names(text).collect::<Vec<_>>(), ["Row", "Kind", "Sum", "Work"]);
+}
+
+/// Names of the types and traits that are defined outside functions, implementations and inline
+/// modules.
+fn type_names(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| {
+        let mut words =
+            line.split(' ').skip_while(|word| word.starts_with("pub") || *word == "unsafe");
+        let is_type = ["struct", "enum", "trait", "type"].contains(&words.next()?);
+        let name = words.next().filter(|_| is_type)?;
+        name.split(|c: char| !c.is_alphanumeric()).next()
+    })
+}
