@@ -8,7 +8,7 @@ use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
 use crate::command::resources::{has_counts, norms};
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, Owner};
@@ -142,7 +142,7 @@ fn output(
 
 /// `case` with the whole of it on every rank, and those ranks. Collective.
 fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
-    refuse_hopeless_here(world, case)?;
+    refuse_too_large_here(world, case)?;
     let here =
         Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
     Ok((Prepared::new(world, case, &here)?, here))

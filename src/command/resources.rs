@@ -6,7 +6,7 @@ use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json, print_unwrapped};
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::ranking::Ranking;
@@ -185,7 +185,7 @@ pub(super) fn has_counts(case: &Case) -> Result<()> {
 }
 
 fn prepare(world: &World, case: &Case) -> Result<Prepared> {
-    refuse_hopeless_here(world, case)?;
+    refuse_too_large_here(world, case)?;
     Prepared::new(world, case, &Resources::here(world))
 }
 

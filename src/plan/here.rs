@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::base::log::report;
 use crate::base::memory;
 use crate::parallel::communicator::{Group, World};
-use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::plan::layout::{Resources, refuse_too_large};
 use crate::problem::case::Case;
 use crate::problem::potential::Potential;
 use std::ops::Range;
@@ -67,6 +67,6 @@ pub fn announce_look(world: &World, case: &Case) {
 ///
 /// # Errors
 /// [`crate::base::error::Error::Memory`].
-pub fn refuse_hopeless_here(world: &World, case: &Case) -> Result<()> {
-    refuse_hopeless(case, &Resources::here(world))
+pub fn refuse_too_large_here(world: &World, case: &Case) -> Result<()> {
+    refuse_too_large(case, &Resources::here(world))
 }

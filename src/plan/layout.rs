@@ -61,7 +61,7 @@ impl Resources {
 ///
 /// # Errors
 /// [`Error::Memory`].
-pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
+pub fn refuse_too_large(case: &Case, resources: &Resources) -> Result<()> {
     let (ranks, limit) = (resources.ranks, resources.memory_per_rank.unwrap_or(u64::MAX));
     // The tracer keeps V and distances for all of space on every rank.
     let tracer = if matches!(case.exact, Some(Exact::Characteristics)) { 80.0 } else { 0.0 };

@@ -4,8 +4,8 @@ use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::Totals;
 use crate::parallel::communicator::{Group, World};
-use crate::plan::here::refuse_hopeless_here;
-use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::plan::here::refuse_too_large_here;
+use crate::plan::layout::{Resources, refuse_too_large};
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
@@ -70,7 +70,7 @@ impl MeasuredCase {
     pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
         let all = world.group();
         let case = reduced(&all, &*with_start(&all, case)?)?;
-        refuse_hopeless(&case, resources)?;
+        refuse_too_large(&case, resources)?;
         let bounds = Bounds::new(&case)?;
         let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
         let must = bounds.growth.is_infinite();
@@ -78,7 +78,7 @@ impl MeasuredCase {
         if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
             return Ok(Self { case, expected, bounds, ratio: ASSUMED_RATIO, at_start: None });
         }
-        refuse_hopeless_here(world, &case)?;
+        refuse_too_large_here(world, &case)?;
         let here = Resources { ranks: all.size(), ..Resources::default() };
         let mut prepared = Prepared::new(world, &case, &here)?;
         let ratio = prepared.probe();
@@ -91,7 +91,7 @@ impl MeasuredCase {
     /// # Errors
     /// As [`Plan::new`].
     pub fn plan(&self, resources: &Resources) -> Result<RunPlans> {
-        refuse_hopeless(&self.case, resources)?;
+        refuse_too_large(&self.case, resources)?;
         let provisional = Plan::provisional(&self.case, &self.expected, resources)?;
         let bounds = self.bounds.clone();
         let plan = provisional.measured(&self.case, bounds, resources, self.ratio)?;
@@ -113,7 +113,7 @@ impl RunPlans {
     /// # Errors
     /// [`crate::base::error::Error::Ranks`] and [`crate::base::error::Error::Memory`].
     pub fn on(&self, case: &Case, resources: &Resources) -> Result<Self> {
-        refuse_hopeless(case, resources)?;
+        refuse_too_large(case, resources)?;
         let provisional = self.provisional.on(case, resources)?;
         let free = self.plan.on(case, resources)?;
         let plan = free.near(case, resources, &provisional.layout.mesh);

@@ -28,7 +28,7 @@ use crate::base::text::{bytes_text, rounded_down};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, Limiter, MeasurementEffort, Method};
 use crate::problem::potential::overlooked;
@@ -146,7 +146,7 @@ struct Study<'a> {
 impl<'a> Study<'a> {
     fn new(world: &'a World, case: &'a Case, request: Request) -> Result<Self> {
         let base = base_case(case)?;
-        refuse_hopeless_here(world, &base)?;
+        refuse_too_large_here(world, &base)?;
         let trials = Trials::new(world, base, case.exact.clone(), request.budget)?;
         Ok(Self {
             world,

@@ -30,7 +30,7 @@ use crate::parallel::communicator::World;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::Plan;
 use crate::plan::here::memory_per_rank;
-use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::plan::layout::{Resources, refuse_too_large};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::classical::{EXACT, ROUGH, poisson_window};
@@ -111,7 +111,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let all = world.group();
     let mut watch = Stopwatch::start(0.0);
     let case = &reduced(&all, &*planning::with_start(&all, case)?)?;
-    refuse_hopeless(case, resources)?;
+    refuse_too_large(case, resources)?;
     let bounds = Bounds::new(case)?;
     let provisional = Plan::provisional(case, &bounds, resources)?;
     let limited = Resources { memory_per_rank: Some(memory_per_rank(&all)), ..resources.clone() };

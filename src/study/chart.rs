@@ -23,7 +23,7 @@ use crate::base::error::Result;
 use crate::base::version::GIT;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_potential};
 use crate::study::chart::attempts::Attempts;
@@ -45,7 +45,7 @@ mod tests;
 /// where nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
-    refuse_hopeless_here(world, case)?;
+    refuse_too_large_here(world, case)?;
     refuse_slow_potential(world, case, limit.as_secs_f64())?;
     let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;

@@ -23,7 +23,7 @@ use crate::base::error::{Error, Result};
 use crate::base::table::ColumnValues;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
@@ -435,7 +435,7 @@ impl DensityTask<'_> {
         };
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        refuse_hopeless_here(self.world, &scheme)?;
+        refuse_too_large_here(self.world, &scheme)?;
         let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
         let ratio = prepared.probe();
         let Prepared { system, communicator, bounds, case, .. } = &mut prepared;

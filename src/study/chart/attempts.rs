@@ -7,7 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method, Reductions};
 use crate::problem::grid::PhaseSpace;
@@ -388,7 +388,7 @@ impl<'a> Attempts<'a> {
 
     /// Bounds of the case's matrix, measured where they must be. Collective.
     fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
-        refuse_hopeless_here(self.world, case)?;
+        refuse_too_large_here(self.world, case)?;
         let here = Resources::here(self.world);
         Ok(Prepared::new(self.world, case, &here)?.bounds)
     }

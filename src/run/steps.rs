@@ -1,0 +1,303 @@
+//! The steps of the driver, in the order in which [`super::compute`] calls them.
+
+use crate::base::error::Result;
+use crate::base::lock::DirectoryLock;
+use crate::matrix::bounds::Bounds;
+use crate::matrix::observables::{CellVolumes, Moments, Totals};
+use crate::parallel::communicator::World;
+use crate::plan::Plan;
+use crate::plan::layout::{Resources, refuse_too_large};
+use crate::problem::case::Case;
+use crate::results::dataset::{EarlyResult, PlateauPoint};
+use crate::results::ledger::Ledger;
+use crate::results::provenance::provenance;
+use crate::results::result_grid::ResultGrid;
+use crate::results::summary::Summary;
+use crate::results::{self, warped};
+use crate::run::at_start::at_start;
+use crate::run::checkpointing::Checkpointing;
+use crate::run::exact::{ExactRun, exact_run};
+use crate::run::expand::Expanded;
+use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
+use crate::run::log::RunLog;
+use crate::run::options::Output;
+use crate::run::solution::Solution;
+use crate::run::{compare, estimates, expand, fields, ledger, readout, warnings};
+use crate::scheme::reduce::reduced;
+use crate::solve::place::Place;
+use crate::solve::prepared::Prepared;
+
+/// A run in memory: what all of its steps use.
+pub(super) struct Driver<'a> {
+    world: &'a World,
+    /// None for a run without console output, files and checkpoints.
+    output: Option<Output<'a>>,
+    log: RunLog,
+    summary: Summary,
+}
+
+/// The reduced case, and the grid of its results.
+pub(super) struct ReducedCase {
+    case: Case,
+    result_grid: ResultGrid,
+}
+
+/// The planned system on this rank.
+pub(super) struct PlannedRun {
+    prepared: Prepared,
+    /// The lock of the result directory, on the first rank.
+    lock: Option<DirectoryLock>,
+    /// This rank's part of the result grid.
+    place: Place,
+}
+
+/// Observables of the initial data, and the particles of the ledger.
+pub(super) struct StartObserved {
+    /// None for a run that starts from modes.
+    totals: Option<Totals>,
+    /// Results at the start, where they are to be written.
+    early: Option<EarlyResult>,
+    ledger: Ledger,
+    /// Mass that enters until the end.
+    entered: Option<f64>,
+}
+
+/// What was found about the error of the fields.
+pub(super) struct Compared {
+    plateau: Vec<PlateauPoint>,
+    /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
+    estimated: [Option<f64>; 2],
+}
+
+/// All that the steps before the last have computed.
+pub(super) struct Computed {
+    pub reduced: ReducedCase,
+    pub planned: PlannedRun,
+    pub exact: ExactRun,
+    pub checkpointing: Option<Checkpointing>,
+    pub start: StartObserved,
+    pub compared: Compared,
+    pub results: Expanded,
+}
+
+impl<'a> Driver<'a> {
+    /// Step 1: an empty log and summary.
+    pub fn start(world: &'a World, output: Option<Output<'a>>) -> Self {
+        let log = RunLog::new(world, output.is_some());
+        Self { world, output, log, summary: Summary::default() }
+    }
+
+    /// Step 2: merges cells and leaves out velocities that the solution does not need. Collective.
+    pub fn reduce(&self, case: &Case) -> Result<ReducedCase> {
+        let case = reduced(&self.world.group(), case)?;
+        Ok(ReducedCase { result_grid: ResultGrid::new(&case), case })
+    }
+
+    /// Step 3: the system of the reduced case with its modes planned, and the lock of the result
+    /// directory. Collective.
+    pub fn prepare(&mut self, reduced: &ReducedCase) -> Result<PlannedRun> {
+        let ReducedCase { case, result_grid } = reduced;
+        let resources = Resources {
+            ranks_x: self.output.and_then(|output| output.options.ranks_x.clone()),
+            ..Resources::here(self.world)
+        };
+        refuse_too_large(case, &resources)?;
+        let bounds = Bounds::new(case)?;
+        let plan = Plan::provisional(case, &bounds, &resources)?;
+        let lock = self.lock(&result_grid.case)?;
+        let prepared = self.assemble(case, &bounds, plan)?;
+        let prepared = self.plan_modes(prepared, &resources)?;
+        let place = result_grid.place(&prepared.place, &prepared.plan, &prepared.communicator);
+        Ok(PlannedRun { prepared, lock, place })
+    }
+
+    /// Step 4: the exact solution on this rank's share, where the case names one. Collective.
+    pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
+        let world = &planned.prepared.communicator.world;
+        let exact_run = exact_run(world, &reduced.result_grid.case, &planned.place)?;
+        if exact_run.exact.is_some() {
+            self.log.watch.lap("exact");
+        }
+        Ok(exact_run)
+    }
+
+    /// Step 5: prints what is planned, and opens the checkpoints. Collective.
+    pub fn open(&mut self, planned: &PlannedRun) -> Result<Option<Checkpointing>> {
+        let prepared = &planned.prepared;
+        self.log.open(&prepared.plan);
+        match self.output {
+            Some(output) => {
+                Checkpointing::open(prepared, &output, self.world.started, &mut self.log)
+            }
+            None => Ok(None),
+        }
+    }
+
+    /// Step 6: observables of the initial data, and the particles of the ledger. Collective.
+    pub fn observe_start(
+        &mut self,
+        reduced: &ReducedCase,
+        planned: &mut PlannedRun,
+    ) -> Result<StartObserved> {
+        let at_start = at_start(&mut planned.prepared);
+        let totals = at_start.as_ref().map(|found| found.totals);
+        self.summary.mass_initial = totals.map(|totals| totals.mass);
+        let ledger = match self.output {
+            Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
+            None => Ledger::default(),
+        };
+        let entered = ledger::entered(&planned.prepared);
+        self.log.watch.lap("observables");
+        let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
+        Ok(StartObserved { totals, early, ledger, entered })
+    }
+
+    /// Step 7: every field at the output times and at `T`, the start included. It writes warped
+    /// fields and checkpoints. Collective.
+    pub fn solve(
+        &mut self,
+        planned: &mut PlannedRun,
+        start: &mut StartObserved,
+        checkpointing: Option<&mut Checkpointing>,
+    ) -> Result<SolvedFields> {
+        let prepared = &mut planned.prepared;
+        let seconds = self.log.watch.seconds.clone();
+        let provenance = provenance(self.world, &prepared.case);
+        let files = self.output.map(|Output { directory, .. }| RunFiles {
+            warped: WarpedOutput { directory, seconds: &seconds, provenance: &provenance },
+            checkpointing,
+        });
+        let mut solution = fields::solve(prepared, files, &mut self.summary)?;
+        self.log.watch.part("write", solution.warped_seconds);
+        self.log.watch.lap("solve");
+        solution.warning.iter().for_each(|warning| self.log.warn_later(warning.clone()));
+        solution.early.splice(0..0, start.early.take());
+        Ok(solution)
+    }
+
+    /// Step 8: the error of the fields: estimated, and measured where `solver.verify` is set.
+    /// Collective.
+    pub fn compare(
+        &mut self,
+        planned: &mut PlannedRun,
+        solution: &SolvedFields,
+    ) -> Result<Compared> {
+        let (prepared, log, summary) = (&mut planned.prepared, &mut self.log, &mut self.summary);
+        compare::refuse_not_finite(prepared, solution)?;
+        for warning in compare::compare(prepared, solution, summary) {
+            log.warn_later(warning);
+        }
+        if prepared.case.verify {
+            compare::verify(prepared, solution, log.prints, summary);
+            log.watch.lap("verify");
+        }
+        summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
+        let plateau = compare::plateau(prepared, solution);
+        let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
+        Ok(Compared { plateau, estimated })
+    }
+
+    /// Step 9: fields and moments on the grid of the results, and their distance to the exact
+    /// solution. Collective.
+    pub fn expand(
+        &mut self,
+        reduced: &ReducedCase,
+        planned: &PlannedRun,
+        exact: &ExactRun,
+        solution: SolvedFields,
+    ) -> Result<Expanded> {
+        let prepared = &planned.prepared;
+        let (grid, summary) = (&reduced.result_grid, &mut self.summary);
+        let results = expand::expand(prepared, solution, grid, exact, summary)?;
+        self.warn_later(self.summary.exact_density_warning());
+        Ok(results)
+    }
+
+    /// Step 10: completes the summary. Collective.
+    pub fn finish(mut self, computed: Computed) -> Solution {
+        let Computed { reduced, planned, exact, start, compared, results, .. } = computed;
+        let PlannedRun { prepared, lock, place } = planned;
+        let case = reduced.result_grid.case;
+        let volumes = CellVolumes::new(&case.space, &place.share);
+        let world = &prepared.communicator.world;
+        let mass = |moments: &Moments| volumes.integral(world, &moments.density);
+        self.summary.mass_exact = exact.moments.last().map(mass);
+        let mut ledger = start.ledger;
+        ledger.close(start.totals, results.totals, start.entered);
+        self.warn_later(ledger.warnings());
+        self.summary.ledger = Some(ledger);
+        self.log.watch.part("exact", results.exact_seconds);
+        self.log.watch.lap("observables");
+        if case.readout.is_some() {
+            let readout = readout::readout(&prepared, &case, &results.fields[0], &self.summary);
+            self.summary.readout = Some(readout);
+            self.log.watch.lap("readout");
+        }
+        self.summary.fill(&prepared, &self.log);
+        self.summary.judge(&prepared.case, compared.estimated);
+        Solution {
+            case,
+            summary: self.summary,
+            plan: prepared.plan,
+            share: place.share,
+            results,
+            exact: exact.exact,
+            exact_moments: exact.moments,
+            plateau: compared.plateau,
+            checkpointing: computed.checkpointing,
+            lock,
+            log: self.log,
+        }
+    }
+
+    fn warn_later(&mut self, warnings: impl IntoIterator<Item = String>) {
+        warnings.into_iter().for_each(|warning| self.log.warn_later(warning));
+    }
+
+    /// Makes sure that the results can be written, by this run alone; gives the directory's lock,
+    /// on the first rank. `case` is that of the results. Collective.
+    fn lock(&mut self, case: &Case) -> Result<Option<DirectoryLock>> {
+        let Some(Output { directory, .. }) = self.output else { return Ok(None) };
+        let lock = results::prepare(&self.world.group(), directory, case)?;
+        if let Some(why) = lock.as_ref().and_then(|lock| lock.unlocked.as_ref()) {
+            let directory = directory.display();
+            self.log.warn(format!(
+                "{directory} cannot be locked ({why}): no other run may write there at the same \
+                 time"
+            ));
+        }
+        Ok(lock)
+    }
+
+    /// The semi-discrete system on this rank. Collective.
+    fn assemble(&mut self, case: &Case, bounds: &Bounds, plan: Plan) -> Result<Prepared> {
+        for warning in warnings::warnings(case) {
+            self.log.warn(warning);
+        }
+        self.log.watch.lap("plan");
+        let prepared = Prepared::with_plan(self.world, case, bounds, plan)?;
+        self.log.watch.part("weights", prepared.system.weight_seconds);
+        self.log.watch.lap("assemble");
+        Ok(prepared)
+    }
+
+    /// `prepared` with its modes planned, for the ratio of norms that the probe measures. An error
+    /// if the disk has no room for the warped field. Collective.
+    fn plan_modes(&mut self, mut prepared: Prepared, resources: &Resources) -> Result<Prepared> {
+        if prepared.plan.warp.is_some() {
+            let ratio = prepared.probe();
+            self.log.watch.lap("probe");
+            prepared = prepared.plan_modes(self.world, resources, ratio)?;
+            let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
+            if let (Some(points), Some(output)) = (points, self.output) {
+                let room = match self.log.prints {
+                    true => warped::enough_room(output.directory, &prepared.case, points),
+                    false => Ok(()),
+                };
+                prepared.communicator.world.agree(room)?;
+            }
+            self.log.watch.lap("design");
+        }
+        Ok(prepared)
+    }
+}
