@@ -44,7 +44,7 @@ build: setup ## build the program in release mode
 test: setup ## run every test, also on several ranks (ARGS= is passed to cargo test)
 	$(CARGO) test --release $(ARGS)
 
-torture: setup ## blows at random moments and random scenes, many (TRIALS=, SCENES=, FIRST=)
+torture: setup ## faults at random moments and random cases, many (TRIALS=, SCENES=, FIRST=)
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
 	    $(CARGO) test --release --test cli -- --nocapture torture random_cases
 

@@ -117,8 +117,8 @@ fn main() {
         return;
     }
     let world = World::start().expect("MPI starts");
-    let speaks = world.group().rank() == 0;
-    if speaks {
+    let is_first = world.group().rank() == 0;
+    if is_first {
         println!(
             "{:<8} {:>8} {:>8} {:>10} {:>10} {:>10} {:>8}",
             "grid", "ghosts", "rows us", "exchange", "one after", "overlapped", "saved"
@@ -141,7 +141,7 @@ fn main() {
     ] {
         let mut split = Split::new(&world, case, &set);
         let [rows, exchange, after, overlapped] = measure(&world, &mut split);
-        if speaks {
+        if is_first {
             println!(
                 "{name:<8} {:>8} {:>8.1} {:>10.1} {:>10.1} {:>10.1} {:>7.1}%",
                 split.matrix.block.ghosts(),

@@ -410,8 +410,8 @@ fn load() -> f64 {
     (text.split_whitespace().next()).and_then(|word| word.parse().ok()).unwrap_or(-1.0)
 }
 
-/// What is asked for on the command line.
-struct Asked {
+/// The arguments of the command line.
+struct Arguments {
     quick: bool,
     counts: bool,
     /// The table whose rows alone are measured.
@@ -419,8 +419,8 @@ struct Asked {
     output: PathBuf,
 }
 
-fn all(asked: &Asked) -> Outcome<()> {
-    let &Asked { quick, counts, ref only, ref output } = asked;
+fn all(arguments: &Arguments) -> Outcome<()> {
+    let &Arguments { quick, counts, ref only, ref output } = arguments;
     let place = tempfile::tempdir()?;
     let mut found = json!({ "quick": quick, "machine": machine(), "rows": [] });
     let mut rows = rows(quick);
@@ -465,13 +465,13 @@ fn main() -> ExitCode {
         place.and_then(|at| words.get(at + 1))
     };
     let standard = Path::new(env!("CARGO_MANIFEST_DIR")).join("results/bench/programs.json");
-    let asked = Asked {
+    let arguments = Arguments {
         quick: given("--quick"),
         counts: given("--counts"),
         only: value("--only").cloned(),
         output: value("--output").map_or(standard, PathBuf::from),
     };
-    match all(&asked) {
+    match all(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("programs: {error}");

@@ -102,7 +102,7 @@ seconds_left() {
 # left of the job as its wall time. A USR1 that the job receives is passed on to the program, which
 # then writes a checkpoint. Returns the program's exit code.
 solve() {
-    local ranks=$1 words code=0 told="" left walltime=()
+    local ranks=$1 words code=0 stopping="" left walltime=()
     shift
     left=$(seconds_left)
     if [ -n "$left" ] && [ "$left" -gt "$reserve" ]; then
@@ -112,10 +112,10 @@ solve() {
     # In the background, because the shell runs a trap at once only while it waits.
     "${words[@]}" "$ranks" "$program" "$@" "${walltime[@]}" &
     local job=$!
-    trap 'told=yes; echo "told to stop: USR1"; kill -USR1 "$job" 2>/dev/null || true' USR1
+    trap 'stopping=yes; echo "stop signal: USR1"; kill -USR1 "$job" 2>/dev/null || true' USR1
     wait "$job" || code=$?
-    while [ -n "$told" ]; do
-        told="" code=0
+    while [ -n "$stopping" ]; do
+        stopping="" code=0
         wait "$job" || code=$?
     done
     trap - USR1

@@ -13,14 +13,14 @@ fn main() {
         std::process::exit(code);
     }
     machine::catch_file_size_signal();
-    // From now on SIGUSR1 asks a run for a checkpoint and its end.
+    // From now on SIGUSR1 makes a run write a checkpoint and stop.
     machine::stop_flag();
     let Some(world) = World::start() else {
         report("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
     let rank = world.group().rank();
-    // Every rank parses the same line; one speaks.
+    // Every rank parses the same command line; only rank 0 prints.
     let code = match Cli::try_parse() {
         Ok(cli) => match execute(&world, &cli) {
             Ok(()) => 0,

@@ -1,16 +1,17 @@
-//! From a case and a number of ranks to every derived number, before anything is allocated or
-//! solved.
+//! The plan: every number derived from a case and a number of ranks, before memory is allocated or
+//! the case is solved.
 //!
 //! A [`Plan`] is data: printed by `phasewarp plan`, stored in every result, tested without MPI. It
-//! has two parts: what is computed ([`WarpPlan`], the same for any ranks) and who computes it
-//! ([`Layout`]).
+//! has two parts: the work ([`WarpPlan`], the same for any ranks) and its distribution over the
+//! ranks ([`Layout`]).
 //!
 //! **Tolerance.** The error of the recovered field is at most about `ε‖ũ(0)‖`, with `ũ(0)` the
-//! weighted state and its auxiliary unknowns; what is asked for is relative to `‖f(T)‖`. So the
-//! profile is planned for `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe
-//! when running (see [`crate::run`]); the plan alone assumes [`ASSUMED_RATIO`].
+//! weighted state and its auxiliary unknowns; the tolerance is relative to `‖f(T)‖`. So the profile
+//! is planned for `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when
+//! running (see [`crate::run`]); the plan alone assumes [`ASSUMED_RATIO`].
 //!
-//! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base.
+//! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base. Paper: section 3.3
+//! (cost).
 
 pub mod advice;
 pub mod balance;
@@ -58,7 +59,7 @@ pub struct Plan {
     pub cells: usize,
     /// Elements along each axis; of degree 0 its cells.
     pub elements: Vec<usize>,
-    /// What was left out of the case, a line each.
+    /// The reductions of the case, a line each.
     pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
@@ -68,13 +69,13 @@ pub struct Plan {
     pub interface: Interface,
     /// Slopes of the classical method.
     pub limiter: Limiter,
-    /// What applies `exp(−iHT)` to a mode, and its step (of an implicit method: as it is used).
+    /// The propagator, and its step (for an implicit method, the step that is used).
     pub propagation: Propagation,
     /// Steps of an implicit method.
     pub steps: usize,
     /// Number of fields evolved.
     pub fields: usize,
-    /// What was asked for.
+    /// The requested tolerance.
     pub tolerance: f64,
     /// Bounds on the generator.
     pub bounds: Bounds,
@@ -87,7 +88,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// What the propagator of the series `warp` is made for.
+    /// The setting of the propagator for the series `warp`.
     pub fn propagator_setting(&self, warp: &WarpPlan) -> PropagatorSetting {
         PropagatorSetting {
             propagation: self.propagation,
@@ -176,13 +177,13 @@ impl Plan {
         crate::plan::balance::share_out(&warp.work, &others, coupling, 1).swap_remove(0)
     }
 
-    /// The plan before growth and norms are measured: who computes what, and about how much. A
-    /// tolerance that may turn out too small, or an interval too short for it, is not refused yet.
+    /// The plan before growth and norms are measured: the layout and an estimate of the work. It
+    /// does not refuse yet a tolerance that may be too small or an interval that may be too short.
     ///
     /// # Errors
     /// As [`new`](Self::new), but for the tolerance.
     pub fn provisional(case: &Case, bounds: &Bounds, resources: &Resources) -> Result<Self> {
-        /// What can be reached with a growth that weights and inflow are allowed.
+        /// The tolerance that can be reached with the growth that weights and inflow are allowed.
         const POSSIBLE: f64 = 1e-12;
         let mut case = case.clone();
         case.tolerance = case.tolerance.max(POSSIBLE);
@@ -222,7 +223,7 @@ impl Plan {
         }
     }
 
-    /// This plan on other `resources`: the same modes, dealt anew.
+    /// This plan on other `resources`: the same modes, distributed again.
     ///
     /// # Errors
     /// [`Error::Ranks`] and [`Error::Memory`].
@@ -232,7 +233,7 @@ impl Plan {
     }
 
     /// This plan with the modes of `series` instead of its own, each within `tolerance` of its
-    /// norm, read as `readings` say: whether they give the field or not is not asked.
+    /// norm, read by `readings`, which need not give the field.
     ///
     /// # Errors
     /// [`Error::Ranks`] and [`Error::Memory`].
@@ -332,7 +333,7 @@ impl fmt::Display for Plan {
 }
 
 impl Plan {
-    /// The grid and what is on it.
+    /// The grid and its data.
     fn write_scene(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
         writeln!(f, "grid            {} = {}", shape.join(" x "), self.grid_size())?;
@@ -352,7 +353,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The modes, what they come from and what they take.
+    /// The modes, their profile and their work.
     fn write_modes(&self, f: &mut fmt::Formatter<'_>, w: &WarpPlan) -> fmt::Result {
         writeln!(
             f,

@@ -91,7 +91,7 @@ pub struct Span {
     pub tolerance: f64,
 }
 
-/// What the mode of wavenumber `mu` takes by itself: applications, or solves of an implicit method.
+/// The work of the mode of wavenumber `mu` alone: applications, or solves of an implicit method.
 pub fn work(
     propagation: &Propagation,
     bounds: &Bounds,

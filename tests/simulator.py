@@ -137,15 +137,15 @@ def estimates(amplitude, qubits):
 
 def check_complete(folder, about, states, field):
     complete = json.loads((folder / "complete.json").read_text())
-    told = complete["description"]
+    described = complete["description"]
     qubits = sum(register["size"] for register in complete["registers"])
-    assert qubits == told["counts"]["qubits"] <= 20 and told["bound"] < 0.05
+    assert qubits == described["counts"]["qubits"] <= 20 and described["bound"] < 0.05
     same_program(folder, complete)
     after = states_after(parts(complete))
     size, points = 2 ** about["qubits"], 2 ** about["qubits_p"]
-    root = told["probability_start"] ** 0.5
+    root = described["probability_start"] ** 0.5
     blocks = {name: state.reshape(-1, size)[0] / root for name, state in after.items()}
-    bounds = {"start": 0.0, "modes": 0.0, "evolution": told["bound"], "points": told["bound"]}
+    bounds = {"start": 0.0, "modes": 0.0, "evolution": described["bound"], "points": described["bound"]}
     worst = 0.0
     for stage, name in [
         ("start", "initial"),
@@ -157,35 +157,35 @@ def check_complete(folder, about, states, field):
         assert off <= bounds[stage] + TOLERANCE, f"{stage}: {off:.2e}, bound {bounds[stage]:.2e}"
         worst = max(worst, off)
     # The field, after postselection.
-    found = told["scale"] * blocks["points"][about["recovery_index"] :: points].real
+    found = described["scale"] * blocks["points"][about["recovery_index"] :: points].real
     off = np.linalg.norm(found[: len(field)] - field)
-    assert off <= told["field_bound"] * (1.0 + TOLERANCE), f"field: {off:.2e}"
+    assert off <= described["field_bound"] * (1.0 + TOLERANCE), f"field: {off:.2e}"
     # A moment: the amplitude of zeros.
     amplitude = after["moment"][0] / root
-    exact = complex(*told["amplitude"]) / root
-    assert abs(amplitude - exact) <= told["bound"] + TOLERANCE, f"moment: {amplitude}, {exact}"
-    density = told["moment_scale"] * amplitude.real
+    exact = complex(*described["amplitude"]) / root
+    assert abs(amplitude - exact) <= described["bound"] + TOLERANCE, f"moment: {amplitude}, {exact}"
+    density = described["moment_scale"] * amplitude.real
     number = 0
-    for cell, bits in zip(told["cell"], about["qubits_phase_space"]):
+    for cell, bits in zip(described["cell"], about["qubits_phase_space"]):
         number = number * 2**bits + cell
     velocities = len(about["velocities"][0])
     expected = field[number * velocities :][:velocities].sum() * about["velocity_volume"]
-    assert abs(density - expected) <= told["moment_bound"], f"density: {density}, {expected}"
+    assert abs(density - expected) <= described["moment_bound"], f"density: {density}, {expected}"
     # Amplitude estimation of it: all probabilities.
     said = ""
-    if told["estimate"] > 0:
+    if described["estimate"] > 0:
         register = next(r for r in complete["registers"] if r["name"] == "estimate")
         place = range(register["first"], register["first"] + register["size"])
         probabilities = Statevector(after["estimation"]).probabilities(list(place))
-        ideal = estimates(after["moment"][0], told["estimate"])
+        ideal = estimates(after["moment"][0], described["estimate"])
         same(probabilities, ideal, "amplitude estimation", 1e-9)
         # Control: another amplitude is noticed.
-        other = estimates(1.1 * after["moment"][0], told["estimate"])
+        other = estimates(1.1 * after["moment"][0], described["estimate"])
         assert np.max(np.abs(probabilities - other)) > 1e-6
         said = f", {len(ideal)} estimates"
     return (
-        f"; complete circuit: {qubits} qubits, {told['steps']} steps, states within {worst:.1e} "
-        f"of {told['bound']:.1e}, field within {off:.1e} of {told['field_bound']:.1e}, "
+        f"; complete circuit: {qubits} qubits, {described['steps']} steps, states within {worst:.1e} "
+        f"of {described['bound']:.1e}, field within {off:.1e} of {described['field_bound']:.1e}, "
         f"density {density:.6f}, {expected:.6f} expected{said}"
     )
 

@@ -237,7 +237,7 @@ running "$first" "stopped-$first.log"
 scancel --batch --signal=USR1 "$first"
 finish "$first" 60
 ended "$first" "FAILED 75:0"
-grep -q "told to stop: USR1" "stopped-$first.log" || fail "job $first did not get the signal"
+grep -q "stop signal: USR1" "stopped-$first.log" || fail "job $first did not get the signal"
 [ ! -e results/stopped/result.h5 ] || fail "job $first has results"
 job=$(sed -n 's/^Submitted batch job //p' "stopped-$first.log")
 [ -n "$job" ] || fail "job $first did not submit another"
@@ -263,7 +263,7 @@ signalled=$(SBATCH_SIGNAL=B:USR1@5 submit --time=1 --job-name=signalled jobscrip
     "$case" results/signalled "${long[@]}")
 finish "$signalled" 120
 ended "$signalled" "FAILED 75:0"
-grep -q "told to stop: USR1" "signalled-$signalled.log" ||
+grep -q "stop signal: USR1" "signalled-$signalled.log" ||
     fail "job $signalled did not get the signal"
 job=$(sed -n 's/^Submitted batch job //p' "signalled-$signalled.log")
 [ -n "$job" ] || fail "job $signalled did not submit another"

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal comes that asks for a checkpoint.
 const STOP_MESSAGE: &str =
-    "told to stop: a checkpoint of the finished modes follows; a second signal ends at once\n";
+    "stop signal: a checkpoint of the finished modes follows; a second signal ends at once\n";
 
 /// Solves the case, unless it is to be resumed and is finished. Collective.
 ///

@@ -15,7 +15,7 @@ use crate::study::sweep::{Sweep, SweepRequest, SweepResult};
 use std::path::Path;
 
 /// Written as soon as a signal comes that asks for the end.
-const STOP_MESSAGE: &str = "told to stop: a checkpoint of this run follows, or its end where it \
+const STOP_MESSAGE: &str = "stop signal: a checkpoint of this run follows, or its end where it \
                             makes none; a second signal ends at once\n";
 
 /// Solves the cases that are not finished, writes and prints the table. Collective.

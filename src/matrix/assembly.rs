@@ -20,7 +20,7 @@ use crate::problem::case::{Case, Embedding};
 use crate::scheme::rows::{Row, Scheme};
 use std::ops::Range;
 
-/// What a row of `A` adds to row `row` of a layer.
+/// The contribution of a row of `A` to row `row` of a layer.
 #[derive(Clone, Copy)]
 struct Contribution {
     /// Row, counted in the layer.
@@ -33,7 +33,7 @@ struct Contribution {
     k: f64,
 }
 
-/// What sorting a layer needs.
+/// Scratch for sorting a layer.
 #[derive(Default)]
 struct Sorter {
     ends: Vec<usize>,
@@ -60,7 +60,7 @@ impl Sorter {
         for i in 0..rows {
             ends[i + 1] += ends[i];
         }
-        // Each place is written; what stands there before does not matter.
+        // Every element is written; earlier contents do not matter.
         sorted.clear();
         sorted.extend_from_slice(layer);
         for part in layer.drain(..) {
@@ -88,8 +88,8 @@ impl Sorter {
     }
 }
 
-/// The rows that have an auxiliary unknown, or a share in the common one; and where a varying
-/// inflow comes from.
+/// The rows that have an auxiliary unknown or are coupled to the common one, and the sources of a
+/// varying inflow.
 fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -> InflowRows {
     let varies = case.varies();
     let listed = |row: &Row| match case.warp.inflow {
@@ -196,7 +196,7 @@ impl Layers {
     }
 }
 
-/// What rows of `A` have added so far.
+/// The contributions of the rows of `A` so far.
 struct Collector<'a> {
     block: &'a Block,
     layers: &'a Layers,
@@ -204,7 +204,7 @@ struct Collector<'a> {
     current: usize,
     /// To the layer before it, to it and to the next.
     window: [Vec<Contribution>; 3],
-    /// What the first layer gives to the last one, where that is not the next.
+    /// The contribution of the first layer to the last one, if they are not neighbours otherwise.
     turned: Vec<Contribution>,
 }
 
@@ -268,8 +268,8 @@ impl Collector<'_> {
     }
 }
 
-/// Calls `finish` with what the rows of `A` add to each layer of `block`, one after the other, once
-/// nothing more is added to it.
+/// Calls `finish` with the contributions of the rows of `A` to each layer of `block`, one after the
+/// other, as soon as a layer is complete.
 fn collect_layers(
     case: &Case,
     scheme: &Scheme<'_>,
@@ -301,7 +301,7 @@ fn collect_layers(
         if next == range.end {
             window[1].append(turned);
         }
-        // Nothing more comes to the layer before.
+        // The layer before is complete.
         if next > range.start + 1 {
             finish(&mut window[0]);
         }
@@ -362,7 +362,7 @@ impl BlockMatrix {
     pub fn assemble(case: &Case, block: Block) -> Result<Self> {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let mut row = Row::default();
-        // Auxiliary unknowns stand before the ghosts: their number comes first.
+        // Auxiliary unknowns come before the ghosts, so their number must be known first.
         let inflow = inflow_rows(case, &scheme, &block, &mut row);
         let rows = rows_by_layers(case, &scheme, &block, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;

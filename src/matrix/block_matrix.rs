@@ -53,7 +53,7 @@ pub struct BlockMatrix {
     pub block: Block,
     /// The rows that have an auxiliary unknown, or a share in the common one, in their order.
     pub inflow: Vec<AuxiliaryRow>,
-    /// Where a varying inflow comes from, row by row of `inflow`; empty for a constant one.
+    /// The sources of a varying inflow for each row of `inflow`; empty if the inflow is constant.
     pub entering: VaryingInflow,
     /// Whether one auxiliary unknown, of which every rank has a copy, serves all rows.
     pub(crate) shared: bool,
@@ -69,7 +69,7 @@ pub struct BlockMatrix {
     pub(crate) counts_shared: bool,
     /// Rows of `inflow` over all ranks.
     pub(crate) inflow_rows: usize,
-    /// Value of an auxiliary unknown that is coupled to nothing.
+    /// Value of an auxiliary unknown without couplings.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
     /// Lines that are applied to real vectors together.
@@ -162,8 +162,8 @@ impl BlockMatrix {
         self.shared.then(|| self.block.cells())
     }
 
-    /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row,
-    /// counts once.
+    /// Number of rows that count in sums over ranks, from the first. The copies of a common
+    /// unknown, the last row, count once.
     pub fn counted_rows(&self) -> usize {
         self.rows() - usize::from(self.shared && !self.counts_shared)
     }
@@ -388,8 +388,8 @@ impl BlockMatrix {
         }
     }
 
-    /// What couplings that are no entries of the matrix add to a step of the rows `range` of
-    /// [`inflow`](Self::inflow) and of their auxiliary unknowns, but for a common one.
+    /// The contribution of couplings outside the matrix to a step of the rows `range` of
+    /// [`inflow`](Self::inflow) and of their auxiliary unknowns, without a common one.
     pub(crate) fn step_couplings(
         &self,
         constants: &StepConstants,
@@ -533,7 +533,7 @@ mod tests {
                     Operator::Symmetric => s,
                 };
                 let mut y = vec![0.0; rows];
-                // Not from the beginning of a bundle.
+                // Starts within a bundle.
                 matrix.apply_rows(&[0..3, 3..lines], operator, &mut y, &x);
                 for (i, y) in y.iter().enumerate() {
                     let terms = matrix.row(i).map(|(j, s, k)| entry(s, k) * x[j]);

@@ -82,7 +82,7 @@ struct Tile {
 /// Several steps of a recurrence.
 #[derive(Clone, Copy)]
 pub struct RecurrenceSteps<'a> {
-    /// What each step needs besides the matrix.
+    /// The scales, shifts and vectors of each step.
     pub levels: &'a [StepConstants],
     /// Couplings to the auxiliary unknowns that are no entries of the matrix (see
     /// [`BlockMatrix::step`]).
@@ -218,11 +218,11 @@ impl Caches {
     }
 }
 
-/// What a depth and a width need and save.
+/// Memory and time of a blocking of given depth and width.
 struct BlockingCost {
     /// Tiles in use.
     sections: f64,
-    /// What is moved for a step, beside step after step.
+    /// Bytes that a step moves, relative to unblocked steps.
     traffic: f64,
     depth: usize,
     width: usize,
@@ -341,7 +341,7 @@ struct Tiling {
     parts: usize,
     velocities: usize,
     tiles: Vec<Tile>,
-    /// What tiles have of auxiliary unknowns, tile by tile.
+    /// The auxiliary unknowns of each tile.
     auxiliaries: Vec<Range<u32>>,
 }
 

@@ -29,7 +29,7 @@ use std::ops::Range;
 /// More kinds of cells than this are not counted.
 pub const MOST_KINDS: usize = 4096;
 
-/// Cells of space on which `V` is looked at together, unless a layer has more.
+/// Number of cells of space on which `V` is evaluated together, unless a layer has more.
 const CELLS_AT_ONCE: usize = 1 << 14;
 
 /// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less
@@ -56,7 +56,7 @@ pub struct Causes {
     pub flux: f64,
     /// Open ends of space axes.
     pub ends: f64,
-    /// What a jump of `V` carries beyond the velocity box.
+    /// The rate at which a jump of `V` carries particles out of the velocity box.
     pub beyond: f64,
     /// Ends of the velocity axes, where slopes of `V` carry particles out.
     pub velocities: f64,
@@ -82,7 +82,7 @@ pub struct Bounds {
     /// Bounds by axis for elements; empty for the upwind scheme of degree 0.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
-    /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
+    /// For degrees above 0: half the norm of the couplings to auxiliary unknowns.
     #[serde(skip)]
     pub coupling: f64,
     /// Whether `V` jumps.
@@ -102,7 +102,7 @@ pub struct Bounds {
     pub matrix_bytes: Option<f64>,
 }
 
-/// What the bounds depend on of `V`, from the whole space grid.
+/// The properties of `V` on the whole space grid on which the bounds depend.
 struct PotentialScan<'a> {
     /// Bound on the rate of the transport along the velocity axes.
     force: f64,
@@ -212,7 +212,7 @@ impl Bounds {
 }
 
 impl Bounds {
-    /// These bounds with a finite growth, for planning who does what before the growth is measured.
+    /// These bounds with a finite growth, for planning the layout before the growth is measured.
     pub fn expected(&self) -> Self {
         Self {
             growth: if self.growth.is_finite() { self.growth } else { 0.0 },
@@ -221,7 +221,7 @@ impl Bounds {
         }
     }
 
-    /// Of a higher degree than 0: what `S` is made of.
+    /// For degrees above 0: the parts of `S`.
     pub fn causes(&self) -> Causes {
         let mut causes = Causes::default();
         self.lines.iter().for_each(|line| causes.add(line.lines()));
@@ -291,7 +291,7 @@ fn line_bounds(
 }
 
 impl Causes {
-    /// Adds what the lines along a pair of axes dissipate.
+    /// Adds the dissipation of the lines along a pair of axes.
     fn add(&mut self, lines: &PhaseLines) {
         let by = |cause: FaceKind| {
             let seen = move |face| if face == cause { face } else { FaceKind::Unseen };

@@ -1,4 +1,4 @@
-//! What the elements of a grid have at their faces, by what bounds of the spectrum tell apart.
+//! The kinds of faces of a grid's elements, as far as bounds of the spectrum depend on them.
 
 use crate::matrix::line_bounds::{FaceKind, LinePiece, MOST_UNKNOWNS};
 use crate::problem::case::Case;
@@ -68,7 +68,7 @@ impl<'a> ElementFaces<'a> {
         }
     }
 
-    /// What is at the lower or upper face, along axis `a`, of the element of space cell `i`.
+    /// The kind of the lower or upper face, along axis `a`, of the element of space cell `i`.
     fn face(
         &self,
         potential: &Potential,
@@ -107,7 +107,7 @@ impl<'a> ElementFaces<'a> {
         }
     }
 
-    /// What lines along axis `a` are made of: single elements, by their faces. A short line without
+    /// The parts of lines along axis `a`: single elements, by their faces. A short line without
     /// jumps is taken whole. Where none of the axis are steeper, the elements from an end or a jump
     /// on are taken together, as many as two such stretches have room for on any line.
     pub fn pieces(&self, a: usize) -> Vec<LinePiece> {

@@ -7,7 +7,7 @@ use crate::scheme::rows::Row;
 pub(crate) struct InflowRows {
     /// In their order.
     pub list: Vec<AuxiliaryRow>,
-    /// Where a varying inflow comes from, row by row of `list`; empty for a constant one.
+    /// The sources of a varying inflow for each row of `list`; empty if the inflow is constant.
     pub entering: VaryingInflow,
     /// Whether one auxiliary unknown serves all rows.
     pub shared: bool,
@@ -55,7 +55,7 @@ impl AuxiliaryRow {
     }
 }
 
-/// Where a varying inflow comes from: `b_i(t) = Σ rate · value(ghost centre, t)`, row by row.
+/// The sources of a varying inflow: `b_i(t) = Σ rate · value(ghost centre, t)`, row by row.
 #[derive(Clone, Debug, Default)]
 pub struct VaryingInflow {
     /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.

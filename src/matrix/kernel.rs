@@ -19,7 +19,7 @@ use crate::matrix::vector::{self, Portable, Vector};
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// Nothing is added.
+/// No start vector.
 impl StartRow for () {
     #[inline(always)]
     fn add<V: Vector>(_: &[Self], _: usize, _: V, sum: [V; 2]) -> [V; 2] {
@@ -271,11 +271,11 @@ pub struct LineStep<'a, R> {
     pub lines: Range<usize>,
     /// Constants of the lanes.
     pub constants: &'a StepConstants,
-    /// What is changed.
+    /// The vector that is updated.
     pub y: &'a mut [Lanes],
-    /// What the matrix is applied to; it reaches as far as the rows do.
+    /// The vector that the matrix is applied to; it has an element for every column of the rows.
     pub x: &'a [Lanes],
-    /// What is added.
+    /// The start vector of the series.
     pub start: &'a [R],
 }
 
@@ -283,7 +283,7 @@ impl<R: StartRow> Vectorized for LineStep<'_, R> {
     #[inline(always)]
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
         let Self { matrix, lines, constants, y, x, start } = self;
-        // One by one: the compiler then knows that `y` is nothing of the others.
+        // Passed one by one, so that the compiler knows that `y` does not alias the others.
         step_lines::<V, ROWS, WHOLE, R>(matrix, lines, constants, y, x, start);
     }
 }
@@ -308,14 +308,14 @@ fn on_avx2(work: impl Vectorized) {
     work.run::<vector::Avx2, true, 2, false>();
 }
 
-/// What loops are compiled for.
+/// The instruction set that loops are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
     /// AVX-512.
     Avx512,
     /// AVX2 with fused multiply-add.
     Avx2,
-    /// What every processor of the architecture has.
+    /// The set of every processor of the architecture.
     Generic,
 }
 
@@ -323,7 +323,7 @@ pub enum InstructionSet {
 pub const VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
 
 impl InstructionSet {
-    /// The one that [`VARIABLE`] names, else the best that this processor has; asked once.
+    /// The set that [`VARIABLE`] names, else the best of this processor; determined once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
         let best = || Self::all().next().unwrap_or(Self::Generic);
@@ -370,10 +370,10 @@ impl InstructionSet {
     pub fn run(self, work: impl Vectorized) {
         assert!(self.is_here(), "{self:?} is not there");
         match self {
-            // SAFETY: the processor has AVX-512, as was just asked.
+            // SAFETY: the processor has AVX-512, as was just checked.
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => unsafe { on_avx512(work) },
-            // SAFETY: the processor has AVX2 and FMA, as was just asked.
+            // SAFETY: the processor has AVX2 and FMA, as was just checked.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => unsafe { on_avx2(work) },
             _ => {

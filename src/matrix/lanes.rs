@@ -43,7 +43,7 @@ impl VectorRow for Lanes {
     }
 }
 
-/// What a step needs besides the matrix, per lane.
+/// The coefficients of a step for each lane.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct StepConstants {
@@ -53,7 +53,7 @@ pub struct StepConstants {
     pub shift: [f64; LANES],
     /// `μ`.
     pub wavenumber: [f64; LANES],
-    /// What of the start is added.
+    /// The multiple of the start vector that is added.
     pub coefficient: [f64; LANES],
 }
 
@@ -62,7 +62,7 @@ pub trait StartRow: Copy {
     /// `sum`, real and imaginary parts, and `coefficient` times row `i` of `start`.
     fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, sum: [V; 2]) -> [V; 2];
 
-    /// Adds the same to a row, nothing fused: the same bits on any processor.
+    /// Adds the same to a row without fused operations: the same bits on any processor.
     fn add_unfused(start: &[Self], i: usize, coefficient: &[f64; LANES], row: &mut Lanes) {
         let coefficient = Portable::<false>::load(coefficient);
         row.store(Self::add(start, i, coefficient, row.load()));

@@ -57,7 +57,7 @@ fn wavenumbers() -> &'static [f64] {
 /// Most unknowns of a stretch of elements that is solved as a whole.
 pub const MOST_UNKNOWNS: usize = 24;
 
-/// What is at a face of an element.
+/// The kind of a face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum FaceKind {
     /// The next element, maybe behind a jump of `V`.
@@ -70,7 +70,7 @@ pub enum FaceKind {
     Beyond,
     /// A jump of `V` with partial reflection: the flux is upwind.
     Upwind,
-    /// Nothing, to see what the other faces do.
+    /// No contribution, to isolate the other faces.
     Unseen,
 }
 
@@ -83,7 +83,7 @@ struct HermitianForm {
 }
 
 impl HermitianForm {
-    /// What a face takes from the form at one side of it, in lower and in upper bound.
+    /// The contribution of a face to the form at one side of it, in the lower and the upper bound.
     fn taken(self, face: FaceKind) -> [f64; 2] {
         let cut = |flux: f64| {
             let (half, root) = (0.5 * flux * self.mu, 0.5 * (flux * self.mu).hypot(self.skew));
@@ -106,7 +106,7 @@ impl HermitianForm {
 pub struct LinePiece {
     /// So many elements, one behind the other.
     pub elements: usize,
-    /// What is at the two ends.
+    /// The faces at the two ends.
     pub faces: [FaceKind; 2],
     /// Steepest force on them, `|∂V/∂x|/Δv`.
     pub steepest: f64,
@@ -119,7 +119,7 @@ pub struct PhaseLines {
     pub nodes: [Nodes; 2],
     /// `α` of the flux.
     pub flux: f64,
-    /// What the lines along the space axis are made of.
+    /// The parts of the lines along the space axis.
     pub pieces: Vec<LinePiece>,
     /// `|v|/Δx` at all velocities.
     pub speeds: Vec<f64>,
@@ -155,7 +155,7 @@ impl ElementMatrix {
 struct Stretch {
     elements: usize,
     faces: [FaceKind; 2],
-    /// `|v|/Δx` at the nodes; at the nodes of a space axis nothing.
+    /// `|v|/Δx` at the nodes; empty for a space axis.
     speeds: Vec<f64>,
 }
 
@@ -203,7 +203,8 @@ impl Stretch {
             match (matrix.self_adjoint_eigenvalues(faer::Side::Lower), side) {
                 (Ok(values), 0) => values[0].min(0.0),
                 (Ok(values), _) => values[size - 1].max(0.0),
-                // Never seen of a finite matrix; the Frobenius norm bounds all eigenvalues.
+                // Not known to happen for a finite matrix; the Frobenius norm bounds all
+                // eigenvalues.
                 (Err(_), 0) => -matrix.norm_l2(),
                 (Err(_), _) => matrix.norm_l2(),
             }
@@ -286,7 +287,7 @@ struct Bounded {
     dissipation: f64,
     /// Bound on `‖K‖`.
     skew: f64,
-    /// Lower and upper bound at each of the [`wavenumbers`], computed when first asked for.
+    /// Lower and upper bound at each of the [`wavenumbers`], computed on first use.
     table: Vec<OnceLock<[f64; 2]>>,
 }
 
@@ -305,7 +306,7 @@ impl LineBounds {
         Self(Arc::new(Bounded { lines, dissipation, skew: upper.max(-lower), table }))
     }
 
-    /// What they are the bounds of.
+    /// The parameters of the bounds.
     pub fn lines(&self) -> &PhaseLines {
         &self.0.lines
     }
@@ -313,7 +314,7 @@ impl LineBounds {
     /// `[lower, upper]` at a tabulated wavenumber, by its number.
     fn tabulated(&self, k: usize) -> [f64; 2] {
         let Bounded { lines, table, .. } = &*self.0;
-        // A plan asks for all modes of a run, whose loop allocates nothing.
+        // A plan evaluates this for all modes of a run, whose loop does not allocate.
         *table[k].get_or_init(|| {
             lines.interval(HermitianForm { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 })
         })

@@ -25,7 +25,7 @@ pub struct Moments {
     pub density: Vec<f64>,
     /// `m_a = ∫ v_a f dv`, one vector an axis.
     pub momentum: Vec<Vec<f64>>,
-    /// `u_a = m_a/ρ`; NaN where there is (almost) nothing.
+    /// `u_a = m_a/ρ`; NaN where the density is (almost) zero.
     pub velocity: Vec<Vec<f64>>,
     /// `½ ∫ |v|² f dv`.
     pub kinetic: Vec<f64>,
@@ -34,7 +34,7 @@ pub struct Moments {
 /// Moments that are kept at a point: density, momentum along three axes, kinetic energy.
 pub const MOMENTS: usize = 5;
 
-/// What a velocity cell adds to the moments, for each unit of `f` in it: `(1, v, ½|v|²)` times its
+/// The contribution of a velocity cell to the moments, per unit of `f`: `(1, v, ½|v|²)` times its
 /// volume beside the mean one.
 pub struct VelocityFactors {
     each: Vec<[f64; MOMENTS]>,
@@ -100,7 +100,7 @@ impl VelocityFactors {
 
 /// How moments of `f` follow from the weighted unknowns `ũ = √π f`.
 pub struct MomentsOf<'a> {
-    /// What of each velocity cell is in each moment.
+    /// The weight of each velocity cell in each moment.
     pub factors: &'a VelocityFactors,
     /// `π` of the block's cells.
     pub pi: &'a [f64],
@@ -109,7 +109,7 @@ pub struct MomentsOf<'a> {
 }
 
 impl MomentsOf<'_> {
-    /// Moments that there are at a point in so many dimensions: density, momenta, energy.
+    /// Number of moments at a point in `n` dimensions: density, momenta, energy.
     pub fn count(&self) -> usize {
         self.factors.dimension() + 2
     }

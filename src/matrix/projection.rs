@@ -45,7 +45,7 @@ struct PartRule {
     points: Vec<f64>,
     /// Next to the ends of the part, just inside.
     ends: Vec<f64>,
-    /// From values at the points to what they add to the projection at the nodes.
+    /// Maps values at the quadrature points to their contributions to the projection at the nodes.
     projector: Matrix,
 }
 
@@ -77,7 +77,7 @@ impl Projection {
         Self { axes: axes.map(|a| AxisRules::new(a.nodes, cuts)).collect(), cuts, largest }
     }
 
-    /// Whether nodal values look as if the function jumps.
+    /// Whether nodal values indicate a jump of the function.
     pub fn is_rough(&self, nodal: &[f64]) -> bool {
         self.any_rough(nodal, |axis| &axis.highest_of_nodes)
     }
@@ -314,7 +314,7 @@ mod tests {
 
     #[test]
     fn mass_of_what_jumps_is_kept() {
-        // Along both axes the jump lies inside of elements.
+        // The jump lies inside elements along both axes.
         let f = |x: f64, v: f64| f64::from(x.abs() < 0.5 && v > -0.31);
         for k in [[1, 1], [2, 3], [4, 2]] {
             let space = space(k);

@@ -269,7 +269,7 @@ pub struct RowsBuilder {
 const REMEMBERED: usize = 1 << 20;
 
 impl RowsBuilder {
-    /// For about so many rows.
+    /// Reserves memory for about `rows` rows.
     pub fn with_capacity(rows: usize) -> Self {
         Self {
             rows: Rows {
@@ -367,8 +367,8 @@ mod tests {
         assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);
     }
 
-    /// Of a flux that hardly dissipates, what is symmetric in an entry is small beside the rest. It
-    /// is kept.
+    /// With a flux of little dissipation, the symmetric part of an entry is small beside the rest.
+    /// It is kept.
     #[test]
     fn gathered_rows_keep_small_symmetric_parts() {
         let list: Vec<Vec<MatrixEntry>> =

@@ -15,7 +15,8 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Cell, MAX_DIMENSION, PhaseSpace, describe_point};
 use std::ops::Range;
 
-/// Points of a rule for a whole grid at most; beyond, elements that look smooth have nodal values.
+/// Largest number of quadrature points for a whole grid. Beyond it, elements with smooth data use
+/// nodal values.
 const MOST_POINTS: f64 = 4e7;
 /// Points beyond which nothing is cut once more in two and three dimensions, if all were.
 const MOST_CUT_POINTS: f64 = 1e8;

@@ -9,17 +9,17 @@ use crate::matrix::observables::MOMENTS;
 use crate::matrix::vector::{Vector, multiply_add};
 use std::ops::Range;
 
-/// What is read of a term on some rows: whole points of space, then perhaps auxiliary unknowns.
+/// The readings of a term on some rows: whole points of space, then perhaps auxiliary unknowns.
 pub struct TermRows<'a> {
     /// The term.
     pub term: &'a [Lanes],
-    /// What it is multiplied by in the sum.
+    /// Its factor in the sum.
     pub coefficient: &'a [f64; LANES],
     /// The sum.
     pub sum: &'a mut [Lanes],
     /// `1/√π` of the cells among these rows.
     pub scales: &'a [f64],
-    /// What a velocity cell adds to each moment, for each unit of `f` in it.
+    /// The contribution of a velocity cell to each moment, per unit of `f`.
     pub factors: &'a [[f64; MOMENTS]],
     /// Dimensions of space.
     pub dimension: usize,
@@ -27,7 +27,7 @@ pub struct TermRows<'a> {
     pub times: usize,
     /// The times to whose moments the term adds.
     pub active: Range<usize>,
-    /// What it is multiplied by at each of these: its real parts, then its imaginary parts.
+    /// Its factors at each of these times: real parts, then imaginary parts.
     pub weights: &'a [[f64; 2 * LANES]],
     /// The moments by point, time, and moment: density, momenta, energy.
     pub values: &'a mut [[f64; LANES]],

@@ -1,8 +1,8 @@
 //! A number for each mode of a batch, in registers.
 //!
-//! A compiler that is left to find the vectors in loops over lanes finds others where several rows
-//! are summed at once, and shuffles them: three times as slow for elements of degree 1. So they are
-//! written down, by instruction set.
+//! Automatic vectorisation of loops over lanes fails where several rows are summed at once: the
+//! compiler shuffles registers, which is three times as slow for elements of degree 1. So each
+//! instruction set has explicit vectors.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
@@ -34,7 +34,7 @@ pub trait Vector: Copy {
     fn add_product(self, a: Self, b: Self) -> Self;
 }
 
-/// For any processor; with fused multiply-add where it is known to have one.
+/// For any processor; with fused multiply-add if the compiler's target has it.
 #[derive(Clone, Copy)]
 pub struct Portable<const FMA: bool>([f64; LANES]);
 

@@ -62,7 +62,7 @@ pub struct Weights {
     pub are_volumes: bool,
 }
 
-/// What weights are asked for.
+/// The kind of weights.
 #[derive(Clone, Copy, Debug)]
 pub struct WeightGoal {
     /// Largest certificate.
@@ -199,9 +199,8 @@ impl SweepState {
         0.5 * space.max(largest(quotients.map(|(image, pi)| image / pi)))
     }
 
-    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. What nothing leaves
-    /// (`d = 0`, particles at rest) has the shift always; elsewhere unless the sweep is
-    /// `unshifted`.
+    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. Cells without outflow
+    /// (`d = 0`, particles at rest) always use the shift, others unless the sweep is `unshifted`.
     fn sweep(&mut self, shift: f64, unshifted: bool) {
         for i in 0..self.cells {
             let d = self.diagonal[i];

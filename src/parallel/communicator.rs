@@ -1,4 +1,4 @@
-//! What knows MPI, here and in the files below: start and end, groups of ranks, agreement on
+//! The use of MPI, here and in the files below: start and end, groups of ranks, agreement on
 //! errors, exact reductions, ghost exchange.
 //!
 //! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and
@@ -72,8 +72,8 @@ impl Drop for World {
     }
 }
 
-/// Settings of Open MPI that this program needs. What the user chose stays; other MPI libraries
-/// ignore them.
+/// Settings of Open MPI that this program needs. The user's own settings take precedence; other MPI
+/// libraries ignore these.
 ///
 /// - The component for shared file pointers, which nothing here uses, is off. It puts the name of
 ///   every file that is opened, and more, into 256 bytes, and longer names abort the program (seen
@@ -251,7 +251,7 @@ impl Group {
         }
     }
 
-    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere.
+    /// The numbers of all ranks, the same count each, rank after rank, on rank 0; empty elsewhere.
     /// Collective.
     pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
         let root = self.communicator.process_at_rank(0);
@@ -427,7 +427,7 @@ impl Communicator {
     }
 }
 
-/// A row of a distributed vector: so many numbers side by side.
+/// A row of a distributed vector: a fixed number of values side by side.
 pub trait VectorRow: Copy {
     /// Numbers a row.
     const WIDTH: usize;
@@ -614,7 +614,7 @@ mod tests {
         assert!(ask(&[]), "no launcher");
         assert!(ask(&[("PMIX_RANK", "1"), (all, "3"), (here, "3")]));
         assert!(!ask(&[("PMIX_RANK", "1"), (all, "12"), (here, "3")]));
-        // Slurm's launcher tells no numbers of Open MPI's: the ranks may be anywhere.
+        // Slurm's launcher does not set Open MPI's variables: the ranks may be on any node.
         assert!(!ask(&[("PMIX_RANK", "1")]));
         assert!(!ask(&[("PMI_RANK", "0")]));
     }

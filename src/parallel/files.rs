@@ -15,7 +15,7 @@ pub const CHECKSUM: &str = "checksum";
 /// close it then, which would wait for the others (the crate `hdf5` switches that off).
 ///
 /// # Errors
-/// What HDF5 says.
+/// The error of HDF5.
 pub fn open(world: &Group, path: &Path) -> hdf5::Result<File> {
     File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
 }

@@ -413,7 +413,7 @@ mod tests {
                         ghosts[ghost + k] = global + k;
                     }
                 });
-                // What a neighbour sends, in its order, is what is kept here.
+                // The rows that a neighbour sends match, in order, the ghosts that are stored here.
                 for (other, _, range) in block.exchanges() {
                     let (_, send, _) = all[other]
                         .exchanges()

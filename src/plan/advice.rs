@@ -1,4 +1,4 @@
-//! What to ask a batch system for: the process mesh and why, memory of a node.
+//! Resources to request from a batch system: the process mesh with its reason, memory of a node.
 
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
@@ -21,7 +21,7 @@ pub struct MachineNode {
 }
 
 impl MachineNode {
-    /// Nodes that so many ranks take.
+    /// Number of nodes for `ranks` ranks.
     pub fn count(&self, ranks: usize) -> usize {
         ranks.div_ceil(self.ranks)
     }
@@ -58,7 +58,7 @@ pub struct MeshCandidate {
     pub fits: bool,
 }
 
-/// What to ask for.
+/// The resources to request.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
@@ -113,7 +113,7 @@ impl Advice {
                 }
             })
             .collect();
-        // What a run takes comes first: it changes to a cheaper mesh only where that saves enough.
+        // The mesh of the run comes first; a cheaper mesh is chosen only if it saves enough.
         let chosen = |mesh: &MeshCandidate| {
             resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space
         };
@@ -247,7 +247,7 @@ mod tests {
                 for space in meshes.map(|layout| layout.mesh.space) {
                     assert!(plan(more, Some(space)).1.memory() > limit, "{points}");
                 }
-                // The same number whatever is asked for, and in the refusal of too many.
+                // The same number for any request, and in the refusal of too many points.
                 let (case, other) = plan(points / 4 * 2, None);
                 let again = Advice::new(&case, &other, &limited, None, 0);
                 assert_eq!(again.largest_points, Some(points));

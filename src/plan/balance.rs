@@ -111,7 +111,7 @@ struct LoadSearch<'a> {
     costs: &'a [usize],
     /// No choice is better than this.
     least: usize,
-    /// The best so far, and what it puts on one group.
+    /// The best distribution so far, and its largest load of a group.
     most: usize,
     best: Vec<usize>,
     /// Steps that are left.
@@ -127,7 +127,7 @@ impl LoadSearch<'_> {
             return;
         };
         for g in 0..loads.len() {
-            // Groups that have as much are alike.
+            // Groups with equal loads are equivalent.
             let seen = loads[..g].contains(&loads[g]);
             if seen || loads[g] + cost >= self.most || self.most <= self.least || self.steps == 0 {
                 continue;

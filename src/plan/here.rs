@@ -1,4 +1,4 @@
-//! What the machine at hand admits: memory a rank, and cases that cannot fit.
+//! Limits of this machine: memory per rank, and cases that cannot fit.
 
 use crate::base::error::Result;
 use crate::base::log::report;
@@ -39,13 +39,13 @@ pub fn seconds_to_look(case: &Case) -> f64 {
     let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells.min(side)).collect();
     let some: usize = ranges.iter().map(Range::len).product();
     let started = Instant::now();
-    // What is wrong with V is said by who needs it.
+    // Errors of V are reported where V is used.
     let _ = Potential::new(case, &ranges);
     started.elapsed().as_secs_f64() * case.space.space_cells() as f64 / some as f64
 }
 
-/// Says on the first rank what takes long before a plan is there: a look at a fine grid, and points
-/// in `p` by the million.
+/// Reports on the first rank which steps before the plan take long: evaluating `V` on a fine grid,
+/// and millions of points in `p`.
 pub fn announce_look(world: &World, case: &Case) {
     const LONG: f64 = 1.0;
     const MANY: usize = 1 << 20;

@@ -38,7 +38,7 @@ pub struct Layout {
     pub arrays: Vec<(String, u64)>,
 }
 
-/// What limits the layout.
+/// The limits of the layout.
 #[derive(Clone, Debug, Default)]
 pub struct Resources {
     /// Number of ranks.
@@ -259,7 +259,7 @@ fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = ProcessMesh> {
     })
 }
 
-/// What takes less memory than a run that keeps its modes and does not fit.
+/// Suggestions that reduce the memory of a run that stores its modes and does not fit.
 fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resources) -> String {
     let most = match Layout::largest_points(case, bounds, warp, resources) {
         Some((points, _)) => format!("at most {points} fit"),

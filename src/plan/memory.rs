@@ -28,7 +28,7 @@ const CHUNK_BYTES: u64 = 2 << 10;
 /// their axes.
 const OWN_CHUNK_BYTES: u64 = 17 << 9;
 
-/// What each axis of those selections takes.
+/// Bytes for each axis of those selections.
 const AXIS_BYTES: u64 = 1 << 10;
 
 /// Bytes of a rank's buffers, if those of one cell are not more.
@@ -197,7 +197,7 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// What a run of modes has beside the system, at most `most` of them on a rank.
+    /// Memory of a run by modes beside the system, with at most `most` modes on a rank.
     fn modes(&self, warp: &WarpPlan, most: usize) -> Vec<(String, u64)> {
         let case = self.case;
         let share = MatrixShare {
@@ -224,7 +224,7 @@ impl<'a> FullestRank<'a> {
         let steps = u64::from(case.propagator.method.order() > 0);
         let sums = 16 * (readings + plateau + steps) * self.cells;
         list.push(("recovery sums".to_owned(), sums));
-        // Where a batch starts, or stands between two legs.
+        // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
         if case.start.is_some() && warp.legs.len() == 1 {
             list.push(("start of a batch".to_owned(), between));
@@ -243,7 +243,7 @@ impl<'a> FullestRank<'a> {
             list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
-        // Of the fields before; of the last one a number takes the place of its two integers.
+        // For each earlier field; the last field stores one number instead of two integers.
         let before = (readings + steps) * (self.fields() - 1);
         list.push(("recovered fields".to_owned(), 8 * (before + 1) * self.share()));
         list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
@@ -256,8 +256,8 @@ impl<'a> FullestRank<'a> {
         Some(("fields at time 0".to_owned(), 8 * self.fields() * cells))
     }
 
-    /// What a classical run has beside the system: initial values and results, and the vectors of
-    /// the integrator.
+    /// Memory of a classical run beside the system: initial values, results and the vectors of the
+    /// integrator.
     fn classical(&self) -> Vec<(String, u64)> {
         let (case, cells, length) = (self.case, self.cells, self.length());
         // Those that are touched.
@@ -266,7 +266,7 @@ impl<'a> FullestRank<'a> {
             Integrator::ForwardEuler | Integrator::SspRk3 => 3,
         };
         let mut list = vec![
-            // The fields before, the state of this one, and what is read of it.
+            // The earlier fields, the state of this one and its readings.
             ("fields".to_owned(), 8 * (self.fields() * cells + length)),
             ("integrator".to_owned(), 8 * vectors * length),
         ];
@@ -287,7 +287,7 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// The results, which are there beside the system when nothing is solved any more.
+    /// The results, which exist beside the system after the solve.
     fn results(&self, warp: Option<&WarpPlan>) -> Vec<(String, u64)> {
         let case = self.case;
         let (readings, plateau) =
@@ -302,7 +302,7 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// What the estimate of the grid's error takes: vectors along one axis after the other, or
+    /// Memory of the estimate of the grid's error: vectors along one axis after the other, or
     /// coefficients of elements.
     fn estimate(&self) -> Option<(String, u64)> {
         let space = &self.case.space;
@@ -348,8 +348,8 @@ impl<'a> FullestRank<'a> {
         let points = case.space.space_cells() as u64;
         let values = match case.data {
             Data::Density => 8 * there,
-            // Mass and momentum, what is made of them, and the curve, whose arrays grow by
-            // doubling.
+            // Mass and momentum, the derived observables, and the multivalued velocity, whose
+            // arrays grow by doubling.
             Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
         };
         // Its moments at every time, and a copy of them where they are written.

@@ -113,12 +113,12 @@ pub struct Case {
     pub space: PhaseSpace,
     /// Branches of `V`.
     pub potential: Vec<Region>,
-    /// What `initial` gives.
+    /// The initial data.
     pub data: Data,
     /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets
     /// `ψ_a`.
     pub fields: Vec<LiouvilleField>,
-    /// `initial.warped`; `f(0)` is not known then, and its formula stands for nothing.
+    /// `initial.warped`. Then `f(0)` is not known, and its formula is not used.
     pub start: Option<WarpedStart>,
     /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
     pub start_field: Option<StartField>,
@@ -149,7 +149,7 @@ pub struct Case {
     pub interval_place: String,
     /// `solver.verify`: whether to measure that distance (one classical solve).
     pub verify: bool,
-    /// `solver.strict`: whether a run that misses what was asked for ends with an error.
+    /// `solver.strict`: whether a run that misses its tolerance or accuracy ends with an error.
     pub strict: bool,
     /// `[solver.warp]`.
     pub warp: Warp,
@@ -169,7 +169,7 @@ pub struct Case {
     pub recovery_points: usize,
     /// `output.plateau`.
     pub plateau: Option<Plateau>,
-    /// What of `output.moment_times`, `field_times` and `fields_every` is time zero.
+    /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
     pub at_start: Option<OutputTime>,
     /// The rest of these and of `output.moments_every`, ascending.
     pub times: Vec<OutputTime>,
@@ -310,7 +310,7 @@ impl Case {
         (self.space.degree() > 0 || self.flux < 1.0).then_some(self.flux)
     }
 
-    /// Whether nothing leaves or enters through the ends of the box.
+    /// Whether no particle leaves or enters through the ends of the box.
     pub fn is_closed(&self) -> bool {
         self.ends == EndFlux::Closed
     }
@@ -326,7 +326,7 @@ impl Case {
         self.potential.iter().any(|region| region.reflection.is_some())
     }
 
-    /// What stands for the values of a table.
+    /// The text that represents the values of a table.
     fn of_table(&self, of: TableOf) -> Option<&Expression> {
         match of {
             TableOf::Initial => self.fields.first().map(|field| &field.initial),
@@ -395,7 +395,7 @@ impl Case {
         self.enters() || self.reductions.idle_unknowns
     }
 
-    /// The same case with nothing that enters.
+    /// The same case without inflow.
     pub fn without_inflow(&self) -> Self {
         let mut case = self.clone();
         for field in &mut case.fields {
@@ -444,14 +444,14 @@ pub fn read_text(path: &Path) -> Result<String> {
     Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
-/// What was left out of a case, and what was not though it looks so; a line each.
+/// The reductions of a case, and those that looked possible but were not made; a line each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
     /// Left out.
     pub dropped: Vec<String>,
     /// Kept, and why.
     pub kept: Vec<String>,
-    /// Whether there are auxiliary unknowns though nothing enters.
+    /// Whether there are auxiliary unknowns without inflow.
     pub idle_unknowns: bool,
     /// Whether modes of both signs are propagated.
     pub every_mode: bool,

@@ -27,7 +27,7 @@ pub enum NodeFamily {
 /// Points of Gauss's rule beyond the nodes of an element, along each axis, by which functions are
 /// projected.
 pub const MORE_POINTS: usize = 2;
-/// How far inside of an element a projection looks at its ends, in widths.
+/// Distance from the ends of an element, in widths, at which a projection samples them.
 pub const AT_END: f64 = 1e-9;
 
 /// The nodes of each element of an axis.
@@ -73,7 +73,7 @@ impl Nodes {
     }
 }
 
-/// Nodes of an element on `[−1, 1]`, and what is computed with them.
+/// Nodes of an element on `[−1, 1]`, with their weights and matrices.
 #[derive(Clone, Debug)]
 pub struct ReferenceElement {
     /// The `k + 1` nodes, ascending; mirror images exactly.

@@ -41,7 +41,7 @@ const ON_FACE: f64 = 1e-11;
 /// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
 const REST: f64 = 1e-12;
 
-/// Where a characteristic comes from.
+/// The origin of a characteristic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foot {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
@@ -117,10 +117,10 @@ pub struct Tracer<'a> {
     face_rate: f64,
 }
 
-/// A particle on its way.
+/// A particle that is traced.
 struct TracedParticle {
-    /// The space cell it is in; what decides on which side of a face it is, whatever the round-off
-    /// of `x`.
+    /// The space cell it is in. It decides on which side of a face the particle is, independent of
+    /// round-off in `x`.
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
@@ -139,7 +139,7 @@ fn append(history: u64, event: u64) -> u64 {
     (history ^ event).wrapping_mul(0x0100_0000_01b3)
 }
 
-/// What happens next to a particle, on one axis.
+/// The next event of a particle, on one axis.
 #[derive(Clone, Copy)]
 struct Event {
     /// After which time.
@@ -246,7 +246,7 @@ impl<'a> Tracer<'a> {
         self.potential.slope(&cells, axis)
     }
 
-    /// Where the particle comes from that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
+    /// The origin of the particle that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
     pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
         let followed = self.follow(point, time);
         Foot { point: followed.point, entry: followed.left.unwrap_or(0.0) }
@@ -262,7 +262,7 @@ impl<'a> Tracer<'a> {
         self.follow_with(point, time, &mut |_| {})
     }
 
-    /// The same; calls `meet` for every jump of `V` on the way.
+    /// The same; calls `meet` for every jump of `V` on the path.
     pub fn follow_with(
         &self,
         point: &[f64; 6],

@@ -10,7 +10,7 @@ use std::path::Path;
 /// The name of the description.
 pub const DESCRIPTION: &str = "description.json";
 
-/// What was exported.
+/// The contents of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExportKind {
@@ -39,7 +39,7 @@ impl ExportKind {
 /// The case that an export belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Owner {
-    /// What it is.
+    /// The kind of export.
     pub export: ExportKind,
     /// Every value of its case, by its key.
     pub settings: Settings,
@@ -79,7 +79,7 @@ impl Owner {
         Err(Error::Directory { path: directory.to_owned(), reason })
     }
 
-    /// The case whose export lies in `directory`.
+    /// The case that was exported into `directory`.
     fn read(directory: &Path) -> Option<Self> {
         serde_json::from_str(&disk::read_text(&directory.join(DESCRIPTION)).ok()?).ok()
     }

@@ -116,12 +116,12 @@ impl Expression {
         (!value.is_nan()).then_some(value != 0.0)
     }
 
-    /// Where the formula stands: `file:line: key`.
+    /// The place of the formula: `file:line: key`.
     pub fn place(&self) -> &str {
         &self.place
     }
 
-    /// The same formula, with the place it stands at, for errors: `file:line: key`.
+    /// The same formula with its place for error messages: `file:line: key`.
     pub fn at(self, place: String) -> Self {
         Self { place, ..self }
     }
@@ -196,7 +196,7 @@ mod tests {
         }
     }
 
-    /// At many points, for a number of them that fills no last batch, and with what is undefined.
+    /// Many points whose number is not a multiple of the batch, with undefined values.
     #[test]
     fn many_points_have_the_bits_of_each() {
         let texts = [

@@ -9,7 +9,7 @@ pub struct Leg {
     pub time: f64,
     /// Whether the moments at its end are all that is wanted.
     pub moments_only: bool,
-    /// Times on the way, from its beginning, at which moments are wanted; ascending.
+    /// Output times of moments within the leg, measured from its beginning; ascending.
     pub passed: Vec<f64>,
 }
 

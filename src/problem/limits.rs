@@ -1,4 +1,4 @@
-//! Limits of what a case may ask for, which the reader checks and upper rooms rely on.
+//! Limits of the settings of a case. The reader checks them and upper rooms rely on them.
 
 /// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
 pub const CHUNK: usize = 1 << 15;
@@ -18,7 +18,7 @@ pub const BETAS: [f64; 2] = [0.3, 0.95];
 /// The least and the largest `α` of the exponential profile: beyond, it is practically a jump.
 pub const ALPHAS: [f64; 2] = [0.01, 100.0];
 
-/// Where the left part of that profile has ended, whatever `α(p)` is.
+/// The point below which the left part of that profile is negligible, for any `α(p)`.
 pub const EXTENSION_END: f64 = -4000.0;
 
 /// Largest value of the left part of that profile.
@@ -31,7 +31,8 @@ pub const CS: [f64; 2] = [0.05, 16.0];
 /// The least and the largest `σ` of the Gaussian profile.
 pub const SIGMAS: [f64; 2] = [0.05, 20.0];
 
-/// Most shots that are emulated: beyond, the roundings of probabilities are seen in the counts.
+/// Largest number of emulated shots. Beyond it, rounding errors of probabilities show in the
+/// counts.
 pub const MOST_SHOTS: f64 = 1e15;
 
 /// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.

@@ -48,8 +48,7 @@ pub struct Potential {
     closed: [bool; MAX_DIMENSION],
 }
 
-/// What tells jumps of `V` apart: the height, and the region on the higher side where that may
-/// reflect.
+/// Identifies a jump of `V`: its height, and the region on the higher side if that may reflect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct JumpKind {
     bits: u64,

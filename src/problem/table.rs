@@ -9,8 +9,8 @@ use std::fmt;
 pub const MOST_VALUES: usize = 1 << 24;
 /// Coordinates of a formula.
 const MOST_AXES: usize = 7;
-/// What lies half-way between two points to this part of their distance belongs to the upper one,
-/// whatever round-off says.
+/// A position half-way between two points, to within this part of their distance, belongs to the
+/// upper one, independent of round-off.
 const HALF_WAY: f64 = 1e-9;
 
 /// An axis of a table.
@@ -24,7 +24,7 @@ pub struct TableAxis {
     pub points: Vec<f64>,
 }
 
-/// What a table is between its points.
+/// The interpolation of a table between its points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {

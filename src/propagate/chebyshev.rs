@@ -79,7 +79,7 @@ pub struct Chebyshev {
     first_less_one: [f64; LANES],
     series: Vec<f64>,
     blocking: Option<Blocking>,
-    /// What the steps of one trip through memory need.
+    /// The coefficients of the steps of one pass through memory.
     levels: Vec<StepConstants>,
 }
 

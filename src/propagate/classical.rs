@@ -139,7 +139,7 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// Of a case: with what enters, where that varies with time; `pi` are the weights.
+    /// The integrator of a case, with its inflow if that varies with time; `pi` are the weights.
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
         let this = Self { begin: case.begin, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
@@ -248,7 +248,7 @@ impl<'a> Classical<'a> {
     ) {
         let rows = self.matrix.rows();
         if span.courant() == 0.0 {
-            // Nothing moves: what enters, enters nowhere.
+            // No transport: inflow enters no cell.
             return;
         }
         let (start, weights) = poisson_weights(span.courant(), negligible);

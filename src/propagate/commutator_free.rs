@@ -24,9 +24,9 @@ const ROUND_OFF: f64 = 1e-15;
 /// A Chebyshev series a stage; made once, used for every batch.
 pub struct CommutatorFree<'a> {
     chebyshev: Chebyshev,
-    /// What a stage starts from, in the end `w(T)`, but for the lanes' phases.
+    /// The state at the start of a stage, in the end `w(T)`, without the phases of the lanes.
     start: Vec<Lanes>,
-    /// What adding to it rounded away.
+    /// The rounding errors of the additions to it.
     rounded: Vec<Lanes>,
     schedule: &'a Schedule,
     series: Vec<f64>,
@@ -59,7 +59,7 @@ impl<'a> CommutatorFree<'a> {
         }
     }
 
-    /// Adds what a stage changes to the state, with what earlier additions rounded away.
+    /// Adds the increment of a stage to the state, with the rounding errors of earlier additions.
     fn add_increment(&mut self) {
         let rows = self.start.iter_mut().zip(&mut self.rounded).zip(self.chebyshev.state());
         for ((state, rounded), increment) in rows {
@@ -117,8 +117,8 @@ impl Propagator for CommutatorFree<'_> {
     }
 }
 
-/// The sum of `state` and `increment`, and what was rounded away of this and of earlier additions:
-/// sum and rounding error of two numbers of any sizes (Knuth).
+/// The sum of `state` and `increment`, and the rounding error of this and of earlier additions: sum
+/// and rounding error of two numbers of any sizes (Knuth).
 fn added([state, rounded]: [f64; 2], increment: f64) -> [f64; 2] {
     let term = increment + rounded;
     let sum = state + term;

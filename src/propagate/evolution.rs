@@ -125,8 +125,8 @@ pub struct BatchSpec {
     pub wavenumbers: [f64; LANES],
     /// Relative error that each lane is allowed.
     pub tolerances: [f64; LANES],
-    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of
-    /// an implicit method, which are as many in every lane; unused lanes repeat the last.
+    /// The planned work of each lane's mode: applications (Chebyshev: its degree), or steps of an
+    /// implicit method, which are as many in every lane; unused lanes repeat the last.
     pub work: [usize; LANES],
 }
 

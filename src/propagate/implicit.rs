@@ -64,8 +64,8 @@ impl Implicit {
         })
     }
 
-    /// What `G^(order + 1) w` is multiplied by in the leading term of the error after `steps` steps
-    /// that take `time`.
+    /// The factor of `G^(order + 1) w` in the leading term of the error after `steps` steps over
+    /// `time`.
     fn leading(&self, time: f64, steps: usize) -> f64 {
         let dt = time / steps as f64;
         match self.order {

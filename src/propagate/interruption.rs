@@ -2,7 +2,7 @@
 //!
 //! Each rank looks at a flag that a signal raises. Where space is split, all look after the same
 //! applications, whatever the blocks in which each takes them, and leave together: at each look
-//! they take the outcome of the vote that was posted at the one before, and post the next. Nobody
+//! they take the outcome of the vote that was posted at the one before, and post the next. No rank
 //! waits for a vote that others still compute for, and there is one every tenth of a second or so.
 
 use crate::matrix::blocking::MOST_LEVELS;
@@ -18,7 +18,7 @@ const FEWEST_BETWEEN: usize = MOST_LEVELS;
 /// Most applications between two votes.
 const MOST_BETWEEN: usize = 64;
 
-/// Whether a batch is to be left before its end. All ranks of a space group ask after the same
+/// Whether a batch is to be interrupted. All ranks of a space group check after the same
 /// applications.
 #[derive(Default)]
 pub struct Interruption {
@@ -56,15 +56,15 @@ impl Interruption {
         }
     }
 
-    /// Whether the batch is to be left, after so many more `applications`. Collective over the
+    /// Whether to interrupt the batch after `applications` more applications. Collective over the
     /// space group; allocates nothing.
     pub fn after(&mut self, applications: usize) -> bool {
         let Some(stop) = self.stop.as_ref().filter(|_| self.allowed) else {
             return false;
         };
-        let told = || stop.load(Ordering::Relaxed);
+        let stop_is_set = || stop.load(Ordering::Relaxed);
         let Some(votes) = &mut self.votes else {
-            return told();
+            return stop_is_set();
         };
         self.since += applications;
         if self.since < self.every {
@@ -72,7 +72,7 @@ impl Interruption {
         }
         self.since = 0;
         let leave = votes.is_posted() && votes.take() != 0;
-        votes.post(u64::from(told()));
+        votes.post(u64::from(stop_is_set()));
         leave
     }
 }

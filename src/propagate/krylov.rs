@@ -52,7 +52,7 @@ fn bound_before(scratch: &mut Vec<f64>, m: usize, x: f64) -> f64 {
 
 /// The longest `x = hτ`, at most `most`, for which dimension `m` keeps the error below `slope · x`.
 fn longest(scratch: &mut Vec<f64>, m: usize, slope: f64, most: f64) -> f64 {
-    // Beyond x = m the series has only begun to fall.
+    // For x > m the terms of the series have only begun to decrease.
     let most = most.min(m as f64);
     if bound_before(scratch, m, most) <= slope * most {
         return most;
@@ -307,8 +307,8 @@ impl Krylov {
         }
     }
 
-    /// What is guaranteed beforehand: each lane's step, at most the time it has `left` of `time`,
-    /// and the dimension that takes all of them.
+    /// The step and dimension that the a-priori bound guarantees: each lane's step, at most the
+    /// time `left` of `time`, and the dimension that suffices for all of them.
     fn guaranteed(
         &mut self,
         intervals: &[Interval; LANES],
@@ -405,7 +405,7 @@ impl Propagator for Krylov {
             wavenumber: batch.wavenumbers,
             coefficient: [0.0; LANES],
         };
-        // ‖H − c‖, where nothing moves too.
+        // ‖H − c‖; positive also for H = c.
         let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
         for (i, w) in self.state.iter_mut().enumerate() {
             *w = initial.state.row(i);

@@ -1,4 +1,4 @@
-//! Second order in `x` and `v` by limited slopes: what is added to the first-order right-hand side
+//! Second order in `x` and `v` by limited slopes: the correction of the first-order right-hand side
 //! `A f + b`.
 //!
 //! The paper (remark after section 4.2) replaces the source `f` of a face by its value at the face,
@@ -52,7 +52,7 @@ pub fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
     }
 }
 
-/// What lies behind one side of a space cell.
+/// The neighbour at one side of a space cell.
 #[derive(Clone, Copy, Debug)]
 enum Beyond {
     /// A cell, by the number of its first unknown.
@@ -88,7 +88,7 @@ struct SourceShare {
 struct LimitedTransport {
     /// `v/Δx`, by velocity cell.
     speed: Vec<f64>,
-    /// What lies below and above each space cell.
+    /// The neighbours below and above each space cell.
     beyond: Vec<[Beyond; 2]>,
     faces: Vec<LimitedFace>,
     shares: Vec<SourceShare>,
@@ -183,7 +183,7 @@ impl LimitedTransport {
             None => None,
         };
         let mut this = Self {
-            // There is no slope, and nothing to add, along a periodic axis of one cell.
+            // A periodic axis of one cell has no slope and needs no correction.
             speed: (0..nv)
                 .map(|v| match space.is_single(axis) {
                     true => 0.0,
@@ -214,7 +214,7 @@ impl LimitedTransport {
                         let same = column / nv == first / nv;
                         Some(SourceShare { column: local(column)?, same, weight })
                     });
-                    // What leaves the grid through this face is not what enters there.
+                    // Particles that leave the grid through this face are not the inflow there.
                     let leaves = (speed > 0.0) == above;
                     let known = speed != 0.0 && !(leaves && row.draw > 0.0);
                     this.add_face(shares, known, row.draw, row.inflow[field]);
@@ -292,8 +292,8 @@ impl LimitedTransport {
                     Beyond::Faces(first) => {
                         let face = &self.faces[first as usize + v];
                         for share in self.shares(face) {
-                            // Through this face the source across goes on, the reflected one comes
-                            // back.
+                            // The source across this face continues its motion; the reflected
+                            // source returns.
                             let signed = if share.same { -speed } else { speed };
                             image[i] += signed * share.weight * half[share.column as usize];
                         }

@@ -11,7 +11,7 @@ use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
-/// What is known of a propagated batch.
+/// Statistics of a propagated batch.
 #[derive(Clone, Copy, Debug)]
 pub struct BatchReport {
     /// Factor of each lane that [`Propagator::state`] leaves out.
@@ -100,7 +100,7 @@ pub enum BatchCoupling {
 }
 
 impl BatchCoupling {
-    /// What a batch costs whose modes take these `works`: idle lanes count.
+    /// The cost of a batch whose modes take these `works`; idle lanes count.
     pub fn cost(self, works: impl Iterator<Item = usize>) -> usize {
         match self {
             Self::Independent | Self::Coupled => LANES * works.max().unwrap_or(0),
@@ -109,7 +109,7 @@ impl BatchCoupling {
     }
 }
 
-/// What a propagator is made for.
+/// The system and the accuracy that a propagator is made for.
 #[derive(Clone, Copy, Debug)]
 pub struct PropagatorSetting {
     /// Method and time step.
@@ -120,7 +120,7 @@ pub struct PropagatorSetting {
     pub split: bool,
 }
 
-/// What is asked of the propagation of one mode.
+/// The accuracy and time of the propagation of one mode.
 #[derive(Clone, Copy, Debug)]
 pub struct ModeDemand {
     /// Half the length of the interval that holds the spectrum of `H`.
@@ -133,7 +133,7 @@ pub struct ModeDemand {
     pub step: Option<f64>,
 }
 
-/// What the modes of a run take.
+/// The work of the modes of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunWork {
     /// Least work of a mode.
@@ -148,12 +148,13 @@ pub struct RunWork {
     pub time: f64,
 }
 
-/// What a plan needs to know of a propagator before there is one.
+/// The properties of a propagator that a plan needs before it is built.
 pub trait Descriptor: Sync {
     /// How the modes of a batch are coupled.
     fn batch_coupling(&self) -> BatchCoupling;
 
-    /// What a mode takes: applications of the matrix, or steps of an implicit method, each a solve.
+    /// The work of a mode: applications of the matrix, or steps of an implicit method, each a
+    /// solve.
     fn work(&self, demand: &ModeDemand, scratch: &mut Vec<f64>) -> usize;
 
     /// Applications that cost as much as a unit of [`work`](Self::work), about.

@@ -76,7 +76,7 @@ impl<'a> PassedMoments<'a> {
         Self { blocking, ..self }
     }
 
-    /// Bytes on a rank with so many points of space.
+    /// Bytes on a rank with `points` points of space.
     pub fn bytes(share: &MatrixShare<'_>, points: u64, times: u64, largest_degree: u64) -> u64 {
         let space = &share.case.space;
         let (moments, velocities) = (space.dimension() as u64 + 2, space.velocity_cells());

@@ -21,9 +21,9 @@ use faer::{Conj, MatMut, Par};
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Residual that is aimed at, relative to the right-hand side: round-off.
+/// The target of the relative residual: round-off.
 const AIM: f64 = 4.0 * f64::EPSILON;
-/// Residual that will do where it falls no further, what round-off hides in it not counted.
+/// The relative residual that is accepted if it stagnates, without the part that round-off hides.
 const RESIDUAL: f64 = 1e-13;
 /// Largest dimension of a Krylov space before GMRES is restarted.
 pub const RESTART: usize = 60;

@@ -37,7 +37,7 @@ pub const TIME_SHARE: f64 = 0.2;
 const STEPS: (usize, usize) = (8, 1 << 13);
 /// Smallest tolerance: the round-off of some thousand stages stays well below its share.
 const SMALLEST: f64 = 2e-12;
-/// Times at which the inflow is looked at before it is stepped.
+/// Number of times at which the inflow is sampled before the steps are chosen.
 const SAMPLES: usize = 256;
 /// Poisson probabilities left out of a stage of the real exponential.
 const NEGLIGIBLE: f64 = 1e-16;
@@ -54,7 +54,7 @@ pub fn halves() -> [[f64; 2]; 2] {
     [[0.5 + third, 0.5 - third], [0.5 - third, 0.5 + third]]
 }
 
-/// The inflow in stages: what is constant on each half of each step.
+/// The inflow in stages: it is constant on each half of each step.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
     /// Steps; there are two stages a step.
@@ -155,7 +155,7 @@ fn norm(
     sum.sqrt()
 }
 
-/// Refuses so many steps that their couplings, in this run and the one before, do not fit into the
+/// Refuses a number of steps whose couplings, in this run and the one before, do not fit into
 /// memory. Not collective.
 ///
 /// # Errors
@@ -185,7 +185,7 @@ pub struct WeightedField<'a> {
     pub rate: f64,
 }
 
-/// A run of so many steps, of the real field itself.
+/// A run with a given number of steps, of the real field.
 struct RealRun {
     /// `b̄_i`, stage by stage.
     values: Vec<f64>,
@@ -193,7 +193,7 @@ struct RealRun {
     state: Vec<f64>,
 }
 
-/// Runs of the real field, to see how many steps they take.
+/// Searches the number of steps by runs of the real field.
 struct StepSearch<'a> {
     case: &'a Case,
     matrix: &'a BlockMatrix,
@@ -214,7 +214,7 @@ impl StepSearch<'_> {
             ClassicalSpan { rate: self.start.rate, time: self.case.duration() / stages as f64 };
         let mut state = self.start.state.to_vec();
         let mut classical = Classical::new(self.matrix);
-        // Ranks that nothing enters take part in the others' exchanges.
+        // Ranks without inflow take part in the exchanges of the others.
         for k in 0..stages {
             let stage = &values[k * rows..(k + 1) * rows];
             classical.hold(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
@@ -252,8 +252,8 @@ impl StepSearch<'_> {
         .collect()
     }
 
-    /// Whether a run sees the inflow: steps so long that they miss a pulse agree with each other,
-    /// too. Collective over the space group.
+    /// Whether the steps of a run resolve the inflow. Runs with steps so long that they miss a
+    /// pulse agree with each other, too. Collective over the space group.
     fn sees(&self, run: &RealRun, largest: f64) -> bool {
         let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
         self.communicator.space.max(found) >= 0.9 * largest

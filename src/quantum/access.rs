@@ -49,7 +49,7 @@ struct Couplings {
     shared: bool,
 }
 
-/// Scratch of an oracle: a row of the scheme and what was found.
+/// Scratch of an oracle: a row of the scheme and the nonzeros found.
 #[derive(Default)]
 pub struct Scratch {
     row: Row,
@@ -155,7 +155,7 @@ impl<'a> SparseAccess<'a> {
         [value.re, value.im].map(|x| (x / self.unit(m)).round() as i64)
     }
 
-    /// What the last of `m` bits stands for.
+    /// The weight of the last of `m` bits.
     pub fn unit(&self, m: u32) -> f64 {
         self.largest / ((1i64 << (m - 1)) - 1) as f64
     }
@@ -235,7 +235,7 @@ impl<'a> SparseAccess<'a> {
     }
 }
 
-/// What `d` and `‖H‖_max` follow from, for any wavenumbers.
+/// The data from which `d` and `‖H‖_max` follow, for any wavenumbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LargestEntries {
     /// The `(|S_ij|, |K_ij|)` that no other exceeds in both, `|S|` descending.
@@ -255,7 +255,7 @@ impl LargestEntries {
 
     /// The largest entries of `matrix`, over the ranks of `space`. Collective.
     pub fn of(matrix: &BlockMatrix, space: &Group) -> Self {
-        /// So many more are looked at before those that others exceed are left out.
+        /// Number of further entries that are collected before dominated ones are removed.
         const AT_ONCE: usize = 4096;
         let (mut own, mut most) = (Vec::new(), AT_ONCE);
         for i in 0..matrix.counted_rows() {
@@ -266,7 +266,7 @@ impl LargestEntries {
             }
         }
         keep_outermost(&mut own);
-        // Each rank's in their own place; zeros exceed nothing.
+        // Each rank writes its own entries; zeros dominate no entry.
         let room = space.max_count(own.len());
         let mut all = vec![[0.0; 2]; room * space.size()];
         all[room * space.rank()..][..own.len()].copy_from_slice(&own);

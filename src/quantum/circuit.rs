@@ -60,7 +60,7 @@ use std::path::Path;
 /// Most terms of a state in a check: `2^22`.
 const MOST_TERMS: usize = 22;
 
-/// What is compiled of a case.
+/// The circuit that is compiled for a case.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CircuitChoice {
     /// Bits of the bins that divide a level; by default as few as make all jumps whole.
@@ -79,7 +79,7 @@ pub struct CircuitChoice {
 pub struct CompiledCircuit {
     /// The circuit.
     pub circuit: Circuit,
-    /// What it is.
+    /// Its description.
     pub description: CircuitDescription,
     /// The rotations of the evolution; none of a long one.
     pub phases: Option<Phases>,
@@ -163,7 +163,7 @@ impl CompiledCircuit {
         Ok(compiled)
     }
 
-    /// Simulates so many columns of the block, evenly spread.
+    /// Simulates evenly spread columns of the block.
     fn check(&self, prepared: &Prepared, columns: usize) -> Result<Check> {
         let Prepared { case, system, .. } = prepared;
         let (transport, modes) = (&self.description.transport, self.description.modes);

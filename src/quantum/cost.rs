@@ -48,7 +48,7 @@ impl fmt::Display for Access {
     }
 }
 
-/// What `e^{−iHT}` takes by an access to `H`, and until the field is measured.
+/// The cost of `e^{−iHT}` by an access to `H`, and of the measurement of the field.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
     /// How `H` is had.
@@ -82,7 +82,7 @@ impl Cost {
     }
 }
 
-/// What is asked of an evolution.
+/// The time and accuracy of an evolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvolutionRequirements {
     /// The highest wavenumber that carries something.
@@ -102,7 +102,7 @@ impl EvolutionRequirements {
     }
 }
 
-/// What the accesses to a case's `H` depend on.
+/// The data on which the accesses to a case's `H` depend.
 pub struct Accesses {
     time: f64,
     /// The largest entries of `(S, K)`.

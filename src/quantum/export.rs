@@ -58,7 +58,7 @@ use std::path::Path;
 /// Relative error that the propagation of a mode may have.
 const TOLERANCE: f64 = 1e-14;
 
-/// What the files mean.
+/// The description of the files.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExportDescription {
     /// The case that the files belong to.
@@ -103,7 +103,7 @@ pub struct ExportDescription {
     pub preparation: Option<String>,
 }
 
-/// What is written, computed on one rank.
+/// The contents of the files, computed on one rank.
 pub struct Export {
     description: ExportDescription,
     /// `w̃(0)` and `w̃(T)`, `w(0)` and `w(T)`.
@@ -186,7 +186,7 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
 
 impl Export {
     /// The export of a case whose whole grid is on this rank; with so many qubits of amplitude
-    /// estimation, if a complete circuit is asked for.
+    /// estimation, if a complete circuit is requested.
     ///
     /// # Errors
     /// [`Error::Input`] for more than 12 qubits, a number of points that is no power
@@ -284,12 +284,12 @@ impl Export {
         exported::write(directory, &self.description)
     }
 
-    /// What was exported.
+    /// The exported objects.
     pub fn description(&self) -> &ExportDescription {
         &self.description
     }
 
-    /// What the complete circuit is, if there is one.
+    /// The description of the complete circuit, if there is one.
     pub fn complete(&self) -> Option<&About> {
         self.complete.as_ref().map(|complete| &complete.about)
     }
@@ -414,7 +414,7 @@ impl ModeEvolution<'_> {
                 for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
                     let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
                     let line = &mut evolved[i * points..(i + 1) * points];
-                    // Not the mode −N_p/2, which has no partner.
+                    // Without the mode −N_p/2, which has no partner.
                     if points / 2 + l < points {
                         line[points / 2 + l] = start[points / 2 + l] * w;
                     }

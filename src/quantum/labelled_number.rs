@@ -14,9 +14,9 @@ pub enum Trust {
     Exact,
     /// Exact, and counted in gates that were emitted.
     Emitted,
-    /// Not below what it stands for.
+    /// Not below the true number.
     UpperBound,
-    /// Rests on what was measured, sampled or solved roughly.
+    /// Derived from measured, sampled or approximate data.
     Estimate,
     /// From a formula whose constants are assumed.
     Model,

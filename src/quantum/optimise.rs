@@ -34,7 +34,7 @@ use crate::solve::system::StateNorms;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Profiles as a run takes them when nothing else is asked for, to compare with.
+/// The default profiles of a run, for comparison.
 const DEFAULTS: [ProfileChoice; 8] = [
     ProfileChoice::Designed,
     ProfileChoice::Gaussian { sigma: None },
@@ -97,13 +97,13 @@ pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
 pub struct CostedChoice {
     /// The profile.
     pub profile: ProfileChoice,
-    /// `δ`; none where nothing enters.
+    /// `δ`; none without inflow.
     pub delta: Option<Delta>,
     /// `p◇`.
     pub recovery: LabelledNumber,
     /// `N_p`.
     pub points: LabelledNumber,
-    /// How `H` is had; none where nothing is known.
+    /// The access to `H`; none if the cost is not known.
     pub access: Option<Access>,
     /// Calls of the block encoding in an evolution.
     pub walk_steps: LabelledNumber,
@@ -112,10 +112,10 @@ pub struct CostedChoice {
     /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
     /// repeated, and by amplitude amplification.
     pub cost: [LabelledNumber; 2],
-    /// What it asks of an evolution; none where nothing is known.
+    /// The required evolution; none if it is not known.
     #[serde(skip)]
     pub demand: Option<EvolutionRequirements>,
-    /// The profile and the recovery point as they are asked for.
+    /// The profile and the recovery point, as settings of a case.
     #[serde(skip)]
     candidate: ProfileCandidate,
 }
@@ -172,7 +172,7 @@ impl CostedChoice {
     }
 }
 
-/// A system that some `δ` makes, as much as the choice needs to know.
+/// The properties of a system with some `δ` that the choice needs.
 pub struct System<'a> {
     /// Ranks that share the work, if there are others.
     pub world: Option<&'a Group>,
@@ -184,7 +184,7 @@ pub struct System<'a> {
     pub ratio: f64,
     /// The norms the probabilities follow from.
     pub norms: StateNorms,
-    /// What the costs follow from.
+    /// The data from which the costs follow.
     pub accesses: &'a Accesses,
 }
 
@@ -216,7 +216,7 @@ fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCandidate) ->
     warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
     (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
     if candidate.profile == ProfileChoice::Planned {
-        // One mode has no p to be read elsewhere.
+        // A single mode has no other recovery point.
         warp.shift = Shift::Given(0.0);
     }
     (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
@@ -296,7 +296,7 @@ impl ProfileFamily {
     /// The cheapest on the whole grid of the family, of several values of the parameter: costs jump
     /// where a register or a round of amplification is saved.
     fn coarse(&self, system: &System<'_>) -> Vec<CostedChoice> {
-        /// Values that are looked at more closely.
+        /// Number of values that are refined.
         const KEPT: usize = 4;
         let further = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
@@ -337,7 +337,7 @@ impl ProfileFamily {
     }
 }
 
-/// Values of a parameter and recovery points, all with all.
+/// All combinations of values of a parameter with recovery points.
 struct ScanGrid {
     values: Vec<f64>,
     further: Vec<Option<f64>>,
@@ -346,15 +346,15 @@ struct ScanGrid {
 /// The cheapest of every profile for one system, the profiles as they are by default, and the
 /// case's own where that is one of a formula; what cannot be planned says why. Collective.
 pub fn choices(system: &System<'_>) -> Vec<CostedChoice> {
-    /// A family that is so many times as expensive on its grid is not looked at more closely.
-    const HOPELESS: f64 = 2.0;
+    /// A family whose least cost on its grid is more than so many times the least is not refined.
+    const LARGEST_RATIO: f64 = 2.0;
     let families = ProfileFamily::all();
     let coarse: Vec<(&ProfileFamily, Vec<CostedChoice>)> =
         families.iter().map(|family| (family, family.coarse(system))).collect();
     let all = coarse.iter().flat_map(|(_, choices)| choices);
     let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
     let closer = |family: &ProfileFamily, choice: CostedChoice| match choice.least_cost()
-        <= HOPELESS * least
+        <= LARGEST_RATIO * least
     {
         true => family.refined(system, choice),
         false => choice,
@@ -363,7 +363,7 @@ pub fn choices(system: &System<'_>) -> Vec<CostedChoice> {
         choices.into_iter().map(|choice| closer(family, choice)).reduce(CostedChoice::cheaper)
     };
     let mut found: Vec<CostedChoice> = coarse.into_iter().filter_map(of_family).collect();
-    // Where S = 0 one mode does, whatever the profile.
+    // With S = 0 one mode suffices for any profile.
     let one = ProfileCandidate::planned(ProfileChoice::Planned);
     let one_case = candidate_case(system.case, system.bounds, &one);
     let planned = takes_one_mode(&one_case, system.bounds).then_some(one.profile);
@@ -527,7 +527,8 @@ mod tests {
                 let cost = choice(system, &candidate).least_cost();
                 assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
             }
-            // What is cheapest to emulate is not; nor is the parameter that a run would take.
+            // The choice that is cheapest to emulate is not the cheapest here, nor is the default
+            // parameter of a run.
             let emulated = [
                 ProfileChoice::Designed,
                 ProfileChoice::Gaussian { sigma: None },
@@ -540,7 +541,7 @@ mod tests {
         });
     }
 
-    /// The case of a choice plans what was priced.
+    /// The case of a choice has the plan whose cost was computed.
     #[test]
     fn a_choice_is_planned_as_it_was_priced() {
         with_system(|system| {

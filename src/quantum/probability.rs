@@ -30,7 +30,7 @@ use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
 
-/// What is postselected one after the other, and what that costs.
+/// The postselections in order, and their cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Chain {
     /// `P_p`.
@@ -236,7 +236,7 @@ impl Probabilities {
         known.map_or(1.0, f64::sqrt)
     }
 
-    /// Of the one mode of a unitary flow, which is the field: nothing of `p` is postselected.
+    /// For the one mode of a unitary flow, which is the field: `p` is not postselected.
     fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
         let at_slice = Chain::new(1.0, &norms, if whole { &LabelledNumber::exact } else { label });
@@ -367,7 +367,7 @@ mod tests {
             let fewer = (2.0 * rounds - 1.0) * p.sqrt().asin();
             assert!(rounds == 0.0 || fewer < std::f64::consts::FRAC_PI_2, "{p}: {rounds}");
         }
-        // What is left undone without the ancilla.
+        // The part that the circuit omits without the ancilla.
         assert!((amplified(0.15f64.sqrt(), 1) - 0.864).abs() < 1e-3);
     }
 }

@@ -80,7 +80,7 @@ pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitud
      in them; initial.f = density * a smooth delta function of v - velocity, of a width above some \
      cells, is transported linearly, and its density and mean velocity are overlaps";
 
-/// Why there is nothing to be read from a case, if so.
+/// Why a case has no readout, if so.
 pub fn refused(case: &Case) -> Option<&'static str> {
     match (&case.data, case.method) {
         (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
@@ -93,7 +93,7 @@ pub fn refused(case: &Case) -> Option<&'static str> {
 }
 
 impl Readout {
-    /// All cells and observables that `case` asks for, with every figure unavailable.
+    /// All cells and observables of `[readout]` in `case`, with every number unavailable.
     pub fn unavailable(case: &Case, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
         let cells = case.readout.as_ref().map_or(&[][..], |r| &r.cells);
@@ -116,7 +116,8 @@ impl Readout {
         }
     }
 
-    /// Reads what `case` asks for from `source`; the same on all ranks. Collective over `world`.
+    /// Reads the cells and observables of `case` from `source`; the same on all ranks. Collective
+    /// over `world`.
     pub fn new(world: &Group, case: &Case, source: &ReadoutSource<'_>) -> Self {
         let Some(readout) = &case.readout else {
             return Self::unavailable(case, "no [readout] is asked for");

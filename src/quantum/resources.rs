@@ -1,5 +1,5 @@
-//! What the algorithm takes on a quantum computer, in the model of sparse access, and forward
-//! Euler's cost beside it.
+//! The cost of the algorithm on a quantum computer, in the model of sparse access, and the cost of
+//! forward Euler for comparison.
 //!
 //! **Queries.** With `τ = d ‖H‖_max T`, `H` is block-encoded as `H/(d‖H‖_max)` by a walk, and
 //! `e^{−iHT}` is a sequence of phased steps of it, of several calls of the oracles each: see
@@ -51,7 +51,7 @@ pub struct RegisterSizes {
     pub p_without_growth: LabelledNumber,
     /// All of them, `p` counted so.
     pub total_without_growth: LabelledNumber,
-    /// With what the walk needs beside them.
+    /// All qubits, with the ancillas of the walk.
     pub walk: WalkRegisters,
 }
 
@@ -85,7 +85,7 @@ pub struct CountSetup {
     pub profile: ProfileChoice,
     /// The planned profile, in words.
     pub planned: String,
-    /// `δ`; none where nothing enters.
+    /// `δ`; none without inflow.
     pub delta: Option<Delta>,
     /// Modes `l ≥ 0` that carry something.
     pub modes: usize,
@@ -123,7 +123,7 @@ pub struct WeightsTable {
     pub classical_operations: LabelledNumber,
 }
 
-/// What a case takes.
+/// The resources of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Record {
     /// Title of the case.
@@ -196,7 +196,7 @@ pub struct Record {
     pub measure_valued: Option<&'static str>,
 }
 
-/// What the unitary scheme takes on the same grid: one mode, no `p`, nothing postselected.
+/// The cost of the unitary scheme on the same grid: one mode, no `p`, no postselection.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unitary {
     /// `‖u(0)‖/‖f(T)‖` is 1: the evolution is to be exact to this.
@@ -205,11 +205,11 @@ pub struct Unitary {
     pub costs: Vec<Cost>,
     /// Why no circuit is compiled; none where one is.
     pub no_circuit: Option<String>,
-    /// What it does not do as well.
+    /// Its disadvantages.
     pub caveats: &'static str,
 }
 
-/// What is to be known of the unitary scheme.
+/// The properties of the unitary scheme.
 const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid does not resolve are \
                        not damped, and what reaches an end of the box comes back as such waves. \
                        Its error is another: `--accuracy` compares at equal error of the density";
@@ -246,7 +246,7 @@ impl Unitary {
 /// tolerance, by the same share as the rounding of values in sparse access.
 pub const OF_ROUNDING: f64 = 0.5;
 
-/// What the accesses to the `H` of `prepared` depend on. Collective.
+/// The data on which the accesses to the `H` of `prepared` depend. Collective.
 pub fn accesses(prepared: &Prepared, ratio: f64) -> Accesses {
     let Prepared { case, bounds, .. } = prepared;
     // A unitary flow keeps the norm; a rough solution does so to some digits.
@@ -271,12 +271,12 @@ fn qubits(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize
 }
 
-/// What the norms rest on.
+/// The source of the norms.
 const NORMS: &str = "norms of the classical solution, 3 digits";
 
 impl Record {
-    /// What the case of `prepared` takes with the state of `preparation`, from this rank's part of
-    /// the system. Collective.
+    /// The resources of the case of `prepared` with the state of `preparation`, from this rank's
+    /// part of the system. Collective.
     ///
     /// # Errors
     /// As [`sparsity::measure`].
@@ -348,7 +348,7 @@ impl Record {
 }
 
 impl WeightsTable {
-    /// A table for so many cells, read in every one of the `queries`.
+    /// A table of `entries` weights, read in every one of the `queries`.
     fn new(entries: usize, queries: &LabelledNumber, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
         let each = 2.0 * (entries as f64 - 1.0);

@@ -43,7 +43,7 @@ pub struct Count {
     pub holds: bool,
 }
 
-/// What was counted of a matrix.
+/// The nonzeros of a matrix.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NonzeroCounts {
     /// `A_x`, `A_y`, `A_z` (transport along one axis), `A_v` (force), `A`, `H1`, `H2`, `H`.
@@ -169,7 +169,7 @@ struct NonzeroParts {
 }
 
 impl NonzeroParts {
-    /// Nothing counted yet.
+    /// Zero counts.
     fn new(dimension: usize, block: &Block) -> Self {
         let (parts, cells) = (dimension + 2, block.cells());
         Self {

@@ -9,7 +9,7 @@
 
 use crate::quantum::labelled_number::LabelledNumber;
 
-/// What is assumed, for a record.
+/// The assumptions, for a record.
 const ASSUMED: &str = "surface code, physical errors 1e-3, threshold 1e-2, failure 0.01 in all, 4 \
                        factories of CCZ states, half of the rest for lattice surgery";
 /// `p/p_th`.
@@ -17,7 +17,7 @@ const ERROR: f64 = 0.1;
 /// Probability that the computation fails.
 const FAILURE: f64 = 0.01;
 const FACTORIES: f64 = 4.0;
-/// Above this distance nothing is counted.
+/// The largest code distance that is considered.
 const MOST_DISTANCE: u32 = 101;
 
 /// The code's distance for so many logical qubits and Toffoli gates; none above 101.

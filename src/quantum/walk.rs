@@ -38,7 +38,7 @@ pub const VALUE_CALLS: f64 = 4.0;
 /// Part of the tolerance that the cut series may take; the rounded values have the rest.
 const OF_SERIES: f64 = 0.5;
 
-/// What `e^{−iHT}` takes.
+/// The cost of `e^{−iHT}`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkCost {
     /// `K`.

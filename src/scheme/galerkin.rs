@@ -33,7 +33,7 @@ use crate::scheme::interface::velocity;
 use crate::scheme::row::{InflowTerm, Row};
 use std::collections::HashMap;
 
-/// What is common to the rows of elements.
+/// The data that all rows of elements share.
 #[derive(Clone, Debug)]
 pub(super) struct Elements {
     /// `½(1 + α)` and `½(1 − α)`.
@@ -66,7 +66,7 @@ impl Elements {
     }
 }
 
-/// What happens at a jump.
+/// The coupling at a jump.
 #[derive(Clone, Debug)]
 struct Coupling {
     /// How the traces on both sides are coupled.
@@ -166,7 +166,7 @@ pub(super) struct LineTerms<'a> {
     pub space: &'a PhaseSpace,
     /// Jumps and slopes of `V`.
     pub potential: &'a Potential,
-    /// What is common to all rows.
+    /// The data that all rows share.
     pub elements: &'a Elements,
     /// What enters.
     pub entering: InflowTerm<'a>,
@@ -217,7 +217,7 @@ impl LineTerms<'_> {
         }
         let line = CellLine::new(&self.space.x[a], cell[a], speed);
         self.add_derivative(row, cell, a, &line);
-        // Of Gauss–Lobatto nodes one has a trace.
+        // With Gauss–Lobatto nodes, one node carries the trace.
         if line.entry()[line.node] != 0.0 {
             self.add_entry(row, cell, a, &line);
         }
@@ -271,7 +271,7 @@ impl LineTerms<'_> {
         if self.elements.closed {
             return;
         }
-        // What comes from beyond the velocity box comes in upwind.
+        // Inflow from outside the velocity box enters by the upwind flux.
         for &(node, weight) in &trace.unpaired {
             self.couple(row, cell, [n + a, node], -(rate - inner) * weight);
         }
@@ -318,7 +318,7 @@ impl LineTerms<'_> {
         if self.elements.closed {
             return;
         }
-        // What goes beyond the velocity box goes out upwind.
+        // Outflow from the velocity box leaves by the upwind flux.
         for &(node, weight) in &trace.unpaired {
             self.couple(row, cell, [n + a, node], -outer * weight);
         }

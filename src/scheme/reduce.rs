@@ -1,4 +1,4 @@
-//! No more than the scene needs: from a case to one with fewer cells that has the same solution.
+//! Reduction of a case to one with fewer cells that has the same solution.
 //!
 //! What goes, where, and why the answer stays:
 //!
@@ -91,7 +91,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     Ok(case)
 }
 
-/// The key that asks for the whole grid.
+/// The key that keeps the whole grid.
 fn needs_all(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.start.is_some()),
@@ -109,7 +109,7 @@ fn needs_all(case: &Case) -> Option<&'static str> {
 /// Position of a velocity among the coordinates of a formula, after those of space.
 const VELOCITY: usize = 3;
 
-/// The formulas that a solution depends on besides `V`, by their names.
+/// The formulas other than `V` on which a solution depends, by their names.
 fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
     let fields = case.fields.iter().flat_map(|field| {
         [
@@ -135,13 +135,13 @@ fn varies_along(case: &Case, slot: usize) -> Option<String> {
     formulas(case).find(|(_, formula)| names(formula)).map(|(name, _)| name)
 }
 
-/// Whether nothing moves along space axis `a`.
+/// Whether no particle moves along space axis `a`.
 fn stands_still(case: &Case, a: usize) -> bool {
     let v = &case.space.v[a];
     (0..v.cells as i64).all(|j| velocity(v, j) == 0.0)
 }
 
-/// Merges the cells of the axes along which nothing varies and no boundary differs.
+/// Merges the cells of the axes along which neither the data nor the boundaries vary.
 fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     let n = case.space.dimension();
     let names = axis_names(n);

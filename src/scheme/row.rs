@@ -23,17 +23,17 @@ pub struct Row {
     pub(super) scratch: Vec<FluxSource>,
 }
 
-/// What enters.
+/// Inflow of a row.
 #[derive(Clone, Copy)]
 pub(super) struct InflowTerm<'a> {
-    /// The fields of which something does; none if nothing enters.
+    /// The fields that have inflow; empty without inflow.
     pub fields: &'a [LiouvilleField],
     /// The start, at which a varying inflow is taken.
     pub time: f64,
 }
 
 impl Row {
-    /// Empties it; keeps what was not finite.
+    /// Clears the row, but keeps the record of values that are not finite.
     pub(crate) fn clear(&mut self) {
         self.entries.clear();
         self.inflow = [0.0; MOST_FIELDS];

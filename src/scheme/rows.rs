@@ -104,8 +104,8 @@ impl<'a> Scheme<'a> {
         })
     }
 
-    /// What axis `axis` of the `2n` adds to row `index` of `A` and `b`: transport along a space
-    /// axis, force along a velocity axis. Entries that are not zero.
+    /// The contribution of axis `axis` of the `2n` to row `index` of `A` and `b`: transport along a
+    /// space axis, force along a velocity axis. Entries that are not zero.
     pub fn part(&self, row: &mut Row, index: usize, axis: usize) {
         row.clear();
         let cell = self.space.cell(index);
@@ -208,7 +208,7 @@ impl<'a> Scheme<'a> {
         }
         row.draw += rate;
         row.damping += rate;
-        // Nothing is in a cell of the box that was left out.
+        // A cell that was left out has the value zero.
         if inside.is_some() && v.leaves_out(j) {
             return;
         }
@@ -218,7 +218,7 @@ impl<'a> Scheme<'a> {
         row.enter(self.entering(), rate, point);
     }
 
-    /// What enters.
+    /// The inflow.
     fn entering(&self) -> InflowTerm<'_> {
         let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
         InflowTerm { fields, time: self.case.begin }

@@ -1,4 +1,5 @@
-//! From tolerance, bounds and what is given by hand to a profile, its series, and how it is read.
+//! Chooses profile, Fourier series and recovery points from the tolerance, the bounds of the
+//! spectrum and the settings of the case.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
@@ -19,11 +20,11 @@ use std::f64::consts::PI;
 
 /// Distance in `p` of the second recovery point from the first.
 const SECOND_POINT: f64 = 1.0;
-/// Width in `p` of what an integral or least squares are taken over.
+/// Width in `p` of the window of an integral or least-squares recovery.
 const WINDOW: f64 = 1.0;
 /// Growth over the run beyond which a warning names its remedy: an amplification by e.
 const MUCH_GROWTH: f64 = 1.0;
-/// Series with more modes than this are not summed up to see what their readings tell.
+/// For series with more modes than this, the two readings are not compared by summation.
 const MOST_TO_COMPARE: usize = 1 << 13;
 /// Part of the tolerance that truncated modes may take where coefficients come from samples: the
 /// truncated modes are aliased to the wavenumbers that are kept.
@@ -85,8 +86,8 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let at = |apart| readings(case, &window, interval, apart);
     let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
         0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
-        // Errors of the same size that know nothing of each other: the second, e times as large at
-        // most, adds nothing, or all.
+        // Independent errors of the same size: the second, at most e times as large, may cancel or
+        // add up.
         _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
             readings: at(SECOND_POINT),
             efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
@@ -113,7 +114,7 @@ pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option
     Some(window.modes(window.period))
 }
 
-/// Whether `A` is skew, `S = 0`, and nothing asks for the warped field as it is elsewhere.
+/// Whether `A` is skew (`S = 0`) and the case does not need the warped field at other `p`.
 pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
     let warp = &case.warp;
     let by_hand = warp.choice() != ProfileChoice::Planned || warp.recovery.is_some();
@@ -122,7 +123,7 @@ pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
     bounds.is_skew() && !bounds.inflow && !by_hand && !is_shown && !shifted
 }
 
-/// The one mode of a skew `A`, which is the solution. A second reading would tell nothing.
+/// The one mode of a skew `A`, which is the solution. A second reading would be equal to the first.
 fn one_mode() -> Placement {
     let profile = Constant::default();
     let series = profile.series().clone();
@@ -272,8 +273,8 @@ fn shift(case: &Case, bounds: &Bounds) -> f64 {
     case.warp.shift.of(bounds.growth) * case.duration()
 }
 
-/// What is asked of the profile: everything shares the tolerance, unless the interval is given by
-/// hand. Then any one effect may take all of it, and the second reading may be worse.
+/// The requirements on the profile. All effects share the tolerance. If the interval is given by
+/// hand, any one effect may take the whole tolerance, and the second reading may be worse.
 fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     let (warp, time) = (&case.warp, case.duration());
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
@@ -350,8 +351,8 @@ fn relaxed(
         ));
         return Ok(planned);
     }
-    // What would do: the ends for the decay of the transport alone and relative to the state, as
-    // that is what was refused.
+    // A sufficient interval for the refusal's message: its ends for the decay of the transport
+    // alone, relative to the state.
     let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
     let [lower, upper] = profile.ends(&open, &window);
@@ -395,8 +396,8 @@ fn round_up(x: f64) -> f64 {
     (x / unit * (1.0 + 1e-9)).ceil() * unit
 }
 
-/// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is
-/// studied so.
+/// The warning for a number of points that is too small for the tolerance. It is no error, since
+/// studies of convergence in `N_p` need such runs.
 fn too_few(
     demand: &ProfileRequirements,
     shape: &dyn ProfileShape,
@@ -435,17 +436,17 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
         .collect()
 }
 
-/// The readings, and how their distance tells the error.
+/// The readings, and how their distance estimates the error.
 struct ErrorEstimator {
     readings: Vec<Reading>,
     /// The part of the error that the distance shows.
     efficiency: f64,
-    /// Factor by which that part may be more or less, whatever the state is made of.
+    /// Bound, for any state, on the factor by which that part may deviate.
     doubt: f64,
 }
 
-/// The readings of a series, whose error oscillates: the second where their distance shows about
-/// the same part of the error whatever the state is made of.
+/// The readings of a series with an oscillating error. The second is placed where their distance
+/// shows about the same part of the error for any state.
 fn most_alike(
     series: &Series,
     spectrum: [f64; 2],

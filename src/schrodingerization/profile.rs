@@ -1,8 +1,8 @@
 //! Initial functions `g(p)` of the auxiliary variable, planned from a tolerance, as Fourier series.
 //!
-//! Only two things are asked of `g`: it equals `e^{−p}` where information reaches the recovery
-//! point from, and its Fourier series is short. With period `P`, `μ_l = 2πl/P` and
-//! `g(p) ≈ Σ_l c_l e^{iμ_l p}` the solution is
+//! A profile `g` meets two requirements: it equals `e^{−p}` where information reaches the recovery
+//! point from, and its Fourier series is short. With period `P`, `μ_l = 2πl/P` and `g(p) ≈ Σ_l c_l
+//! e^{iμ_l p}` the solution is
 //!
 //! ```text
 //! u(T) = e^{p◇} Σ_l c_l e^{iμ_l p◇} w_l(T),     w_l(T) = exp((−iμ_l S + K)T) u(0)
@@ -136,7 +136,7 @@ impl Profile {
         Some(smallest.exp())
     }
 
-    /// The interval that a window asks for; a designed series ends with its domain.
+    /// The interval of a window; a designed series ends with its domain.
     pub fn ends(&self, demand: &ProfileRequirements, window: &Window) -> [f64; 2] {
         match self.form() {
             ProfileForm::Transform(shape) => demand.ends(shape, window),

@@ -54,13 +54,13 @@ impl Reading {
     }
 }
 
-/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of
+/// The least and the largest part of the error of `first` that its distance to `second` shows: of
 /// the series' own error, for states whose spectrum of `−ST` is spread over `[from, from + s]`, for
 /// some `s` up to `to − from`. A component there is read as the functional of `g(p + s)`, and
 /// should be `e^{−s}`.
 pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
-    /// The `s`, besides all, and samples in each. Elements that resolve smooth data leave a
-    /// spectrum of some 1e-3: their error is that at one end.
+    /// Intervals of `s` beside the whole one, and samples in each. Elements that resolve smooth
+    /// data leave a spectrum of some 1e-3: their error is that at one end.
     const SPREADS: [f64; 5] = [0.002, 0.06, 0.6, 6.0, 20.0];
     const SAMPLES: u32 = 24;
     /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.
@@ -101,7 +101,7 @@ mod tests {
     const METHODS: [RecoveryMethod; 3] =
         [RecoveryMethod::Point, RecoveryMethod::Integral, RecoveryMethod::LeastSquares];
 
-    /// Of the trigonometric polynomial whose modes are `c_l`, by the definition of each functional.
+    /// Each functional of the trigonometric polynomial with modes `c_l`, by its definition.
     fn by_definition(reading: &Reading, v: impl Fn(f64) -> f64) -> f64 {
         let (a, b) = (reading.point, reading.point + reading.width);
         match reading.method {

@@ -13,12 +13,12 @@ use std::sync::Arc;
 /// w(p_j) = Σ_l Re[ factor_l e^{iμ_l p_j} x_l ] = Re Σ_l ( factor_l e^{iμ_l L} x_l ) e^{2πi lj/N_p}
 /// ```
 ///
-/// Of a mode `N_p/2`, which stands for itself only, the points see the real part of the bracket.
+/// The mode `N_p/2`, which has no conjugate partner, contributes the real part of the bracket.
 pub struct Transform {
     /// `factor_l e^{iμ_l L}`.
     factors: Vec<Complex64>,
-    /// `1/(N_p factor_l e^{iμ_l L})`, twice that where `l` stands for `−l` too; zero where the
-    /// factor is.
+    /// `1/(N_p factor_l e^{iμ_l L})`, twice that if `−l` is in the series; zero if the factor is
+    /// zero.
     inverse: Vec<Complex64>,
     lower: f64,
     period: f64,
@@ -172,7 +172,7 @@ mod tests {
                 let expected = 2.5 * terms.sum::<f64>();
                 assert!((value - expected).abs() < 1e-12, "{value} {expected}");
             }
-            // Of a separable field, the profile times the field.
+            // For a separable field: the profile times the field.
             transform.to_values(&vec![Complex64::from(3.0); x.len()], 1.0, &mut values);
             for (j, value) in values.iter().enumerate() {
                 let expected = 3.0 * series.value(transform.point(j));
@@ -196,7 +196,7 @@ mod tests {
                         0.5 * w * Complex64::new(0.0, angle).exp()
                     })
                     .sum();
-                // Of all N_p modes the l-th and the (−l)-th are what l stands for.
+                // Mode l of the half series represents the modes l and −l of all N_p.
                 let both = if l == 0 || 2 * l == n { 1.0 } else { 2.0 };
                 let wave = Complex64::new(0.0, -series.wavenumber(l) * LOWER).exp();
                 let expected = both / n as f64 * sum * wave / series.factor(l);
@@ -217,8 +217,7 @@ mod tests {
             transform.to_modes(&values, 0.25, &mut back);
             for (l, (x, back)) in x.iter().zip(&back).enumerate() {
                 let factor = transform.factors[l];
-                // Mode 0, and one that stands for itself, are seen as the real part of what they
-                // give.
+                // Mode 0, and a mode without partner, contribute their real part.
                 let seen =
                     if series.is_alone(l) { Complex64::from((factor * x).re) / factor } else { *x };
                 assert!((seen - back).norm() < 1e-12, "mode {l}: {seen} {back}");
@@ -247,7 +246,7 @@ mod tests {
 
     #[test]
     fn there_and_back_from_values() {
-        // With as many modes as N_p points have, nothing is lost.
+        // With all modes that N_p points resolve, the transform is exact.
         for n in [2, 6, 14, 22, 64, 100] {
             let series = Series::analytic_points(7.9, n, |_| Complex64::ONE);
             let mut transform = Transform::new(&series, LOWER);

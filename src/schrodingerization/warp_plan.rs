@@ -28,8 +28,8 @@ pub struct WarpPlan {
     pub profile: Option<Profile>,
     /// Fourier series of the profile.
     pub series: Series,
-    /// `[L, R]`: given by hand, or one that the tolerance asks for; of the analytic coefficients
-    /// only its length matters.
+    /// `[L, R]`: given by hand, or derived from the tolerance. With analytic coefficients only its
+    /// length matters.
     pub interval: [f64; 2],
     /// Number of modes that are propagated: those with `l ≥ 0`, whose conjugates the others are;
     /// with `solver.reduce.modes = false` behind them those with `l = −1, −2, …`.
@@ -42,8 +42,7 @@ pub struct WarpPlan {
     /// overstates it.
     #[serde(rename = "seen")]
     pub estimator_efficiency: f64,
-    /// Factor by which that part may be more or less, by what the state is made of; infinite where
-    /// it is not known.
+    /// Bound on the factor by which that part depends on the state; infinite if it is not known.
     #[serde(rename = "seen_within")]
     pub estimator_doubt: f64,
     /// The readings of `output.plateau`, of the first field.
@@ -70,25 +69,25 @@ pub struct WarpPlan {
     pub solves: usize,
     /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
 /// How many times longer an application takes whose result is read and added to a sum, beside one
 /// that is summed backwards.
 const READING: f64 = 1.3;
-/// What it takes more for each time and moment, beside a velocity cell.
+/// Its additional cost for each output time and moment, relative to a velocity cell.
 const ADDING: f64 = 0.1;
-/// Fewer modes of a designed profile may err alike at both readings.
+/// With fewer modes, a designed profile may have the same error at both readings.
 const FEWEST_MODES_TO_TELL: usize = 10;
 /// Where the distance shows less of the error than this, what else differs between the readings
 /// (round-off, what cut series leave) may be most of it.
 const LEAST_SEEN: f64 = 0.35;
-/// Largest factor by which what is seen may depend on the state.
+/// Largest factor by which the visible part of the error may depend on the state.
 const LARGEST_DOUBT: f64 = 3.0;
 
 impl WarpPlan {
-    /// Why the distance of the two readings may not tell the error; `None` where it does.
+    /// Why the distance of the two readings may not estimate the error; `None` if it does.
     pub fn estimate_doubt(&self) -> Option<&'static str> {
         match &self.profile {
             Some(Profile::Designed(_)) if self.modes < FEWEST_MODES_TO_TELL => {
@@ -179,7 +178,7 @@ impl WarpPlan {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
-        /// Modes that are looked at, about.
+        /// The approximate number of sampled modes.
         const SAMPLE: usize = 64;
         let placement = place(case, bounds, ratio)?;
         let modes = PropagatedModes::of(case, &placement.series);
@@ -282,7 +281,7 @@ fn cost_of_passing(case: &Case, times: usize) -> f64 {
     READING + ADDING * each * times as f64
 }
 
-/// What each mode takes, leg by leg.
+/// The work of each mode, leg by leg.
 fn leg_work(
     case: &Case,
     bounds: &Bounds,
@@ -303,7 +302,7 @@ fn leg_work(
         };
         let mut work: Vec<usize> = (0..modes.count).map(of_mode).collect();
         if descriptor(case.propagator.method).batch_coupling() == BatchCoupling::Coupled {
-            // Each takes what the longest of its block takes.
+            // Each mode takes as many steps as the longest of its block.
             for block in work.rchunks_mut(LANES) {
                 let most = block.iter().copied().max().unwrap_or(0);
                 block.fill(most);

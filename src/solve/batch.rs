@@ -1,4 +1,4 @@
-//! A batch of modes on its way through the legs of a stage.
+//! The propagation of a batch of modes through the legs of a stage.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{LANES, Lanes};
@@ -14,7 +14,7 @@ use crate::solve::stage::{Keeping, Stage, Task, whole_over_leg};
 use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
 
-/// What round-off may add to the change of a mode's norm, each leg.
+/// Bound on the change of a mode's norm by round-off, per leg.
 const UNITARITY_ROUND_OFF: f64 = 1e-12;
 
 /// Where the modes of a batch go.
@@ -50,7 +50,7 @@ pub(super) fn add_batch(
     for leg in stage.legs.clone() {
         let Leg { time, passed: times, .. } = &task.legs[leg];
         system.time = *time;
-        // Nothing of the batch was added to a sum so far.
+        // The sums do not contain the batch yet.
         system.interruption.allowed = leg == stage.legs.start;
         let spec = specification(warp, leg, batch);
         let start = Initial {
@@ -94,7 +94,7 @@ pub(super) fn add_batch(
 
 /// How far the lanes of a batch are.
 struct LaneProgress {
-    /// What each lane is to be multiplied by.
+    /// The factor of each lane.
     phases: [Complex64; LANES],
     /// How much of its norm each lane's norm may have changed so far.
     allowed: [f64; LANES],
@@ -129,7 +129,7 @@ impl LaneProgress {
         }
     }
 
-    /// Keeps the modes of `batch`, which are in `state` after so many `legs`.
+    /// Stores the modes of `batch`, which `state` holds after `legs` legs.
     fn store(&self, kept: &mut KeptModes, batch: &Batch, legs: usize, state: &[Lanes]) {
         let progress = std::array::from_fn(|l| ModeProgress {
             legs,
@@ -222,7 +222,7 @@ fn add_step_error(
     sum.add(&weights(task.warp, batch, &sum.reading, &factors), &error[..cells]);
 }
 
-/// What each lane is multiplied by in a reading, `factors` of it included.
+/// The factor of each lane in a reading; it includes the reading's own `factors`.
 fn weights(
     warp: &WarpPlan,
     batch: &Batch,

@@ -36,7 +36,7 @@ use std::time::Instant;
 
 /// The checkpoint that a run continues from.
 pub struct Resumed<'a> {
-    /// What is read.
+    /// What the checkpoint is read for.
     pub generation: Generation,
     /// The batches of this rank's mode group that are left of its stage.
     pub batches: Vec<Batch>,
@@ -44,7 +44,7 @@ pub struct Resumed<'a> {
     pub share: &'a [Range<usize>],
 }
 
-/// What a run has to do.
+/// The tasks of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunSize {
     /// Modes of a stage.
@@ -89,10 +89,10 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each
-    /// batch. Writes a checkpoint of `snapshot` where it is time for one. Rank 0 reports a
-    /// checkpoint by the clock that cannot be written, and the run goes on. Collective at the end
-    /// of a stage and where a checkpoint is written, otherwise over the space group.
+    /// Whether the batches of a stage are finished on all ranks. Called at the beginning of a stage
+    /// and after each batch. Writes a checkpoint of `snapshot` where it is time for one. Rank 0
+    /// reports a checkpoint by the clock that cannot be written, and the run goes on. Collective at
+    /// the end of a stage and where a checkpoint is written, otherwise over the space group.
     ///
     /// # Errors
     /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written,
@@ -106,7 +106,7 @@ impl<'a> Checkpoints<'a> {
         let world = &self.communicator.world;
         self.watch.expect(|| snapshot().bytes());
         loop {
-            let verdict = self.watch.ask(self.communicator, standing);
+            let verdict = self.watch.decide(self.communicator, standing);
             match verdict {
                 Verdict::GoOn => {
                     self.watch.begin(standing);

@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 /// ```
 ///
 /// in weighted unknowns; see [`crate::schrodingerization::profile::series::Series::factor`]. Phases
-/// stand beside the modes, so that a mode that was kept goes on with the bits of one that was not.
+/// are stored apart from the modes, so that a stored mode continues with the same bits as one that
+/// was never stored.
 pub struct KeptModes {
     rows: usize,
     /// Ascending.
@@ -90,19 +91,19 @@ impl KeptModes {
         self.modes.binary_search(&mode).ok()
     }
 
-    /// How far `mode` is; `None` where this rank does not keep it.
+    /// Progress of `mode`; `None` if this rank does not store it.
     pub fn progress_of(&self, mode: usize) -> Option<ModeProgress> {
         self.place(mode).map(|k| self.progress[k])
     }
 
-    /// Row by row, `mode`; `None` where this rank does not keep it.
+    /// The rows of `mode`; `None` if this rank does not store it.
     pub fn mode(&self, mode: usize) -> Option<&[Complex64]> {
         let first = self.place(mode)? * self.rows;
         Some(&self.values[first..first + self.rows])
     }
 
-    /// Row by row, `mode`, which is now as far as `progress`, to be written; `None` where this rank
-    /// does not keep it.
+    /// The rows of `mode` for writing, with its new `progress`; `None` if this rank does not store
+    /// it.
     pub fn replace(&mut self, mode: usize, progress: ModeProgress) -> Option<&mut [Complex64]> {
         let k = self.place(mode)?;
         self.progress[k] = progress;

@@ -28,10 +28,10 @@ use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 use std::time::Instant;
 
-/// What a run does beside recovering fields: it keeps modes, it writes checkpoints.
+/// Optional tasks of a run beside recovering fields: storing modes, writing checkpoints.
 #[derive(Default)]
 pub struct RunHooks<'r, 'k, 'c> {
-    /// What a full run keeps. A streamed run drops the modes.
+    /// The modes that a full run stores. A streamed run drops them.
     pub keeping: Option<&'r mut Keeping<'k>>,
     /// Checkpoints that are made, and the one that the run continues from.
     pub checkpoints: Option<&'r mut Checkpoints<'c>>,
@@ -53,7 +53,7 @@ pub fn run(
     mut hooks: RunHooks<'_, '_, '_>,
 ) -> Result<Recovered> {
     let resumed = hooks.checkpoints.as_mut().and_then(|c| c.resumed.take());
-    // What a batch starts from that does not start from a field at time zero.
+    // The start of batches that do not start from a field at time zero.
     let begun = hooks.keeping.as_ref().is_some_and(|keeping| keeping.begun);
     let between = if begun || task.legs.len() > 1 { system.matrix.rows() } else { 0 };
     let legs = task.legs.len();
@@ -86,7 +86,7 @@ pub fn run(
     Ok(run.counted())
 }
 
-/// A run of modes on its way through the stages.
+/// The state of a run by modes while it passes through the stages.
 struct StagedModes<'r, 'a, 's, 'k, 'c> {
     task: &'r Task<'a>,
     system: &'r mut Evolution<'s>,
@@ -139,7 +139,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         }
     }
 
-    /// Takes over what the checkpoint holds. Collective.
+    /// Restores the contents of the checkpoint. Collective.
     fn resume(
         &mut self,
         stage: &mut Stage<'_>,
@@ -159,8 +159,8 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         Ok(())
     }
 
-    /// Does the batches one after the other, with checkpoints between them. What goes wrong with a
-    /// batch on one rank is the inner result; the ranks do not agree on it. Collective.
+    /// Propagates the batches one after the other, with checkpoints between them. The inner result
+    /// is the error of a batch on this rank only; the ranks have not agreed on it yet. Collective.
     fn batches(
         &mut self,
         number: usize,
@@ -188,7 +188,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
                 None => standing != Standing::Working,
             };
             if over {
-                // What failed, failed on another rank.
+                // The error is one of another rank.
                 return Ok(outcome.or_else(|e| if e.is_left() { Ok(()) } else { Err(e) }));
             }
             let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
@@ -212,11 +212,11 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         }
     }
 
-    /// What was recovered, with what was counted. Collective.
+    /// The recovered fields and the counters. Collective.
     fn counted(self) -> Recovered {
         let Self { task, before, statistics, mut recovered, .. } = self;
         let world = &task.communicator.world;
-        // A rank without batches knows of no defect and no norm.
+        // A rank without batches has neither defect nor norm.
         let smallest = -world.max(-statistics.kept.unwrap_or(f64::INFINITY));
         let largest = world.max(statistics.defect.unwrap_or(-1.0));
         recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);

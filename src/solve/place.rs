@@ -20,7 +20,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The part of the rank that `communicator` says it is, on the mesh of `plan`.
+    /// The part of this rank, whose number `communicator` has, on the mesh of `plan`.
     pub fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
         let mesh = &plan.layout.mesh;
         let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());

@@ -12,8 +12,8 @@ use crate::solve::stage::{Recovered, Stage, StageBatches, Task};
 use std::ops::Range;
 
 impl Stage<'_> {
-    /// What is finished: of this stage what `batches` says, and the stages before; of the kept
-    /// modes those that have gone a leg, as the others start from the field.
+    /// The finished work: the finished batches of this stage (`batches`), the stages before it, and
+    /// the stored modes that have passed a leg. The other modes start from the field.
     pub(crate) fn snapshot<'b>(
         &'b self,
         batches: &StageBatches<'_>,
@@ -43,11 +43,11 @@ impl Stage<'_> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
-    /// Takes over what the checkpoint holds of this stage, its modes into `kept`, what was
-    /// recovered by those before into `recovered`. Not collective.
+    /// Restores this stage from the checkpoint: its modes into `kept`, the results of earlier
+    /// stages into `recovered`. Not collective.
     ///
     /// # Errors
-    /// Where it cannot be read.
+    /// If the checkpoint cannot be read.
     pub(crate) fn resume(
         &mut self,
         resumed: &Resumed<'_>,
@@ -92,8 +92,8 @@ impl Stage<'_> {
 }
 
 impl Recovered {
-    /// The results of the finished stages, field after field: what was read early, and of fields
-    /// that are at the end the readings, the plateau, the step's error.
+    /// The results of the finished stages, field after field: early readings, and for finished
+    /// fields the readings at the end, the plateau and the error of the step.
     fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<BoxValues<'_, f64>> {
         let mut all = Vec::new();
         let moments = |only: bool| {

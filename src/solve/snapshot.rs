@@ -1,4 +1,4 @@
-//! What a checkpoint holds, as data.
+//! The contents of a checkpoint, as data.
 
 use crate::base::checksum;
 use crate::base::version::VERSION;
@@ -17,12 +17,12 @@ pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
     "output.expand", "output.positive", "output.xdmf", "checkpoint.",
 ];
 
-/// What runs share that may go on where the other was stopped, with the same bits.
+/// The settings that two runs must share for one to continue the other with the same bits.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
     /// Version and commit of the program.
     pub(crate) program: String,
-    /// What the case gives, by its keys.
+    /// The settings of the case, by key.
     pub(crate) settings: BTreeMap<String, String>,
     /// The warped field that it starts from, if it does.
     pub(crate) start: Option<WarpedFieldKey>,
@@ -36,7 +36,7 @@ pub struct Fingerprint {
     pub(crate) fused: bool,
 }
 
-/// What tells a warped field to start from.
+/// Identifies the warped field that a run starts from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct WarpedFieldKey {
     /// Bits of the ends of its interval, and its points.
@@ -49,7 +49,7 @@ impl Fingerprint {
     /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose
     /// values are.
     pub fn new(case: &Case, warp: &WarpPlan) -> Self {
-        // What a table is, its checksum says.
+        // A table is identified by its checksum.
         let counts = |key: &String| {
             !key.contains(".table.") && !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start))
         };
@@ -119,7 +119,7 @@ pub struct GroupProgress {
     pub stage: usize,
     /// Modes of the stage that are finished.
     pub finished: Vec<usize>,
-    /// What is beyond the leading term of the time step's error, by mode, of the current stage.
+    /// For each mode of the current stage, the error of the time step beyond its leading term.
     pub beyond: Vec<f64>,
     /// The same of the finished stages, summed.
     pub step_beyond: Vec<f64>,
@@ -136,7 +136,7 @@ impl GroupProgress {
     }
 }
 
-/// What a rank keeps of a run.
+/// One rank's part of a checkpoint.
 pub struct Snapshot<'a> {
     /// How far its mode group is.
     pub state: GroupProgress,
@@ -176,7 +176,7 @@ pub struct Kept<'a> {
     pub modes: Vec<KeptMode<'a>>,
 }
 
-/// A mode that is kept.
+/// A stored mode.
 pub struct KeptMode<'a> {
     /// Number of the mode.
     pub mode: usize,

@@ -16,7 +16,7 @@ use crate::solve::system::DiscreteSystem;
 const RELATIVE: f64 = 1e-6;
 /// … or this fraction of the spectrum's length: eigenvalues next to zero are no more accurate.
 const OF_LENGTH: f64 = 1e-8;
-/// The ends are looked at after each so many steps more, as a fraction of those done.
+/// The ends are checked again when the number of steps has grown by this fraction.
 const BETWEEN_LOOKS: usize = 16;
 
 /// One end of the spectrum of `S`.
@@ -208,7 +208,7 @@ pub fn extremes(
         }
         alpha.push(a);
         off = dot(&image, &image, bound).max(0.0).sqrt();
-        // An invariant subspace: nothing more to find from this start.
+        // The Krylov space is invariant: more steps from this start find no other eigenvalue.
         let exhausted = off <= 1e-14 * norm || !off.is_finite();
         let m = alpha.len();
         let over = exhausted || m >= steps;

@@ -1,4 +1,4 @@
-//! What a run by modes is to do, and a stage of it: a pass over the modes of a field.
+//! The tasks of a run by modes, and its stages: each is a pass over the modes of a field.
 
 use crate::base::error::Result;
 use crate::matrix::observables::MomentsOf;
@@ -13,7 +13,7 @@ use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::Sum;
 use std::ops::Range;
 
-/// What a run is to do on this rank.
+/// The tasks of a run on this rank.
 #[derive(Clone, Copy)]
 pub struct Task<'a> {
     /// The process mesh.
@@ -32,7 +32,7 @@ pub struct Task<'a> {
     pub moments: Option<&'a MomentsOf<'a>>,
 }
 
-/// What was recovered, on this rank's share of the block's cells.
+/// The recovered fields on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
 pub struct Recovered {
     /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
@@ -64,24 +64,23 @@ pub struct Recovered {
     pub busy_seconds: f64,
 }
 
-/// What a full run does with the modes that it keeps.
+/// The tasks of a full run with the modes that it stores.
 pub struct Keeping<'a> {
     /// The modes of this rank, of one field after the other.
     pub kept: &'a mut KeptModes,
     /// Whether they are those that the run starts from, instead of the fields at time zero.
     pub begun: bool,
-    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg,
-    /// modes)`.
+    /// Called on all ranks with `(field, leg, modes)` at the end of each leg.
     pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
 }
 
-/// What of a stage is finished.
+/// The finished part of a stage.
 pub(crate) struct StageBatches<'a> {
     /// Number of the stage.
     pub(crate) stage: usize,
     /// The modes of this rank that are finished.
     pub(crate) finished: &'a [usize],
-    /// What was counted so far.
+    /// The counters so far.
     pub(crate) statistics: &'a BatchStatistics,
 }
 
@@ -141,7 +140,7 @@ impl<'a> Stage<'a> {
         Self { field: k, legs, sums, stepped, step_sum, beyond: Vec::with_capacity(warp.modes) }
     }
 
-    /// What is recovered, onto `recovered`. Collective.
+    /// Adds the recovered field to `recovered`. Collective.
     pub(crate) fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
         let modes = &task.communicator.modes;
         let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);

@@ -50,7 +50,7 @@ pub fn read(
     Ok(values)
 }
 
-/// What of `/f` is a rank's.
+/// A rank's part of the dataset `/f`.
 struct StoredPart {
     /// The shape of `/f`.
     shape: Vec<usize>,
@@ -87,7 +87,7 @@ impl StoredPart {
         dataset: &Dataset,
         wrong: &dyn Fn(&dyn std::fmt::Display) -> Error,
     ) -> Result<Vec<f64>> {
-        // Of the ranks that share a merged cell the first one adds it to the checksum.
+        // Of the ranks that share a merged cell, only the first adds it to the checksum.
         let mut both = self.wanted.iter().zip(&self.stored);
         let adds = both.all(|(wanted, stored)| wanted == stored || wanted.start == 0);
         let mut sum = 0u64;
@@ -111,7 +111,7 @@ impl StoredPart {
         Ok(self.repeated(values))
     }
 
-    /// Boxes that make up what is read, in its order.
+    /// The boxes of which the selection consists, in the order of reading.
     fn pieces(&self) -> impl Iterator<Item = DatasetBox> {
         let DatasetBox { start: first, count } = DatasetBox::of(&self.stored);
         let empty = count.contains(&0);
@@ -121,7 +121,7 @@ impl StoredPart {
         })
     }
 
-    /// The value of a merged cell for all that it stands for.
+    /// Repeats the value of a merged cell for all cells that it replaces.
     fn repeated(&self, values: Vec<f64>) -> Vec<f64> {
         if self.wanted == self.stored {
             return values;
@@ -142,7 +142,7 @@ impl StoredPart {
 mod tests {
     use super::*;
 
-    /// Of a field that does not vary along some axes one number stands for all along them.
+    /// A field that does not vary along an axis has one number for all cells along it.
     #[test]
     fn numbers_that_stand_for_others_are_repeated() {
         let cells = [2, 3, 2, 4];

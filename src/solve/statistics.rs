@@ -24,7 +24,7 @@ impl BatchStatistics {
         self.join(Some(ratio).filter(|r| r.is_finite()), defect);
     }
 
-    /// What a batch took.
+    /// The work of a batch.
     pub(crate) fn took(&mut self, report: &BatchReport) {
         self.applications += report.applications;
         self.solves += report.solves;

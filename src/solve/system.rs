@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Margin for what the probe leaves out.
+/// Margin for the error of the probe.
 const PROBE_SAFETY: f64 = 1.01;
 
 /// Half of a disc of this radius lies in the stability region of SSP-RK3.
@@ -61,7 +61,7 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
     Err(Error::Magnitude { key: formula.place().to_owned(), value })
 }
 
-/// What a system is made for.
+/// The purpose of a system.
 #[derive(Clone, Copy, Debug)]
 pub struct SystemLimits {
     /// The widest row of a vector whose ghosts will be exchanged, in real numbers.
@@ -328,9 +328,10 @@ impl DiscreteSystem {
 /// `state ← exp(A time) state`, to about three digits of its norm: one real vector. Collective over
 /// the space group.
 ///
-/// Of degree 0 by the exponential, in little more than `rate·time` applications. Of a higher degree
-/// that would take three times as many as SSP-RK3 does, which is stable as far as the numerical
-/// radius lies in its region, and damps what it does not resolve.
+/// Degree 0: by the exponential, in little more than `rate·time` applications. Higher degrees: by
+/// SSP-RK3, as the exponential would take three times as many applications. SSP-RK3 is stable if
+/// the numerical range lies in its stability region, and it damps components that it does not
+/// resolve.
 fn propagate_roughly(
     matrix: &BlockMatrix,
     exchange: &mut GhostExchange,

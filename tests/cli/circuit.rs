@@ -283,7 +283,7 @@ fn checked_columns_are_those_of_any_grid() {
 }
 
 #[test]
-fn rounded_jumps_change_the_matrix_by_no_more_than_told() {
+fn rounded_jumps_change_the_matrix_by_no_more_than_the_bound() {
     let settings = [BARRIERS, &["axis.0.v.cells=24"]].concat();
     // 28.8, 57.6 and 86.4 levels.
     let mut before = f64::INFINITY;
@@ -296,9 +296,12 @@ fn rounded_jumps_change_the_matrix_by_no_more_than_told() {
         let number = |key: &str| about["description"][key].as_f64().unwrap();
         let found = about["description"]["check"]["difference"].as_f64().unwrap();
         // |H| of this mode is at most √2 (1 + 1)/2 times that of A.
-        let (found, told) = (found * number("alpha"), number("change") * 2f64.sqrt());
-        assert!(found > 1e-3 * told && found <= told && told < before, "{found} {told} {before}");
-        before = told;
+        let (found, bound) = (found * number("alpha"), number("change") * 2f64.sqrt());
+        assert!(
+            found > 1e-3 * bound && found <= bound && bound < before,
+            "{found} {bound} {before}"
+        );
+        before = bound;
     }
 }
 

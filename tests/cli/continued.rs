@@ -1,6 +1,6 @@
 //! Runs that go on from the results of others: `run --continue DIR --until T2`.
 
-use crate::checkpoint::{Blow, OFTEN, generations, struck};
+use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
 use crate::support::{
     Job, Summary, at_most, case, check_all, datasets, differences, directory, directory_on_disk,
     distance, field, near, run,
@@ -53,9 +53,9 @@ fn two_parts_are_one_run() {
         let summary = on(first.path(), end).on(2).solve(second.path())?;
         let off = distance(&field(second.path())?, &field(whole.path())?);
         let error = at_once.number("error_semidiscrete")?;
-        let told = inherited(&summary, "error_total");
-        let told = told.ok_or_else(|| "no error since time 0".to_owned())?;
-        summary.holds(at_most("distance to one run", off, 1.01 * (told + error) + 1e-13))?;
+        let reported = inherited(&summary, "error_total");
+        let reported = reported.ok_or_else(|| "no error since time 0".to_owned())?;
+        summary.holds(at_most("distance to one run", off, 1.01 * (reported + error) + 1e-13))?;
         let tolerance =
             if settings.contains(&CLASSICAL) { 1e-12 } else { at_once.number("tolerance")? };
         summary.holds(at_most("distance to one run", off, 5.0 * tolerance))?;
@@ -136,7 +136,7 @@ fn a_second_part_has_the_same_bits_on_any_ranks() {
     let place = directory_on_disk();
     let path = place.path();
     let stopped = job().on(2).set(&[OFTEN]).into(path);
-    let stopped = struck(&stopped, Blow::Signal, |_| generations(path).len() == 2).unwrap();
+    let stopped = with_fault(&stopped, Fault::Signal, |_| generations(path).len() == 2).unwrap();
     assert_eq!(stopped.code, Some(75), "{}", stopped.report("stopped"));
     let summary = job().on(3).with(["--resume"]).solve(path).unwrap();
     assert_eq!(summary.boolean("resumed"), Ok(true));

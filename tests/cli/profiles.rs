@@ -289,13 +289,13 @@ fn profiles_with_propagators_and_shifts() {
         let summary = with_profile(job, profile).set(&set).solve(place.path())?;
         let (error, tolerance) =
             (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
-        let told = summary.boolean("error_estimate_reliable")?;
+        let reliable = summary.boolean("error_estimate_reliable")?;
         let warned = summary.warnings();
         let implicit = set.len() > 1;
-        let met = error <= tolerance || implicit && (warned.contains("step") || !told);
-        summary.require(met, || format!("error {error:e}, told {told}: {warned}"))?;
+        let met = error <= tolerance || implicit && (warned.contains("step") || !reliable);
+        summary.require(met, || format!("error {error:e}, reliable {reliable}: {warned}"))?;
         let estimate = summary.number("error_estimate")?;
-        summary.require(!told || estimate > 0.1 * error, || {
+        summary.require(!reliable || estimate > 0.1 * error, || {
             format!("error_estimate {estimate:e}, error {error:e}")
         })
     });

@@ -37,33 +37,33 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
         let path = place.path().join("scene.toml");
         let mut choices = Choices(seed);
         let text = scene(&mut choices);
-        let told = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
+        let with_scene = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
         std::fs::write(&path, &text).map_err(|e| e.to_string())?;
         let path = path.display().to_string();
         let finished = Job::new(["run", &path]).into(place.path()).run()?;
         if finished.code == Some(2) {
-            return refused(&finished, &[]).map_err(told);
+            return refused(&finished, &[]).map_err(with_scene);
         }
         let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
-        let summary = job.solve(more.path()).map_err(told)?;
+        let summary = job.solve(more.path()).map_err(with_scene)?;
         let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
         let same = differ.is_empty();
         summary
             .require(same, || format!("other bits than on one rank in {}", differ.join(", ")))
-            .map_err(told)?;
+            .map_err(with_scene)?;
         if summary.value["error_semidiscrete"].is_null() {
             let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
             return summary
                 .require(nothing, || "no error_semidiscrete of a field that is there".into())
-                .map_err(told);
+                .map_err(with_scene);
         }
         solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        tolerance_is_met(&summary).map_err(told)?;
+        tolerance_is_met(&summary).map_err(with_scene)?;
         if summary.value["modes"] == 1 {
             // A skew system: nothing to read twice.
             return Ok(());
         }
-        estimate_is_right_or_silent(&summary, 6.0).map_err(told)
+        estimate_is_right_or_silent(&summary, 6.0).map_err(with_scene)
     });
     // Most scenes hold something that can be solved.
     let solved = solved.into_inner();

@@ -1,4 +1,4 @@
-//! `[readout]` from outside: what a run tells of some cells as a quantum computer would.
+//! `[readout]` from outside: observables of some cells as a quantum computer would measure them.
 
 use crate::support::{Job, Mistake, all_refused, case, check_all, directory};
 use crate::support::{datasets, differences, near};
@@ -175,13 +175,14 @@ fn where_there_is_no_state_it_says_why() {
         let job = Job::new(["run", &case(name)]).set(&[TINY, settings].concat()).on(2);
         let summary = job.solve(place.path())?;
         let readout = &summary.value["readout"];
-        let told = |figure: &Value| {
+        let is_labelled = |figure: &Value| {
             figure["label"] == "unavailable"
                 && figure.get("value").is_none()
                 && figure["because"].as_str().is_some_and(|w| w.contains(why))
         };
         let rows = rows(&summary.value);
-        let all = rows.iter().all(|r| told(&r["value"])) && told(&readout["probability"]);
+        let all =
+            rows.iter().all(|r| is_labelled(&r["value"])) && is_labelled(&readout["probability"]);
         let text = csv(place.path())?;
         let lines = text.lines().skip(1).filter(|l| l.contains(why)).count();
         summary.require(all && rows.len() == *count && lines == *count, || {

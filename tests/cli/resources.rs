@@ -100,8 +100,8 @@ fn resources_are_counted() {
         require(cheapest && priced, &alone, || format!("{record}"))?;
         // What is counted of measure-valued data gives no density.
         let why = record["measure_valued"].as_str().unwrap_or_default();
-        let told = why.contains("is not linear") && why.contains("initial.f");
-        require(told == (name == "example2.toml"), &alone, || format!("{name}: {why}"))?;
+        let is_explained = why.contains("is not linear") && why.contains("initial.f");
+        require(is_explained == (name == "example2.toml"), &alone, || format!("{name}: {why}"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))?;
         let text = Job::new(["resources", &case(name)]).succeed()?;
         text.says(&text.output, &["g exact (emitted gates)", "m model or estimate"])?;

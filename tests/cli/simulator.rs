@@ -222,10 +222,11 @@ fn what_is_read_from_the_exported_state_is_the_field() {
             .and_then(|text| serde_json::from_str(&text).ok())
             .ok_or("no description.json")?;
         let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
-        let told = &summary.value["probabilities"];
-        let of_run = |name: &str| told["at_slice"][name]["value"].as_f64().ok_or("no probability");
-        let points = told["points"].as_f64().ok_or("no points")?;
-        let moved = told["recovery"].as_f64().ok_or("no recovery")? - number("recovery")?;
+        let probabilities = &summary.value["probabilities"];
+        let of_run =
+            |name: &str| probabilities["at_slice"][name]["value"].as_f64().ok_or("no probability");
+        let points = probabilities["points"].as_f64().ok_or("no points")?;
+        let moved = probabilities["recovery"].as_f64().ok_or("no recovery")? - number("recovery")?;
         let scale = points / number("qubits_p")?.exp2() * (2.0 * moved).exp();
         let expected = scale * of_run("in_p")? * of_run("field_given_p")?;
         let found = number("probability_p")? * number("probability_field_given_p")?;

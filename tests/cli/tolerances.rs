@@ -171,8 +171,8 @@ fn distance_between_files_is_what_was_asked_for() {
     check_all(&rows, |&(name, interface, tolerance)| {
         let (warped, exact) = (directory(), directory());
         let interface = format!("scheme.interface={interface}");
-        let asked = format!("solver.tolerance={tolerance:e}");
-        let job = run(name).set(&[&interface, &asked, "solver.verify=true"]);
+        let tolerance_key = format!("solver.tolerance={tolerance:e}");
+        let job = run(name).set(&[&interface, &tolerance_key, "solver.verify=true"]);
         let summary = job.on(3).solve(warped.path())?;
         run(name)
             .set(&[

@@ -1,7 +1,7 @@
-//! Runs of many kinds, struck at random moments and continued on other ranks: they end with the
+//! Runs of many kinds, with faults at random moments and continued on other ranks: they end with the
 //! bits of a run that nothing happened to. `make test` tries a few, `make torture` many.
 
-use crate::checkpoint::{Blow, OFTEN, Result, random, struck};
+use crate::checkpoint::{Fault, OFTEN, Result, random, with_fault};
 use crate::support::{
     Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
     number_from_environment,
@@ -113,20 +113,20 @@ fn trials() -> std::ops::Range<u64> {
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-const BLOWS: [(&str, Blow); 7] = [
-    ("SIGKILL to mpirun", Blow::Launcher),
-    ("SIGKILL to a rank", Blow::Rank(0)),
-    ("SIGKILL to a rank", Blow::Rank(1)),
-    ("SIGTERM to mpirun", Blow::Terminate),
-    ("SIGINT to mpirun", Blow::Interrupt),
-    ("SIGUSR1 to mpirun", Blow::Signal),
-    ("SIGSTOP of a rank for half a second", Blow::Pause(0)),
+const FAULTS: [(&str, Fault); 7] = [
+    ("SIGKILL to mpirun", Fault::Launcher),
+    ("SIGKILL to a rank", Fault::Rank(0)),
+    ("SIGKILL to a rank", Fault::Rank(1)),
+    ("SIGTERM to mpirun", Fault::Terminate),
+    ("SIGINT to mpirun", Fault::Interrupt),
+    ("SIGUSR1 to mpirun", Fault::Signal),
+    ("SIGSTOP of a rank for half a second", Fault::Pause(0)),
 ];
 
-/// Trials of each blow: how many, how many of them met a run at work, how many failed.
+/// Trials of each fault: how many, how many of them met a run at work, how many failed.
 type Tally = Mutex<BTreeMap<&'static str, [usize; 3]>>;
 
-/// Up to three blows at random moments, then an end that is left alone.
+/// Up to three faults at random moments, then an end that is left alone.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
     let draw = |what: u64, of: usize| (random(101 * number + what) * of as f64) as usize;
     let index = number as usize % KINDS.len();
@@ -134,26 +134,26 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let whole = WHOLES[index].get_or_init(|| Whole::new(kind)).as_ref().map_err(String::clone)?;
     let place = directory();
     let path = place.path();
-    let mut blows = Vec::new();
-    for strike in 0..1 + draw(0, 3) as u64 {
-        let [of, moment, ranks] = [1, 2, 3].map(|what| 10 * (strike + 1) + what);
-        let (name, blow) = BLOWS[draw(of, BLOWS.len())];
+    let mut faults = Vec::new();
+    for part in 0..1 + draw(0, 3) as u64 {
+        let [of, moment, ranks] = [1, 2, 3].map(|what| 10 * (part + 1) + what);
+        let (name, fault) = FAULTS[draw(of, FAULTS.len())];
         let after = Duration::from_secs_f64(1.05 * whole.seconds * random(101 * number + moment));
         let ranks = 1 + draw(ranks, 4);
         let job = kind.job().with(["--resume"]).on(ranks).into(path);
-        let finished = struck(&job, blow, |since| since > after)?;
+        let finished = with_fault(&job, fault, |since| since > after)?;
         let met = finished.code != Some(0);
         let mut tally = tally.lock().map_err(|e| e.to_string())?;
         let counts = tally.entry(name).or_default();
         *counts = [counts[0] + 1, counts[1] + usize::from(met), counts[2]];
-        blows.push((name, after, ranks, finished.report("struck")));
+        faults.push((name, after, ranks, finished.report("with a fault")));
     }
     let ended = ends(kind, path, 1 + draw(99, 4), whole);
     ended.map_err(|why| {
-        if let (Ok(mut tally), Some((name, ..))) = (tally.lock(), blows.last()) {
+        if let (Ok(mut tally), Some((name, ..))) = (tally.lock(), faults.last()) {
             tally.entry(name).or_default()[2] += 1;
         }
-        format!("trial {number}, {}: {why}\n{blows:?}", kind.name)
+        format!("trial {number}, {}: {why}\n{faults:?}", kind.name)
     })
 }
 
@@ -178,8 +178,8 @@ fn runs_of_all_kinds_survive_any_blow() {
     let all: Vec<u64> = trials().collect();
     check_all(&all, |&number| trial(number, &tally));
     let tally = tally.into_inner().expect("no thread failed");
-    println!("| blow | blows | met a run at work | failures |\n|---|---|---|---|");
-    for (name, [blows, met, failures]) in tally {
-        println!("| {name} | {blows} | {met} | {failures} |");
+    println!("| fault | faults | met a run at work | failures |\n|---|---|---|---|");
+    for (name, [faults, met, failures]) in tally {
+        println!("| {name} | {faults} | {met} | {failures} |");
     }
 }

@@ -49,18 +49,18 @@ fn wrong() -> (bool, String) {
 /// Compares a distributed matrix with its twin, then with a twin of which one entry was changed.
 fn rank_with_a_wrong_expectation(world: &World) {
     let twin = Twin::all().swap_remove(0);
-    let speaks = world.group().rank() == 0;
+    let is_first = world.group().rank() == 0;
     for mesh in meshes(world, &twin.case) {
         let piece = Piece::assemble(world, &twin, &mesh);
         let (found, _) = piece.gather_matrix(world, &twin);
         let mut expected = twin.generator.symmetric();
         assert_same("the right expectation", &found, &expected, 0.0);
-        if speaks {
+        if is_first {
             println!("passed the right expectation");
         }
         expected.add(1, 2, 1e-9);
         assert_same("the wrong expectation", &found, &expected, 1e-10);
-        if speaks {
+        if is_first {
             println!("passed the wrong expectation");
         }
     }

@@ -14,15 +14,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// As many ranks as the harness asked for, each once.
+/// As many ranks as the harness expected for, each once.
 pub fn number_of_ranks(world: &World) {
-    let asked = std::env::var(RANKS).expect("set by the parent");
-    let asked: usize = asked.parse().expect("a number");
+    let expected = std::env::var(RANKS).expect("set by the parent");
+    let expected: usize = expected.parse().expect("a number");
     let group = world.group();
-    assert_eq!(group.size(), asked);
-    assert_eq!(group.sum_count(1), asked);
-    assert_eq!(group.max_count(group.rank()), asked - 1);
-    let mut seen = vec![0; asked];
+    assert_eq!(group.size(), expected);
+    assert_eq!(group.sum_count(1), expected);
+    assert_eq!(group.max_count(group.rank()), expected - 1);
+    let mut seen = vec![0; expected];
     seen[group.rank()] = 1;
     group.sum_integers(&mut seen);
     assert!(seen.iter().all(|&s| s == 1));
@@ -147,7 +147,7 @@ pub fn looks_of_unequal_blocks(world: &World) {
     const ALL: usize = 1000;
     let group = world.group();
     let (rank, last) = (group.rank(), group.size() - 1);
-    for told_after in [ALL + 1, 300] {
+    for stopped_after in [ALL + 1, 300] {
         let stop = Arc::new(AtomicBool::new(false));
         let mut interruption = Interruption::new(&group, 10 + rank, Some(stop.clone()));
         interruption.allowed = true;
@@ -155,10 +155,10 @@ pub fn looks_of_unequal_blocks(world: &World) {
         while done < ALL && !is_left {
             let some = interruption.before_look((3 + 4 * rank).min(ALL - done));
             done += some;
-            stop.store(rank == last && done >= told_after, Ordering::Relaxed);
+            stop.store(rank == last && done >= stopped_after, Ordering::Relaxed);
             is_left = interruption.after(some);
         }
-        assert_eq!(is_left, told_after < ALL);
+        assert_eq!(is_left, stopped_after < ALL);
         assert_eq!(group.max_count(done), group.min_count(done));
     }
 }
@@ -178,7 +178,7 @@ impl Stage {
         let (mut left, mut written) = (self.batches, 0);
         loop {
             let standing = if left > 0 { Standing::Working } else { self.last };
-            match watch.ask(communicator, standing) {
+            match watch.decide(communicator, standing) {
                 Verdict::GoOn => {
                     watch.begin(standing);
                     std::thread::sleep(Duration::from_millis(u64::from(left > 0)));
@@ -227,10 +227,10 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     // A checkpoint with each vote.
     let always = CheckpointTimes { every: Some(Duration::ZERO), ..CheckpointTimes::default() };
     assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
-    // One rank is asked to stop.
+    // One rank is expected to stop.
     let stop = CheckpointTimes::default();
-    let asked = all.rank() + 1 == all.size();
-    stop.stop.store(asked, Ordering::Relaxed);
+    let expected = all.rank() + 1 == all.size();
+    stop.stop.store(expected, Ordering::Relaxed);
     written(batches + 50, Standing::Finished, &stop, Verdict::StopAsTold);
     // The time is over; or just long enough for some batches; or for all.
     for (milliseconds, batches, expected) in [

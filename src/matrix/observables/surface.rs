@@ -41,7 +41,7 @@ const AT_END: f64 = 1e-12;
 pub struct Zero {
     /// The cell of space it lies in, numbered in the rank's share.
     pub cell: usize,
-    /// What it adds to `∫ f dx dv` over that cell.
+    /// Its contribution to `∫ f dx dv` over that cell.
     pub mass: f64,
     /// Coordinates `[x, y, z, vx, vy, vz]` of the zero.
     pub point: [f64; 6],
@@ -226,8 +226,8 @@ impl Patch<'_> {
         }
     }
 
-    /// What a zero at `xi` found with the axes `solved` adds, at a point of a rule with the weight
-    /// `weight`; none where it adds nothing.
+    /// The contribution of a zero at `xi`, found with the axes `solved`, at a quadrature point of
+    /// weight `weight`; `None` if it is zero.
     fn zero(&self, solved: u32, xi: &[f64], weight: f64, share: &[Range<usize>]) -> Option<Zero> {
         let n = self.space.dimension();
         let part: f64 =

@@ -15,13 +15,13 @@ pub type BoxPoint = [f64; MAX_DIMENSION];
 
 /// Halvings of a box at most: of width 2^−26, where two zeros are one to half of the digits.
 const DEEPEST: i32 = 26;
-/// Boxes looked at, at most, so that components with a zero surface in common end.
+/// Largest number of boxes, so that the search ends if components have a zero surface in common.
 const MOST_BOXES: usize = 4096;
 /// `‖I − M ∂Ψ/∂t‖` on a box with at most one zero.
 const CONTRACTION: f64 = 0.25;
 /// Steps to a zero at most: `CONTRACTION^30` is below round-off.
 const STEPS: usize = 30;
-/// What is left of `M Ψ` at a zero, in widths of its box.
+/// The tolerance of `M Ψ` at a zero, in widths of its box.
 const LEFT: f64 = 1e-12;
 /// Zeros nearer to each other than this are one, which two boxes share on their face.
 const SAME: f64 = 1e-10;
@@ -201,7 +201,7 @@ fn half(coefficients: &[f64], shape: &[usize], axis: usize, upper: bool) -> Vec<
     for slab in out.chunks_exact_mut(count * stride) {
         for s in 0..stride {
             for done in 1..count {
-                // Means of neighbours; what is done stays, at the side of the half.
+                // Means of neighbours; finished values stay at the side of the half.
                 for j in 0..count - done {
                     let (to, from) = match upper {
                         true => (j, j + 1),

@@ -104,7 +104,7 @@ impl<'a> Transpose<'a> {
         }
     }
 
-    /// The way back of [`to_cells`](Self::to_cells). Collective over the group; allocates nothing.
+    /// The inverse of [`to_cells`](Self::to_cells). Collective over the group; allocates nothing.
     pub fn to_modes(
         &mut self,
         all: &[Complex64],

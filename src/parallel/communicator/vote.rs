@@ -1,8 +1,8 @@
-//! A vote that nobody waits for: a bit set by any rank is set in the outcome.
+//! A nonblocking vote: a bit that any rank sets is set in the outcome.
 //!
 //! Every rank posts the same number of votes, each when it comes to it, and looks now and then
-//! whether the outcome is there: it is once every rank has posted. So ranks that work at their own
-//! pace learn what any of them wants.
+//! whether the outcome is there: it is once every rank has posted. So ranks that work at different
+//! speeds exchange requests without waiting.
 
 use crate::parallel::communicator::Group;
 use mpi::collective::SystemOperation;
@@ -14,7 +14,8 @@ use mpi::traits::*;
 pub struct Vote {
     /// A duplicate communicator: other collectives may run in between.
     group: Group,
-    /// What this rank posted, and the outcome: MPI's between `post` and the end of the vote.
+    /// The value that this rank posted, and the outcome. MPI owns both between `post` and the end
+    /// of the vote.
     ballots: Vec<u64>,
     request: ffi::MPI_Request,
     posted: bool,

@@ -13,9 +13,9 @@ use std::sync::Arc;
 
 /// Default of `solver.warp.alpha`.
 pub const DEFAULT_ALPHA: f64 = 1.0;
-/// What formulas for `α` may depend on.
+/// The variables of formulas for `α`.
 pub const NAMES: [&[&str]; 1] = [&["p"]];
-/// Values of `g` up to this are nothing: less than any plan allows the neighbouring periods.
+/// Values of `g` up to this count as zero: less than any plan allows the neighbouring periods.
 const NOTHING: f64 = 1e-17;
 
 /// `α`.
@@ -35,7 +35,7 @@ pub struct Extension {
 }
 
 impl Extension {
-    /// `e^{α(p) p}` to round-off, from where it is more than nothing to 0.
+    /// `e^{α(p) p}` to round-off, from the point where it is no longer negligible to 0.
     pub fn values(&self) -> &Piecewise {
         &self.values
     }
@@ -108,7 +108,7 @@ fn shown(alpha: &Expression, p: f64) -> String {
     format!("{:.4e}", alpha.eval(&[p]) + 0.0)
 }
 
-/// What is wrong at `p`.
+/// The error of the formula at `p`.
 fn unbounded(alpha: &Expression, p: f64) -> String {
     let (a, g) = (shown(alpha, p), value(alpha, p));
     match g.is_nan() {
@@ -120,7 +120,7 @@ fn unbounded(alpha: &Expression, p: f64) -> String {
     }
 }
 
-/// A point below which `e^{α(p) p}` is nothing, looked for up to beyond any interval.
+/// A point below which `e^{α(p) p}` is negligible. The search ends beyond any allowed interval.
 fn lower_end(alpha: &Expression) -> std::result::Result<f64, String> {
     /// Steps are equal down to here, and then in equal ratios to the end.
     const NEAR: f64 = -64.0;

@@ -38,7 +38,7 @@ enum Boundary {
 }
 
 impl AxisTable {
-    /// The axis that stands at `key`.
+    /// The axis at `key`.
     fn check(&self, file: &CaseFile<'_>, key: &str) -> Result<Axis> {
         let number = |name: &str, value: Option<f64>| -> Result<f64> {
             file.required(&format!("{key}.{name}"), value, "a number")
@@ -81,7 +81,8 @@ fn checked_degree(file: &CaseFile<'_>, key: &str, degree: i64) -> Result<usize> 
     Ok(degree as usize)
 }
 
-/// What makes a grid too large: the last number of cells that `--set` gives, else the axes.
+/// The key to name for a grid that is too large: the last number of cells that `--set` gives, else
+/// the axes.
 fn to_blame(file: &CaseFile<'_>, pairs: usize) -> String {
     let keys = (0..pairs).flat_map(|a| ["x", "v"].map(|axis| format!("axis.{a}.{axis}.cells")));
     let set = keys.filter_map(|key| Some((file.override_of(&key)?, key)));

@@ -16,7 +16,7 @@ const TAKEN: [&str; 12] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "p", "E", 
 /// `[constants]` as it is written.
 pub type ConstantsTable = BTreeMap<String, Formula>;
 
-/// The numbers that the constants of a file stand for; they are read before all other keys.
+/// The values of a file's constants; they are read before all other keys.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Input`] for a name that is none or means something else, a formula

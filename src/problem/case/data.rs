@@ -28,19 +28,19 @@ pub struct Region {
     pub reflection: Option<Expression>,
 }
 
-/// What `reflection` is a formula of: `E`, the normal kinetic energy on the side of the higher `V`,
-/// and `jump`, the height of the jump.
+/// The variables of the formula `reflection`: `E`, the normal kinetic energy on the side of the
+/// higher `V`, and `jump`, the height of the jump.
 pub const REFLECTION_NAMES: Names = [&["E"], &["jump"], &[], &[], &[], &[], &[]];
 
 impl Region {
-    /// The reflected part at normal kinetic energy `energy` above a jump of height `jump`; none
-    /// where nothing is given.
+    /// The reflected part at normal kinetic energy `energy` above a jump of height `jump`; `None`
+    /// if the case gives no formula.
     pub fn reflected(&self, energy: f64, jump: f64) -> f64 {
         self.reflection.as_ref().map_or(0.0, |formula| formula.eval(&[energy, jump]))
     }
 }
 
-/// What enters through the boundary of the phase-space box.
+/// The inflow through the boundary of the phase-space box.
 #[derive(Clone, Debug)]
 pub enum Inflow {
     /// A formula taken at ghost centres.
@@ -49,7 +49,7 @@ pub enum Inflow {
     Initial,
 }
 
-/// What `[initial]` gives.
+/// The data of `[initial]`.
 #[derive(Clone, Debug)]
 pub enum Data {
     /// `f0(x, v)`.
@@ -103,14 +103,14 @@ pub struct WarpedStart {
     pub place: String,
 }
 
-/// What a table in a file stands for.
+/// The function that a table in a file gives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TableOf {
     /// `f0`.
     Initial,
     /// `V` of the region of this number.
     Potential(usize),
-    /// What enters.
+    /// The inflow.
     Inflow,
 }
 
@@ -137,13 +137,13 @@ impl TableOf {
 /// A file that holds a function on a tensor grid of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TableFile {
-    /// What the function is.
+    /// The kind of the function.
     pub of: TableOf,
     /// Where it is.
     pub path: PathBuf,
     /// The dataset of an HDF5 file, the column of a CSV file.
     pub dataset: String,
-    /// What it is between its points.
+    /// The interpolation between its points.
     pub interpolation: Interpolation,
     /// File and line of the key, for errors.
     pub place: String,
@@ -435,7 +435,7 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
 }
 
 impl InflowTable {
-    /// What enters; `default` where the file does not say.
+    /// The inflow; `default` if the file gives none.
     fn check(&self, file: &CaseFile<'_>, n: usize, default: &str) -> Result<Inflow> {
         if let Some(table) = self.table(file, n)? {
             return match &self.value {
@@ -495,7 +495,7 @@ impl InitialTable {
                 let message = "give either initial.warped, or initial.table";
                 return file.refuse("initial.table", message);
             }
-            // f(0) is not known; with this formula nothing is left of it.
+            // f(0) is not known: the formula zero removes it.
             (Some(_), None) => file.formula("initial.warped", "0", &names)?,
             (None, Some(table)) => table.unread(),
             (None, None) => required_formula(file, "initial.f", &self.f, &names)?,
@@ -554,7 +554,7 @@ impl InitialTable {
         Ok(path.map(|path| WarpedStart { path, place }))
     }
 
-    /// `initial.field`, which stands beside `initial.f`.
+    /// `initial.field`, which may be given beside `initial.f`.
     pub fn field(&self, file: &CaseFile<'_>, data: &Data) -> Result<Option<StartField>> {
         let key = "initial.field";
         let Some(path) = path_of(file, key, self.field.as_ref(), "result.h5")? else {
@@ -592,7 +592,7 @@ fn path_of(
 }
 
 impl ExactTable {
-    /// What results are compared with.
+    /// The exact solution that results are compared with.
     pub fn check(&self, file: &CaseFile<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
         if self.f.is_some() && !matches!(data, Data::Density) {
             return file.refuse(

@@ -1,7 +1,7 @@
 //! The case file as TOML, so that every mistake is named with file, line, key, value and limit.
 //!
-//! `--set key=value` replaces values of the file's tree. Every value remembers where it stands by
-//! its span: a range of bytes of the file, or, beyond the file's end, the number of a `--set`.
+//! `--set key=value` replaces values of the file's tree. Every value has the span of its place: a
+//! range of bytes of the file, or, beyond the file's end, the number of a `--set`.
 
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
@@ -25,18 +25,18 @@ pub struct CaseFile<'t> {
     text: &'t str,
     overrides: &'t [String],
     root: DeValue<'t>,
-    /// What formulas may use by name; none until `[constants]` is read.
+    /// The constants that formulas may name; empty until `[constants]` is read.
     pub constants: Constants,
 }
 
-/// What there is of a key.
+/// The value and the places of a key.
 struct Found<'f> {
     /// The key's value, if the case gives one.
     value: Option<&'f DeValue<'f>>,
-    /// Where the value stands, or the heading of a table; of an absent key, that of the innermost
-    /// table around it.
+    /// The place of the value, or of a table's heading. For an absent key, the heading of the
+    /// innermost table around it.
     span: Option<Range<usize>>,
-    /// Where the key itself stands.
+    /// The place of the key itself.
     key: Option<Range<usize>>,
 }
 
@@ -136,7 +136,7 @@ impl<'t> CaseFile<'t> {
         T::deserialize(root).map_err(|mistake| self.report(mistake))
     }
 
-    /// What is at `key` as a `T`, if it is given.
+    /// The value of `key` as a `T`, if it is given.
     ///
     /// # Errors
     /// As [`read`](Self::read).
@@ -155,7 +155,7 @@ impl<'t> CaseFile<'t> {
         self.refusal(span, Refusal { key: Some(key), message, ..Refusal::default() })
     }
 
-    /// Where `key` stands and what it is set to.
+    /// The place of `key` and its value.
     fn find(&self, key: &str) -> Found<'_> {
         let mut found = Found { value: Some(&self.root), span: None, key: None };
         let mut rest = key;
@@ -287,7 +287,7 @@ impl<'t> CaseFile<'t> {
         self.override_at(start).map(|_| start - self.text.len() - 1)
     }
 
-    /// The text of the `--set` that a span with this start stands for.
+    /// The text of the `--set` that a span with this start represents.
     fn override_at(&self, start: usize) -> Option<&'t String> {
         self.overrides.get(start.checked_sub(self.text.len() + 1)?)
     }
@@ -404,7 +404,7 @@ fn marked<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
     Spanned::new(span.clone(), value)
 }
 
-/// Adds what is at `path` and below to `settings`.
+/// Adds the values at `path` and below to `settings`.
 fn collect(value: &DeValue<'_>, path: &str, settings: &mut BTreeMap<String, String>) {
     let text = match value {
         DeValue::Table(table) => {

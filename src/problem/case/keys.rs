@@ -1,8 +1,7 @@
-//! The keys that a case file may have, found by reading one that agrees to everything.
+//! The keys that a case file may have, found by deserializing from a source that accepts every key.
 //!
-//! The tables of the sections are the only list of keys. A [`Deserializer`] that answers every
-//! question of theirs with a value of the right kind learns from the questions which keys there
-//! are, and what is expected there.
+//! The tables of the sections are the only list of keys. A [`Deserializer`] that returns a value of
+//! the requested kind for every key records which keys exist and what kind each expects.
 
 use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR};
 use serde::de::value::{StrDeserializer, StringDeserializer};
@@ -12,10 +11,10 @@ use serde::de::{
 };
 use std::cell::RefCell;
 
-/// What is expected at a key.
+/// The kind of value that a key expects.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ValueKind {
-    /// Nobody asked.
+    /// No value was requested.
     #[default]
     Unknown,
     /// A number, or a formula of constants.
@@ -45,16 +44,16 @@ pub enum ValueKind {
 /// The keys of `T`.
 pub fn of<T: DeserializeOwned>() -> ValueKind {
     let kind = RefCell::default();
-    // What is read stands for nothing.
+    // The values that are read are placeholders.
     let read = T::deserialize(Question { answer: &kind });
     debug_assert!(read.is_ok());
     kind.into_inner()
 }
 
-/// A deserializer that accepts every type, and records which one it was asked for.
+/// A deserializer that accepts every type, and records which one was requested.
 #[derive(Clone, Copy)]
 struct Question<'a> {
-    /// What it was asked for.
+    /// The requested kind.
     answer: &'a RefCell<ValueKind>,
 }
 
@@ -188,7 +187,7 @@ impl<'de> SeqAccess<'de> for ListParts<'_> {
     }
 }
 
-/// The entries of a table: every key that it knows.
+/// The entries of a table: one for every key.
 struct Entries<'a> {
     names: &'static [&'static str],
     found: &'a RefCell<Vec<(&'static str, ValueKind)>>,

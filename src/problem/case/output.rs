@@ -44,10 +44,10 @@ pub struct OutputTime {
     pub fields: bool,
 }
 
-/// When results are written besides the end.
+/// The output times before the end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputTimes {
-    /// At time zero, where that is asked for.
+    /// The output at time zero, if any.
     pub start: Option<OutputTime>,
     /// Between, ascending.
     pub between: Vec<OutputTime>,
@@ -129,8 +129,8 @@ impl OutputTable {
         }
     }
 
-    /// The times before the end at which moments or fields are asked for; the start only where its
-    /// field is known, from a formula.
+    /// The output times before the end. They include the start only if its field is known, from a
+    /// formula.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let Range { start, end } = run;
         let same = SAME_TIME * (end - start);

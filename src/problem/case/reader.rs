@@ -15,14 +15,14 @@ use std::marker::PhantomData;
 use toml::Spanned;
 use toml::de::{DeInteger, DeValue};
 
-/// What is wrong in a case file.
+/// A mistake in a case file.
 #[derive(Debug)]
 pub struct Mistake {
-    /// The full key of what is wrong, once it is known.
+    /// The full key of the mistake, once it is known.
     pub key: Option<String>,
     /// Whether there is no such key.
     pub unknown: bool,
-    /// What is expected.
+    /// What is expected, as a sentence.
     pub message: String,
 }
 
@@ -116,10 +116,10 @@ pub struct KeyValue<'t> {
     constants: &'t Constants,
 }
 
-/// The value of a formula of constants, which stands in the place of a number.
+/// The value of a formula of constants, given instead of a number.
 ///
 /// # Errors
-/// What is wrong with it.
+/// The mistake in the formula.
 pub fn number_of(text: &str, constants: &Constants) -> Result<f64, String> {
     Expression::parse(text, &[], constants).map(|formula| formula.eval(&[]))
 }
@@ -130,12 +130,12 @@ impl<'t> KeyValue<'t> {
         Self { key: key.to_owned(), value, constants }
     }
 
-    /// What is in a table, or the parts of a list.
+    /// The entries of a table, or the parts of a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
         KeyValue { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
     }
 
-    /// The mistake that this is not what is expected.
+    /// The mistake of a value of another kind than expected.
     fn wrong<T>(&self, expected: impl Display) -> Result<T, Mistake> {
         Err(Mistake::expected(expected).at(&self.key))
     }
@@ -233,8 +233,8 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         visitor.visit_newtype_struct(self.formula()?.into_deserializer())
     }
 
-    /// All keys are checked before any value is read, so that a misspelt one is named before what
-    /// it stands for is missed.
+    /// All keys are checked before any value is read, so that a misspelt key is reported as such,
+    /// not as a missing one.
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         name: &'static str,
@@ -312,12 +312,12 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Formula(pub String);
 
-/// What a [`List`] and a [`NumberOr`] call themselves when they ask for a value.
+/// The names by which a [`List`] and a [`NumberOr`] request a value.
 pub const LIST: &str = "List";
-/// The name by which a [`NumberOr`] asks for a value.
+/// The name by which a [`NumberOr`] requests a value.
 pub const NUMBER_OR: &str = "NumberOr";
 
-/// Words that may stand in the place of a number.
+/// Words that are allowed instead of a number.
 pub trait Words: DeserializeOwned {
     /// All of them.
     const ALL: &'static [&'static str];
@@ -354,7 +354,7 @@ impl<'de, W: Words> Deserialize<'de> for NumberOr<W> {
     }
 }
 
-/// What a [`List`] holds.
+/// The elements of a [`List`].
 pub trait Item: DeserializeOwned {
     /// Several of them, as messages name them.
     const PLURAL: &'static str;
@@ -380,7 +380,7 @@ impl Item for List<f64> {
     const PLURAL: &'static str = "lists of numbers";
 }
 
-/// A list whose messages say what it is a list of.
+/// A list whose error messages name its elements.
 #[derive(Clone, Debug)]
 pub struct List<T>(pub Vec<T>);
 

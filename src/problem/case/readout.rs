@@ -7,8 +7,8 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::{MOST, MOST_EVALUATIONS, MOST_SHOTS};
 use serde::Deserialize;
 
-/// Most cells that are read: data of all cells are what a quantum computer is no good for, and each
-/// takes some 15 kB of `summary.json`.
+/// Largest number of cells that are read. A quantum computer has no advantage in reading all cells,
+/// and each cell takes some 15 kB of `summary.json`.
 const MOST_READ: usize = 256;
 
 /// `[readout]`: what is measured of the result on a quantum computer (see
@@ -33,7 +33,7 @@ pub enum MeasurementEffort {
         /// Values of the register of amplitude estimation, a power of two.
         evaluations: u64,
     },
-    /// As long as density and momentum take to be known to within this.
+    /// Until density and momentum are known to within this.
     Accuracy(f64),
 }
 
@@ -56,7 +56,7 @@ impl Default for ReadoutTable {
 }
 
 impl ReadoutTable {
-    /// What is measured on the grid `space`.
+    /// The measured observables on the grid `space`.
     pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<ReadoutSettings> {
         Ok(ReadoutSettings {
             cells: self.cells(file, space)?,

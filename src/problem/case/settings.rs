@@ -1,4 +1,4 @@
-//! What a case gives, key by key, and how two cases differ.
+//! The settings of a case, key by key, and the differences of two cases.
 
 use crate::base::text::shortened;
 use std::collections::BTreeMap;

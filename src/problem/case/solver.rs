@@ -64,7 +64,7 @@ pub enum Limiter {
     VanLeer,
 }
 
-/// What computes `f(T)`.
+/// The method that computes `f(T)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -75,7 +75,7 @@ pub enum Method {
     Classical,
 }
 
-/// What applies `exp(−iHT)` to a mode.
+/// The propagator that applies `exp(−iHT)` to a mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PropagatorMethod {
@@ -141,7 +141,7 @@ const SHORTEST: f64 = 1e-6;
 pub struct SchemeTable {
     interface: Interface,
     pub limiter: Limiter,
-    /// `degree`: of every axis that gives none of its own.
+    /// `degree`: the default of every axis.
     pub degree: i64,
     flux: Option<f64>,
     pub ends: EndFlux,
@@ -151,11 +151,11 @@ pub struct SchemeTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EndFlux {
-    /// Upwind: what leaves is lost, what is outside enters.
+    /// Upwind: outflow is lost, data outside the box enter.
     #[default]
     Open,
-    /// That between elements, with nothing outside: with the central flux nothing is lost, and what
-    /// reaches an end goes back as waves that are not resolved.
+    /// The flux between elements, with zero outside. The central flux loses nothing: waves that
+    /// reach an end return as waves that the grid does not resolve.
     Closed,
 }
 
@@ -292,11 +292,11 @@ impl ClassicalTable {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default)]
 pub struct Allowed {
-    /// Axes along which nothing varies.
+    /// Axes along which the data do not vary.
     pub axes: bool,
-    /// Velocities that nothing reaches.
+    /// Velocities that no particle reaches.
     pub velocities: bool,
-    /// Auxiliary unknowns where nothing enters.
+    /// Auxiliary unknowns without inflow.
     pub inflow: bool,
     /// The modes `l < 0`.
     pub modes: bool,
@@ -309,7 +309,7 @@ impl Default for Allowed {
 }
 
 impl Allowed {
-    /// All, or nothing.
+    /// All reductions, or none.
     pub fn all(allowed: bool) -> Self {
         Self { axes: allowed, velocities: allowed, inflow: allowed, modes: allowed }
     }

@@ -11,7 +11,7 @@ impl Case {
     /// Refuses settings that do not go together, and adapts those that another one settles.
     pub(super) fn validate(&mut self, file: &CaseFile<'_>) -> Result<()> {
         if self.method == Method::Classical {
-            // The classical method embeds nothing.
+            // The classical method has no embedding.
             (self.warp.inflow, self.warp.delta) = (Embedding::Boundary, Delta::Planned);
         }
         self.warp.check_embedding(file, &self.fields)?;
@@ -132,8 +132,7 @@ impl Case {
         Ok(())
     }
 
-    /// Refuses `output.positive` where there is nothing to scale, or more than the field at the
-    /// end.
+    /// Refuses `output.positive` if there is no field to scale, or more than the field at the end.
     fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
         let conflict = if self.space.degree() == 0 {
             "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
@@ -148,7 +147,7 @@ impl Case {
         file.refuse("output.positive", conflict)
     }
 
-    /// Refuses methods that do not know of an inflow that depends on time.
+    /// Refuses methods that do not support an inflow that depends on time.
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
         let inflow = self.inflow_key();
         let timed = [

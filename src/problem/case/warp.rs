@@ -50,7 +50,7 @@ pub enum ProfileChoice {
     },
 }
 
-/// Where the Fourier coefficients come from.
+/// The source of the Fourier coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Coefficients {

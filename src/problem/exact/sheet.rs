@@ -38,8 +38,8 @@ const WIDEST: f64 = 0.6;
 /// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one
 /// cell.
 const INSIDE: f64 = 1e-9;
-/// Particles followed besides those of the first boxes: a bound on the work for data that jump
-/// everywhere.
+/// Largest number of particles beyond those of the first boxes. It bounds the work for data that
+/// jump everywhere.
 const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
 /// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a
 /// cell's face count for the cell above.
@@ -67,7 +67,7 @@ pub struct ExactMoments {
     pub density: Vec<f64>,
     /// `ρ u_a`, one vector an axis.
     pub momentum: Vec<Vec<f64>>,
-    /// `u_a`, one vector an axis; NaN where there is nothing.
+    /// `u_a`, one vector for each axis; NaN where the density is zero.
     pub velocity: Vec<Vec<f64>>,
     /// The multivalued velocity, in one dimension.
     pub curve: Option<MultivaluedVelocity>,
@@ -157,7 +157,7 @@ impl ImageShape {
     }
 }
 
-/// What is gathered on the way.
+/// The results that are accumulated.
 struct Sheets<'a> {
     case: &'a Case,
     tracer: Tracer<'a>,
@@ -334,7 +334,7 @@ impl Sheets<'_> {
             }
         };
         let mut followed = if density == 0.0 {
-            // Nothing is there.
+            // The box is empty.
             Followed { point, left: Some(time), exit: None, history: 0, turns: [0; MAX_DIMENSION] }
         } else {
             self.tracer.follow(&point, time)
@@ -404,7 +404,8 @@ impl Sheets<'_> {
             lower.map(move |c| (&corners[c], &corners[c | 1 << a]))
         };
         let torn = |a: usize| edges(a).any(|(lower, upper)| !lower.same(upper));
-        // Corners that agree with each other and not with the centre say nothing about the axis.
+        // If the corners agree with each other and not with the centre, they do not identify the
+        // axis.
         let whole = corners.iter().all(|c| c.same(centre));
         let astray = !whole && !(0..n).any(torn);
         let rough = |a: usize| {

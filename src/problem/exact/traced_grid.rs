@@ -6,11 +6,11 @@ use crate::problem::element::Nodes;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::{Potential, region_edges};
 
-/// An edge of a region so close to a face, as a fraction of an element, lies on it.
+/// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
 const EDGE_ON_FACE: f64 = 1e-9;
 /// So many edges across an axis belong to boxes.
 const FEW_EDGES: usize = 8;
-/// Degree of elements in which it is seen whether `V` bends.
+/// Degree of the elements by which the curvature of `V` is detected.
 const BENT: usize = 2;
 
 /// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes

@@ -79,7 +79,7 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
     Ok(tokens)
 }
 
-/// What to write for a word or a sign that is not expected: other languages have it.
+/// The spelling to suggest for a word or sign of another language.
 fn instead(text: &str) -> &'static str {
     match text {
         "and" | "&" => "; write &&",
@@ -91,7 +91,8 @@ fn instead(text: &str) -> &'static str {
     }
 }
 
-/// The names that occur in a formula, of whatever they are; none of a text that is no formula.
+/// The names that occur in a formula, of constants, variables or functions; none for a text that is
+/// no formula.
 pub fn words(text: &str) -> Vec<&str> {
     let tokens = tokenize(text).unwrap_or_default();
     tokens.into_iter().map(|token| token.text).filter(|text| is_word(text)).collect()
@@ -167,7 +168,7 @@ impl<'a> Parser<'a> {
         })
     }
 
-    /// What `read` reads, one level of nesting deeper.
+    /// The result of `read`, one level of nesting deeper.
     fn nested(
         &mut self,
         read: fn(&mut Self) -> Result<FormulaNode, String>,

@@ -96,7 +96,7 @@ pub(super) fn compare(a: f64, b: f64, holds: impl Fn(f64, f64) -> bool) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { value }
 }
 
-/// `a if c`: nothing where `c` does not hold, undefined where it is.
+/// `a if c`: no value where `c` does not hold, undefined where `c` is.
 #[inline(always)]
 fn given(a: f64, c: f64) -> f64 {
     let value = if c != 0.0 { a } else { f64::from_bits(NOTHING) };

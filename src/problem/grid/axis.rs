@@ -17,11 +17,11 @@ pub struct Axis {
     pub cells: usize,
     /// The nodes of an element.
     pub nodes: Nodes,
-    /// What it is of the axis that the case gives.
+    /// Which part of the case's axis it is.
     pub part: AxisPart,
 }
 
-/// What an axis is of the one that the case gives (see [`crate::scheme::reduce`]).
+/// The part of the case's axis that a reduced axis represents (see [`crate::scheme::reduce`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum AxisPart {
     /// All of it.
@@ -36,7 +36,7 @@ pub enum AxisPart {
         /// The one of them that is the first here.
         first: usize,
     },
-    /// One cell that stands for all elements, as they hold the same.
+    /// One cell that represents all elements, whose values are equal.
     Merged {
         /// How many.
         of: usize,
@@ -107,8 +107,8 @@ impl Axis {
         (j.div_euclid(count), j.rem_euclid(count) as usize)
     }
 
-    /// Of a cell that stands for others the mean of `v²` over them: the square of its own centre
-    /// says less.
+    /// For a cell that represents others, the mean of `v²` over them, not the square of its own
+    /// centre.
     pub fn mean_square(&self) -> Option<f64> {
         let AxisPart::Merged { .. } = self.part else {
             return None;
@@ -135,7 +135,7 @@ impl Axis {
         self.first() as usize * self.nodes.count()
     }
 
-    /// Whether element `e` of the whole axis was left out because it holds nothing.
+    /// Whether element `e` of the whole axis was left out because its values are zero.
     pub fn leaves_out(&self, e: i64) -> bool {
         let AxisPart::Window { of, .. } = self.part else {
             return false;

@@ -81,16 +81,17 @@ fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
 pub struct StrayEdge {
     /// Axis along which it was found.
     pub axis: usize,
-    /// Where it lies.
+    /// Its place.
     pub at: f64,
     /// The face the scheme moves it to.
     pub face: f64,
 }
 
-/// So many edges that miss faces are looked for: a curved one misses some in every cell.
+/// Largest number of edges off the faces that are collected: a curved edge misses faces in every
+/// cell.
 pub const MOST_STRAY_EDGES: usize = 256;
 
-/// What the grid does not see of the regions.
+/// The parts of the regions that the grid does not resolve.
 #[derive(Clone, Debug, Default)]
 pub struct Overlooked {
     /// Edges inside cells, one a distinct place, [`MOST_STRAY_EDGES`] at most. The scheme treats

@@ -4,9 +4,9 @@ use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
 use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
 
-/// Most elements looked at; beyond, some that are spread over the grid.
+/// Largest number of elements that are examined. Of a larger grid, elements spread over it are.
 const MOST_ELEMENTS: usize = 1 << 18;
-/// Most edges of a region that are looked for.
+/// Largest number of edges of a region that are collected.
 const MOST_EDGES: usize = 1 << 13;
 /// How far beside a line two more lines are, in elements. Edges of boxes are at no more than two
 /// places on the three.

@@ -22,7 +22,7 @@ pub(super) fn region<'r>(
     Ok(regions.len() - 1)
 }
 
-/// What gives `V` in an element.
+/// The piece of `V` in an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PotentialPiece {
     /// The region.
@@ -85,7 +85,7 @@ impl ElementLines {
         space_point(&self.axes, element)
     }
 
-    /// All elements, or where there are more than `most` so many that are spread over the grid.
+    /// All elements, or `most` elements spread over the grid if there are more.
     pub(super) fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
         /// The golden section, whose multiples fill `[0, 1)` evenly.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;

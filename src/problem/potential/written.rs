@@ -1,4 +1,5 @@
-//! `V` as it is written, beside `V` as the scheme takes it between the points at which it looks.
+//! The formula of `V` compared with the scheme's approximation between the points at which it is
+//! evaluated.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::Case;
@@ -8,7 +9,8 @@ use crate::problem::potential::pieces::{ElementLines, energy_scale, piece, regio
 
 /// Points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;
-/// Most lines looked at, over all axes; beyond, some that are spread over the grid.
+/// Largest number of lines that are examined, over all axes. Of a larger grid, lines spread over it
+/// are.
 const MOST_LINES: usize = 1 << 16;
 /// Differences are noticed above this part of the range of `V` in the region ...
 const NOTICED: f64 = 0.01;
@@ -28,7 +30,7 @@ pub struct Unresolved {
     pub written: f64,
     /// `V` there as the scheme takes it.
     pub taken: f64,
-    /// Elements looked at that have such places, along this axis.
+    /// Number of examined elements with such places, along this axis.
     pub elements: usize,
 }
 
@@ -39,13 +41,13 @@ impl Unresolved {
     }
 }
 
-/// What the scheme takes for `V` on a line through an element.
+/// The scheme's approximation of `V` on a line through an element.
 struct Taken {
-    /// Where it looks, in `[−1, 1]`.
+    /// The points at which `V` is evaluated, in `[−1, 1]`.
     nodes: Vec<f64>,
     /// The points of the comparison.
     points: Vec<f64>,
-    /// From values at `nodes` to what it takes at each of `points`.
+    /// Maps values at `nodes` to the approximation at each of `points`.
     rows: Vec<Vec<f64>>,
 }
 
@@ -158,7 +160,7 @@ fn worst_on_line(
     for (point, row) in taken.points.iter().map(at).zip(&taken.rows) {
         let written = formula.eval(&point);
         let taken: f64 = row.iter().zip(&nodal).map(|(weight, value)| weight * value).sum();
-        // What is not finite where the scheme looks is an error elsewhere.
+        // A value that is not finite at these points is an error elsewhere.
         let finite = written.is_finite() && taken.is_finite();
         if !finite || region(&case.potential, &point).ok() != Some(own) {
             continue;

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 /// A qubit and the value that it is to have.
 pub type Literal = (Qubit, bool);
 
-/// The literals that say `number = value`.
+/// The literals of the condition `number = value`.
 pub fn equals(number: &[Qubit], value: usize) -> impl Iterator<Item = Literal> {
     number.iter().enumerate().map(move |(bit, &q)| (q, value >> bit & 1 == 1))
 }
@@ -141,7 +141,7 @@ impl Circuit {
             let root = &e[2 * n + 2 - k..];
             let operand = [&[one, other], root].concat();
             let around = |c: &mut Self| {
-                // The second bit of what is added: whether `R` was negative.
+                // The second bit of the summand: whether `R` was negative.
                 root.first().inspect(|&&sign| c.push(Gate::Cx(sign, other)));
                 c.flip(root);
                 match root.first() {

@@ -1,4 +1,4 @@
-//! What was compiled, and what the evolution by it takes.
+//! The compiled circuit, and the cost of an evolution by it.
 
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
@@ -59,14 +59,14 @@ pub struct RotationSequence {
 }
 
 impl RotationSequence {
-    /// Of these rotations.
+    /// The error of the rotations of `phases`: bound and measured difference.
     pub fn of(phases: &Phases) -> Self {
         const POINTS: usize = 64;
         Self { bound: phases.bound, difference: phases.difference(POINTS) }
     }
 }
 
-/// What was compiled.
+/// The compiled circuit.
 #[derive(Clone, Debug, Serialize)]
 pub struct CircuitDescription {
     /// Title of the case.
@@ -94,13 +94,13 @@ pub struct CircuitDescription {
     pub sparse: Sparse,
     /// Counts of the circuit.
     pub counts: GateCounts,
-    /// Counts of the controlled circuit: a qubit says whether it is applied.
+    /// Counts of the controlled circuit, which a further qubit applies.
     pub controlled: GateCounts,
     /// The evolution that calls the controlled circuit.
     pub evolution: EvolutionDescription,
     /// Its rotations; none of more than [`MOST_STEPS`] steps.
     pub sequence: Option<RotationSequence>,
-    /// What was simulated.
+    /// The simulated check.
     pub check: Option<Check>,
 }
 

@@ -35,7 +35,7 @@ pub fn qasm(circuit: &Circuit, title: Option<&str>) -> String {
     text
 }
 
-/// What is left out of the counts of an evolution.
+/// The parts that the counts of an evolution do not include.
 pub const NOTE: &str = "the evolution alone: neither the preparation of the state, nor the two \
                         transforms in p, nor what is read";
 

@@ -26,7 +26,7 @@ pub enum Gate {
     Ry(f64, Qubit),
     /// Rotation about z by an angle: `diag(e^{−iθ/2}, e^{iθ/2})`.
     Rz(f64, Qubit),
-    /// Not of the second where the first is 1.
+    /// NOT of the second qubit if the first is 1.
     Cx(Qubit, Qubit),
     /// Sign where both are 1.
     Cz(Qubit, Qubit),
@@ -85,11 +85,11 @@ impl Serialize for Gate {
     }
 }
 
-/// What a register is for.
+/// The purpose of a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RegisterRole {
-    /// What the operator acts on.
+    /// A register that the operator acts on.
     System,
     /// Zero before; the block is where it is zero after.
     Block,
@@ -108,7 +108,7 @@ pub struct Register {
     pub first: Qubit,
     /// Qubits.
     pub size: usize,
-    /// What it is for.
+    /// Its purpose.
     pub role: RegisterRole,
 }
 
@@ -119,7 +119,7 @@ pub struct Circuit {
     pub registers: Vec<Register>,
     /// In the order of time.
     pub gates: Vec<Gate>,
-    /// Where a part begins, and what it does.
+    /// The first gate of a part, and its purpose.
     pub comments: Vec<(usize, &'static str)>,
     /// Qubits of the registers.
     named: usize,
@@ -181,17 +181,17 @@ impl Circuit {
         self.gates.push(gate);
     }
 
-    /// Not of each of `qubits`.
+    /// NOT of each of `qubits`.
     pub fn flip(&mut self, qubits: &[Qubit]) {
         self.gates.extend(qubits.iter().map(|&q| Gate::X(q)));
     }
 
-    /// Not of each of `qubits` where `control` is 1.
+    /// NOT of each of `qubits` if `control` is 1.
     pub fn flip_if(&mut self, control: Qubit, qubits: &[Qubit]) {
         self.gates.extend(qubits.iter().map(|&q| Gate::Cx(control, q)));
     }
 
-    /// Says what the next gates do.
+    /// Records the purpose of the next gates.
     pub fn comment(&mut self, what: &'static str) {
         self.comments.push((self.gates.len(), what));
     }

@@ -76,7 +76,7 @@ impl CaseTransport {
     }
 
     /// The circuit whose block is `H/α`. If `controlled`, a further qubit of the system, above the
-    /// others, says whether it is applied.
+    /// others, controls whether it is applied.
     pub fn encode(&self, modes: CircuitModes, levels: Levels, controlled: bool) -> Circuit {
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, self, modes, controlled);
@@ -197,7 +197,7 @@ impl AxisTransport {
         };
         c.comment("the jump at the face; the sign becomes: downhill");
         c.within(load, |c| {
-            // Taken here: what loads has scratch of its own.
+            // Reserved here, since the loading circuit has scratch of its own.
             let reflected = c.take(1)[0];
             c.comment("who is reflected");
             let not_downhill = |c: &mut Circuit| c.push(Gate::X(downhill));
@@ -235,7 +235,7 @@ impl AxisTransport {
     }
 }
 
-/// The literals that say `number = value`, and that `control` is 1.
+/// The literals of the conditions `number = value` and `control = 1`.
 fn at(control: Qubit, number: &[Qubit], value: usize) -> Vec<Literal> {
     std::iter::once((control, true)).chain(equals(number, value)).collect()
 }

@@ -10,7 +10,8 @@ use std::collections::{BTreeMap, HashMap};
 
 /// Most bits of the bins.
 pub const MOST_BIN_BITS: usize = 20;
-/// Most bits of bins that are chosen by what they change: beyond that the jump has no digits left.
+/// Largest number of bits of bins that are chosen by the change of the jumps; beyond it a jump has
+/// no further digits.
 const MOST_ROUNDED_BITS: usize = 32;
 /// Distance from a whole number that is round-off, relative.
 const WHOLE: f64 = 1e-12;
@@ -63,10 +64,10 @@ struct JumpFaces {
     places: Vec<usize>,
 }
 
-/// Refuses what the circuit does not have, before it is assembled.
+/// Refuses cases that the circuit does not support, before it is assembled.
 ///
 /// # Errors
-/// [`Error::Input`] with the key, the value and what would do.
+/// [`Error::Input`] with the key, the value and what is supported.
 pub fn refuse(case: &Case) -> Result<()> {
     let unknown = unknown_choice(case).or_else(|| unknown_grid(&case.space));
     match unknown.map_or_else(|| sloped(case), |what| Ok(Some(what)))? {
@@ -106,7 +107,7 @@ fn unknown_choice(case: &Case) -> Option<String> {
     })
 }
 
-/// What the circuit does not have of a grid, and what would do.
+/// The properties of a grid that the circuit does not support, and what is supported.
 fn unknown_grid(space: &PhaseSpace) -> Option<String> {
     let n = space.dimension();
     for (v, name) in space.v.iter().zip(&axis_names(n)[n..]) {
@@ -199,7 +200,7 @@ impl CircuitCase {
         let (x, v) = (&space.x[a], &space.v[a]);
         let scale = (1u64 << bin_bits) as f64;
         let speeds = v.cells / 2;
-        // Beyond all energies of the box one wall is as high as another.
+        // Walls above all energies of the box are equivalent.
         let highest = (speeds * speeds) as f64 * scale;
         let others = bits_of_others(case, a);
         let (mut jumps, mut change) = (Vec::new(), 0.0f64);
@@ -299,7 +300,7 @@ fn change_of(axis: &Axis, rise: f64, rounded: f64) -> f64 {
     let mut found = Vec::new();
     for j in 0..axis.cells as i64 {
         let v = velocity(axis, j);
-        // Moving right it has left the face to the upper side.
+        // A particle that moves right has left the face to the upper side.
         let upper = v > 0.0;
         for (height, sign) in [(rise, 1.0), (rounded, -1.0)] {
             let height = if upper { height } else { -height };

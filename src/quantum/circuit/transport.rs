@@ -26,7 +26,7 @@ pub struct AxisTransport {
     pub speeds: usize,
     /// Jumps of `V`.
     pub jumps: Vec<PotentialJump>,
-    /// `v₁/Δx = Δv/(2Δx)`; 0 where nothing moves.
+    /// `v₁/Δx = Δv/(2Δx)`; 0 without transport.
     pub rate: f64,
 }
 

@@ -45,13 +45,13 @@ pub(in crate::quantum) struct Along {
     pub space: Vec<Qubit>,
     /// The cells along the other space axes, the last one lowest.
     pub others: Vec<Qubit>,
-    /// Level and speed as one number, whose highest bit says that there is no such level.
+    /// Level and speed as one number, whose highest bit marks a level that does not exist.
     pub energy: Vec<Qubit>,
     /// Bits of the level that no level of this axis has.
     pub spare: Vec<Qubit>,
     /// Energies in bins, with a bit for energies above the register.
     pub kinetic: Vec<Qubit>,
-    /// What says that this axis is chosen.
+    /// The literals that select this axis.
     pub chosen: Vec<Literal>,
 }
 
@@ -284,12 +284,12 @@ impl Wires {
         c.give_back(&none);
     }
 
-    /// What says that `literals` hold and the circuit is applied.
+    /// The literals of the condition that `literals` hold and the circuit is applied.
     pub fn given(&self, literals: &[Literal]) -> Vec<Literal> {
         literals.iter().copied().chain(self.control.map(|q| (q, true))).collect()
     }
 
-    /// `body` with the literal that says `T` or `T†`, and not `D`.
+    /// `body` with the literal that selects `T` or `T†`, not `D`.
     pub fn where_moving(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Literal)) {
         match self.sum {
             WeightedSum::One(q) | WeightedSum::Each(q) => body(c, (q, true)),

@@ -36,7 +36,7 @@ pub const MOST_QUBITS: usize = 20;
 /// Relative differences of cells below this are round-off.
 const ROUND_OFF: f64 = 1e-14;
 
-/// What the circuit is made of.
+/// The input of the complete circuit.
 pub(super) struct CompleteCircuitInput<'a> {
     pub case: &'a Case,
     pub registers: &'a CircuitRegisters,
@@ -64,7 +64,7 @@ pub struct CircuitStage {
     pub first: usize,
 }
 
-/// What the circuit is, and what it should find.
+/// The description of the circuit, and its expected results.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
     /// The block is `H/α`.
@@ -161,7 +161,7 @@ impl Complete {
         qasm(&self.circuit, Some(title))
     }
 
-    /// What it is, its registers and gates.
+    /// Its description, registers and gates.
     pub fn json(&self) -> String {
         let Self { circuit, about } = self;
         let whole = json!({
@@ -289,7 +289,7 @@ fn set(f: &[f64], velocities: usize) -> Option<Vec<[usize; 2]>> {
     f.chunks_exact(velocities).map(interval).collect()
 }
 
-/// What the stages are made of.
+/// The parts of the stages.
 struct StageParts<'a> {
     start: &'a StatePreparation,
     profile: &'a [f64],

@@ -1,4 +1,4 @@
-//! Registers of qubits, the grid in `p`, and what a measurement of the final state leaves.
+//! Registers of qubits, the grid in `p`, and the field after a measurement of the final state.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::observables::VelocityFactors;

@@ -1,4 +1,4 @@
-//! What is read, as columns of `result.h5` and as `readout.csv`.
+//! The readout as columns of `result.h5` and as `readout.csv`.
 
 use crate::base::disk;
 use crate::base::error::Result;

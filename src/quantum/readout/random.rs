@@ -1,4 +1,4 @@
-//! Streams of random numbers for what is drawn of a measurement.
+//! Streams of random numbers for simulated measurements.
 //!
 //! Each estimate of each observable at each cell has a stream of its own: ChaCha with 8 rounds, the
 //! seed, observable and estimator in its key and the cell as the number of the stream. What is

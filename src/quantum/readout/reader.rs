@@ -1,4 +1,4 @@
-//! From the field at a cell to overlaps, and from those to what each estimator says.
+//! The overlaps of the field at a cell, and the result of each estimator.
 
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
@@ -57,8 +57,8 @@ struct Repetitions {
     shots: f64,
     /// Values of the register of amplitude estimation; 0 of other estimators.
     evaluations: f64,
-    /// Values of the register of amplitude estimation of `P`; 0 where `C_f` is not asked for, or
-    /// follows from the number of shots that succeed.
+    /// Values of the register of amplitude estimation of `P`; 0 if `C_f` is not needed, or follows
+    /// from the number of shots that succeed.
     norm_evaluations: f64,
 }
 
@@ -88,7 +88,7 @@ impl Repetitions {
     }
 
     /// Bound on the relative error of `C_f`, and with it of the part by which an amplified overlap
-    /// is too small; 0 where `C_f` is not asked for.
+    /// is too small; 0 if `C_f` is not needed.
     fn of_norm(self, estimator: OverlapEstimator, probability: f64) -> [f64; 2] {
         match estimator {
             OverlapEstimator::EnlargedHadamard | OverlapEstimator::EnlargedAmplitudeEstimation => {
@@ -112,7 +112,7 @@ impl Repetitions {
     }
 }
 
-/// What is computed from the field at a cell; known to all ranks.
+/// Values computed from the field at a cell; the same on all ranks.
 pub(crate) struct CellSums {
     /// `Σ_j q_j f_j` for each of [`crate::matrix::observables::MOMENTS`] kinds of `q`.
     moments: [f64; MAX_DIMENSION + 1],
@@ -348,7 +348,7 @@ impl ReadoutContext<'_> {
                 (1.0, 0.0)
             }
             OverlapEstimator::Hadamard | OverlapEstimator::AllZero => {
-                // Of more trials than are emulated the same number succeeds.
+                // With more trials than are emulated, the same number succeeds.
                 let trials = (repetitions.shots / probability).min(MOST_SHOTS).round();
                 let probability = (repetitions.shots / trials).min(1.0);
                 let root =

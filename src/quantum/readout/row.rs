@@ -91,7 +91,7 @@ impl OverlapEstimator {
     }
 }
 
-/// What one estimator says of an observable.
+/// The result of one estimator for an observable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measured {
     /// The estimator.
@@ -102,7 +102,7 @@ pub struct Measured {
     pub shots: LabelledNumber,
     /// Values of the register of amplitude estimation.
     pub evaluations: LabelledNumber,
-    /// What was measured.
+    /// The observable.
     pub estimate: LabelledNumber,
     /// Its standard error, from the counts; unavailable for amplitude estimation, which has none in
     /// closed form.
@@ -128,13 +128,13 @@ pub struct ReadoutRow {
     pub point: Vec<f64>,
     /// The observable.
     pub observable: Observable,
-    /// Value of the recovered field: what is measured, but for statistics.
+    /// Value of the recovered field: the expected result of the measurement.
     pub value: LabelledNumber,
-    /// What each estimator says.
+    /// The result of each estimator.
     pub measured: Vec<Measured>,
 }
 
-/// Why a figure is unavailable, without double quotes: it stands between them in files.
+/// Why a number is unavailable; without double quotes, since files put the text between them.
 pub(crate) fn reason(figure: &LabelledNumber) -> String {
     match figure.value() {
         None => figure.because().unwrap_or_default().replace('"', "'"),
@@ -170,7 +170,7 @@ impl Measured {
 }
 
 impl ReadoutRow {
-    /// A row with nothing in it.
+    /// An empty row.
     pub(crate) fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
         let axes = || case.space.x.iter().zip(cell);
         Self {

@@ -106,8 +106,8 @@ impl Record {
         })
     }
 
-    /// What the simulation of the Hamiltonian takes: queries of the model, and gates of the circuit
-    /// where one is `emitted`.
+    /// The cost of the simulation of the Hamiltonian: queries of the model, and gates of the
+    /// circuit where one is `emitted`.
     fn simulation_resources(&self, emitted: Option<&Cost>) -> Vec<Value> {
         let mut figures = vec![
             ("walk_steps", &self.walk_steps),

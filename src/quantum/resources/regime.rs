@@ -42,7 +42,7 @@ pub(crate) fn gates_factor(qubits: f64, bits: f64) -> f64 {
     qubits + bits * bits.log2().max(1.0).powi(2)
 }
 
-/// What the paper's counts depend on, beside the tolerance and the dimension.
+/// The parameters of the paper's counts, beside the tolerance and the dimension.
 #[derive(Clone, Copy)]
 struct RegimeParameters {
     /// Order of the scheme: 1, or ½ where the solution jumps anywhere.

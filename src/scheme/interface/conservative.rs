@@ -32,8 +32,7 @@ impl InterfaceLaw for Conservative {
         if high > threshold {
             lattice.share(out, Side::Across, sign, low.max(threshold) + rise, high + rise, length);
         }
-        // Beside a very high wall energies are rounded: the shares are made to add up to 1 again,
-        // whatever is left of them.
+        // Energies at a very high wall are rounded, so the shares are normalised to the sum 1.
         let sum: f64 = out.iter().map(|s| s.weight).sum();
         if sum > 0.0 {
             out.iter_mut().for_each(|s| s.weight /= sum);
@@ -51,7 +50,7 @@ impl InterfaceLaw for Conservative {
     }
 }
 
-/// The velocity lattice, continued beyond the box, seen as energies.
+/// The energies of the velocity lattice, continued beyond the box.
 struct Lattice<'a> {
     axis: &'a Axis,
     /// Energy of the face nearest to zero.

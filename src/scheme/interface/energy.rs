@@ -71,7 +71,7 @@ pub struct TraceShare {
     pub weight: f64,
 }
 
-/// What a trace that leaves the face takes, or what one that arrives at it gives.
+/// The shares that a trace leaving the face receives, or that a trace arriving at it gives.
 #[derive(Clone, Debug, Default)]
 pub struct TraceCoupling {
     /// Row of `M⁻¹B`, or of `M⁻¹Bᵀ`.

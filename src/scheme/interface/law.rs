@@ -1,4 +1,4 @@
-//! What the interface laws share: sources of a flux, and the velocity lattice.
+//! Common parts of the interface laws: sources of a flux, and the velocity lattice.
 
 use crate::problem::grid::Axis;
 use std::fmt::Debug;

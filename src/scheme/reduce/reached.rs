@@ -1,4 +1,4 @@
-//! Velocities that nothing ever reaches.
+//! Velocities that no particle ever reaches.
 //!
 //! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So the
 //! cells that `f` reaches lie, for every axis `a`, over those that it reaches in the plane
@@ -23,9 +23,9 @@ use crate::scheme::rows::{Row, Scheme};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// So many cells are looked at: a second or two.
+/// Largest number of cells that are examined: a second or two.
 const MOST_CELLS: usize = 20_000_000;
-/// So many where rows of the scheme are looked at, as something enters.
+/// Largest number of cells if rows of the scheme are examined because of inflow.
 const MOST_ROWS: usize = 4_000_000;
 /// All velocities of an axis with more jumps than this are kept.
 const MOST_JUMPS: usize = 512;
@@ -159,7 +159,7 @@ impl ReachedPlane {
     }
 }
 
-/// What `V` does along an axis, anywhere across it.
+/// The jumps and slopes of `V` along an axis, for all positions across it.
 struct Faces {
     /// The jumps at the lower face of each cell, by their bits.
     jumps: Vec<BTreeSet<u64>>,
@@ -195,7 +195,7 @@ impl Faces {
     ) -> impl Fn(&ReachedPlane, usize, usize) -> bool + 'a {
         let space = &case.space;
         let (x, v) = (&space.x[a], &space.v[a]);
-        // What a velocity finds behind a face with a jump.
+        // The velocities behind a face with a jump.
         let mut behind: BTreeMap<u64, Vec<Vec<FluxSource>>> = BTreeMap::new();
         for jump in self.jumps.iter().flatten() {
             behind.entry(*jump).or_insert_with(|| {
@@ -218,7 +218,7 @@ impl Faces {
                 (Side::Across, Some(across)) => plane.holds(across, source.velocity),
                 (Side::Across, None) => false,
             };
-            // What is behind the ends of the box is the inflow's, which is there from the start.
+            // Beyond the ends of the box there is the inflow, present from the start.
             let moved = speed != 0.0
                 && across.is_some()
                 && self.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
@@ -231,7 +231,7 @@ impl Faces {
 /// The planes with the initial data and the inflow, of every `of`-th point of space from `first`
 /// on; not all of them where the planes are full before.
 fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
-    // Of degree 0, elements are cells.
+    // For degree 0, elements are cells.
     let (space, n) = (case.space.by_elements(), case.space.dimension());
     let mut planes: Vec<ReachedPlane> = (0..n)
         .map(|axis| ReachedPlane {
@@ -249,7 +249,7 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
     let mut holds = |element: &Cell| {
         let initial = &case.fields[0].initial;
         let found = match &points {
-            // What is no number is found, and refused, later.
+            // NaN is detected and refused later.
             None => initial.eval(&space.point(element)) != 0.0,
             Some(points) => points.find(&case.space, initial, element),
         };
@@ -274,7 +274,7 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
                 }
             }
         }
-        // What only decays is everywhere at once.
+        // With dissipation only, the solution is reached everywhere at once.
         if ends.iter().all(|ends| *ends == [true; 2]) {
             break;
         }
@@ -319,7 +319,7 @@ mod tests {
             ],
         ),
     ];
-    /// So that `v = 0` lies on a face.
+    /// The choice puts `v = 0` on a face.
     const CENTRED: &str = "axis.0.v.upper=1.4";
 
     fn scene(dimension: &str, settings: &[&str]) -> Case {
@@ -393,8 +393,8 @@ mod tests {
         }
     }
 
-    /// The formula of the inflow may be other than zero where cells were left out: nothing is there
-    /// all the same, and nothing enters from there.
+    /// The formula of the inflow may be nonzero at cells that were left out. Their field is zero
+    /// all the same, and no inflow comes from there.
     #[test]
     fn nothing_enters_from_what_was_left_out() {
         let inside = "inflow.value=1 if abs(x) < 0.9 && abs(v) < 1.2 else 0";
@@ -406,7 +406,8 @@ mod tests {
             let mut cropped = whole.clone();
             cropped.space.v[0] = whole.space.v[0].window(&range);
             let first = range.start * whole.space.v[0].nodes.count();
-            // Cells that draw on what is not there, by their numbers in the whole grid.
+            // Cells that depend on cells outside the reduced grid, by their numbers in the whole
+            // grid.
             let drawing = |case: &Case, first: usize| -> BTreeSet<[usize; 2]> {
                 let scheme = Scheme::whole(case).expect("a potential");
                 let mut row = Row::default();

@@ -42,8 +42,7 @@ use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
-/// What there is room for between the largest `Σ|c_l|` and the largest error,
-/// `ln(1/(20 ε_machine))`.
+/// The largest ratio of `Σ|c_l|` to the error in double precision, `ln(1/(20 ε_machine))`.
 const ROOM: f64 = 33.05;
 /// Least `ε e^{−Λ⁺}` that is designed for. A tenth of it takes twice the modes.
 const SMALLEST: f64 = 1e-13;
@@ -59,7 +58,7 @@ const SHARE: f64 = 0.7;
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
 /// Most modes of a design, about; one with more is that of a shorter domain continued.
 const LARGEST: f64 = 160.0;
-/// Up to so many modes several gaps are tried: ...
+/// Several gaps are tried up to this number of modes, ...
 const QUICK: usize = 100;
 /// ... these times the one that is planned first.
 const OTHER_GAPS: [f64; 4] = [FRAC_1_SQRT_2, SQRT_2, 2.0, 2.0 * SQRT_2];
@@ -89,7 +88,7 @@ impl Designed {
         let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
         let mut best = with_gap(&circle, demand, planned)?;
-        // Of few modes, one batch more or less shows.
+        // With few modes, one batch more or less matters.
         let others = if best.modes() <= QUICK { &OTHER_GAPS[..] } else { &[] };
         for factor in others {
             let found = with_gap(&circle, demand, factor * planned);
@@ -116,8 +115,8 @@ impl Designed {
         Some((designed, window))
     }
 
-    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and no interval
-    /// and no samples are asked for. Beyond its domain it is no function to take samples of.
+    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and the case
+    /// gives neither interval nor samples. Beyond its domain it is no function to take samples of.
     pub fn possible(demand: &ProfileRequirements) -> bool {
         // False where the growth is not known, too.
         let least = demand.tolerance * libm::exp(-demand.growth);
@@ -159,7 +158,7 @@ fn with_gap(circle: &Circle, demand: &ProfileRequirements, gap: f64) -> Option<P
     let [lower, upper] = domain(demand);
     let (tolerance, digits) = (demand.tolerance, digits(demand));
     let cutoff = libm::tan(FRAC_PI_2 * digits / ROOM);
-    // Of the digits that are asked for, the last are lost to round-off first: a larger penalty.
+    // Near the limit of double precision, round-off needs a larger penalty.
     let eta = 5e-15 * coarser(demand) * libm::exp(0.12 * (digits - 20.7).max(0.0));
     let design = |upper: f64, share: f64, digits: f64| {
         let domain = LatticeDomain::new([lower, upper], gap);
@@ -204,7 +203,7 @@ fn least<T>(guess: usize, most: usize, mut attempt: impl FnMut(usize) -> Option<
             None if modes == most => return None,
             None => (modes + step).min(most),
             Some((met, _)) if *met <= low + 1 + guess / 250 => return high.map(|(_, found)| found),
-            // Nothing refused yet.
+            // No number of modes was refused yet.
             Some((met, _)) if low == 1 => (met - step.min(met - 2)).max(2),
             Some((met, _)) => (low + met) / 2,
         };
@@ -240,7 +239,7 @@ impl LatticeDomain {
             .map(|k| k.round() as i64)
             .collect();
         let weight = 1.0 / (nodes as f64).sqrt();
-        // Of the polynomial and of e^{−p}: its even (+1) or odd (−1) part.
+        // The even (+1) or odd (−1) part of the polynomial and of e^{−p}.
         let part = |sign: f64, first: usize, wave: fn(Complex64) -> f64| {
             let at = |l: usize, k: i64| weight * wave(circle.at(l as i64 * k));
             let columns: Vec<Vec<f64>> =

@@ -92,7 +92,8 @@ impl ProfileShape for Exponential {
         }
     }
 
-    /// Of a formula also below its jumps, so that those of the next period keep their distance.
+    /// A formula's window also extends below its jumps, so that the jumps of the next period keep
+    /// their distance.
     fn left(&self, bound: f64) -> f64 {
         match &self.alpha {
             Alpha::Constant(alpha) => bound.ln().min(0.0) / alpha,

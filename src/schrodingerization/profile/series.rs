@@ -12,8 +12,7 @@ pub struct Series {
     pub period: f64,
     /// `c_l`, `l = 0, 1, …`; in JSON pairs of real and imaginary part.
     pub coefficients: Vec<Complex64>,
-    /// Whether the last mode stands for itself only: of an even number `N_p` of modes, `−N_p/2` has
-    /// no partner.
+    /// Whether the last mode has no conjugate partner: for even `N_p`, the mode `−N_p/2` has none.
     pub alone: bool,
 }
 
@@ -66,13 +65,13 @@ impl Series {
         TAU * l as f64 / self.period
     }
 
-    /// Whether mode `l` stands for itself only, and not for `−l` too.
+    /// Whether mode `l` has no conjugate partner `−l` in the series.
     pub fn is_alone(&self, l: usize) -> bool {
         l == 0 || (self.alone && l + 1 == self.modes())
     }
 
-    /// Factor of `w_l` in a real sum over all modes: twice the coefficient where it stands for `−l`
-    /// too.
+    /// Factor of `w_l` in a real sum over all modes: twice the coefficient if `−l` is in the
+    /// series.
     pub fn factor(&self, l: usize) -> Complex64 {
         self.coefficients[l] * if self.is_alone(l) { 1.0 } else { 2.0 }
     }

@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 /// Default width of the plateau on each side of `p◇`; a planned interval holds it.
 pub const PLATEAU: f64 = 2.0;
 
-/// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
+/// The requirements that a profile meets. The spectrum of `S·T` lies in `[−decay, growth]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProfileRequirements {
     /// `ε`: largest error of the state, relative to the initial one.
@@ -28,17 +28,17 @@ pub struct ProfileRequirements {
     pub recovery: Option<f64>,
     /// `[L, R]`, by hand.
     pub interval: Option<[f64; 2]>,
-    /// Whether the coefficients come from samples, so that the ends of the interval matter and not
-    /// only its length.
+    /// Whether the coefficients come from samples. Then the ends of the interval matter, not only
+    /// its length.
     pub sampled: bool,
     /// Whether the shortest period is wanted instead of the cheapest run.
     pub shortest: bool,
-    /// What a mode is rounded by, relative to its norm; [`f64::EPSILON`] or more.
+    /// The rounding error of a mode relative to its norm; at least [`f64::EPSILON`].
     pub round_off: f64,
 }
 
 impl ProfileRequirements {
-    /// What a plan without anything by hand asks of the analytic coefficients.
+    /// The requirements of a plan by default, with analytic coefficients.
     pub fn new(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Self {
         Self {
             tolerance,
@@ -55,7 +55,7 @@ impl ProfileRequirements {
         }
     }
 
-    /// What plans are compared by: the cost of a run, or the period.
+    /// The quantity that a plan minimises: the cost of a run, or the period.
     pub fn rank(&self, period: f64, cutoff: f64) -> f64 {
         if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
     }
@@ -78,7 +78,7 @@ impl ProfileRequirements {
         0.5 * (batches + falling().sum::<f64>())
     }
 
-    /// What a neighbouring period may add to `g`.
+    /// Bound on the contribution of a neighbouring period to `g`.
     pub fn image(&self, point: f64) -> f64 {
         self.images * self.tolerance * (-point).exp()
     }
@@ -92,9 +92,9 @@ impl ProfileRequirements {
         (furthest - shape.left(self.image(point))).max(right)
     }
 
-    /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at
-    /// `L`: both within what an image may add. Of analytic coefficients any whole period would do:
-    /// it is one that begins [`PLATEAU`] below `p◇` or lower, so that it holds what is read.
+    /// The interval of a window. Samples see `e^{−p}` end at `R` and the left tail at `L`: both
+    /// within what an image may add. Of analytic coefficients any whole period would do: it is one
+    /// that begins [`PLATEAU`] below `p◇` or lower, so that it holds what is read.
     pub fn ends(&self, shape: &dyn ProfileShape, window: &Window) -> [f64; 2] {
         let upper = window.point + self.reach - (self.images * self.tolerance).ln();
         if self.sampled {

@@ -30,7 +30,7 @@ const PIECE: usize = 1 << 16;
 /// Most words of a header: 64 MiB.
 const LONGEST_HEADER: u64 = 1 << 23;
 
-/// What a file says about itself.
+/// The header of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The run it belongs to.
@@ -93,7 +93,7 @@ impl Header {
         self.starts().map(|starts| starts.end)
     }
 
-    /// Whether what it holds is what `to` wants, wherever on the grid it is.
+    /// Whether its contents are of the kind that `to` reads, for any part of the grid.
     fn suits(&self, to: &Destination<'_>) -> bool {
         let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
             ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
@@ -230,14 +230,14 @@ fn read_words(
     Ok(())
 }
 
-/// The error of a file that is not what it should be.
+/// The error of a file with unexpected contents.
 fn broken() -> Error {
     Error::new(ErrorKind::InvalidData, "is no file of a checkpoint")
 }
 
 /// A file that was checked, opened for reading.
 pub struct RankFile {
-    /// What it says about itself.
+    /// Its header.
     pub header: Header,
     starts: Starts,
     file: File,
@@ -245,7 +245,7 @@ pub struct RankFile {
     before: usize,
 }
 
-/// Where a rank wants what files hold.
+/// Where a rank stores the contents of files.
 pub struct Destination<'a> {
     /// Space cells of its block.
     pub block: &'a [Range<usize>],
@@ -287,7 +287,7 @@ impl RankFile {
     /// Reads what overlaps with `to`; the sums only if `with_sums`.
     ///
     /// # Errors
-    /// Where it cannot be read, or holds something else than `to` wants.
+    /// If the file cannot be read, or its contents do not fit `to`.
     pub fn read_into(&self, to: &mut Destination<'_>, with_sums: bool) -> Result<()> {
         let header = &self.header;
         if !header.suits(to) {

@@ -14,10 +14,10 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 const MANIFEST: &str = "manifest.json";
-/// What a file is called while it is written.
+/// The suffix of a file's name while it is written.
 const UNFINISHED: &str = "unfinished";
 
-/// What says that a generation is complete, and who wrote what.
+/// The file that completes a generation: it lists what each rank wrote.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Manifest {
     fingerprint: Fingerprint,
@@ -154,17 +154,17 @@ impl Store {
         let number = number.parse().unwrap_or(self.next);
         self.next = number + 1;
         let directory = self.generation(number);
-        let speaks = world.rank() == 0;
+        let is_first = world.rank() == 0;
         let written = self.write_files(world, mesh, number, &directory, snapshot);
         if written.is_err() {
-            if speaks {
-                // What there is of it takes room that the next may need.
+            if is_first {
+                // An incomplete generation would take disk space from the next one.
                 let _ = remove(&directory);
             }
             return written;
         }
         let before = self.newest.replace(number);
-        if speaks {
+        if is_first {
             for old in generations(&self.directory) {
                 if old != number && Some(old) != before {
                     let _ = remove(&self.generation(old));
@@ -252,7 +252,7 @@ impl Store {
         mut say: impl FnMut(String),
     ) -> Result<Option<Generation>> {
         let mut found = generations(&self.directory);
-        // As rank 0 sees them.
+        // Rank 0's view of the directory.
         let text = world.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
         found = serde_json::from_str(&text).unwrap_or_default();
         let mut refused = 0;
@@ -363,8 +363,8 @@ impl Store {
 }
 
 impl Generation {
-    /// Reads what overlaps with what a rank wants, whose mode group is its number in `modes`; sums
-    /// of several groups add up to those of all that wrote. Not collective.
+    /// Reads the parts of the files that overlap with this rank's part of the grid. `modes` gives
+    /// the rank's mode group. The sums of all groups that wrote are added up. Not collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where a file cannot be read.

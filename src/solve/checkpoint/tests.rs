@@ -443,17 +443,17 @@ fn runs_that_differ_are_told_apart() {
 
 #[test]
 fn mode_groups_together() {
-    let told =
+    let statistics =
         |kept, defect, applications| BatchStatistics { kept, defect, applications, solves: 2 };
-    let state = |finished: &[usize], told: BatchStatistics| GroupProgress {
+    let state = |finished: &[usize], statistics: BatchStatistics| GroupProgress {
         finished: finished.to_vec(),
         beyond: vec![0.5],
-        statistics: told,
+        statistics,
         ..GroupProgress::default()
     };
-    let mut all = state(&[3, 4], told(Some(0.5), None, 7));
-    all.add(state(&[1], told(Some(0.25), Some(0.1), 5)));
-    all.add(state(&[], told(None, Some(0.3), 0)));
+    let mut all = state(&[3, 4], statistics(Some(0.5), None, 7));
+    all.add(state(&[1], statistics(Some(0.25), Some(0.1), 5)));
+    all.add(state(&[], statistics(None, Some(0.3), 0)));
     let expected =
         BatchStatistics { kept: Some(0.25), defect: Some(0.3), applications: 12, solves: 6 };
     assert_eq!((all.finished, all.beyond.len(), all.statistics), (vec![3, 4, 1], 3, expected));

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A rank asks for a checkpoint, ...
+/// A rank requests a checkpoint, ...
 const WRITE: u64 = 1;
 /// ... or has received a signal to stop, ...
 const SIGNAL: u64 = 2;
@@ -35,7 +35,7 @@ const FAILED: u64 = 32;
 /// Part of the wall time, at most [`MOST_SPARE`], that is left for the end of the program.
 const SPARE: f64 = 0.02;
 const MOST_SPARE: Duration = Duration::from_secs(30);
-/// What took so long before may take longer by this factor.
+/// Factor by which an operation may take longer than the longest one before.
 const CAUTION: f64 = 1.2;
 /// Batches before the end from which on ranks go together: up to two until all know, one until they
 /// did, one to go on with.
@@ -43,7 +43,7 @@ const NEAR: u32 = 4;
 /// Bytes a second that a rank is expected to write before it is known.
 const USUAL_RATE: f64 = 1e8;
 
-/// Where a rank stands in a stage.
+/// How far a rank is in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// The rank has batches left.
@@ -56,10 +56,10 @@ pub enum Standing {
     Failed,
 }
 
-/// What the ranks decided.
+/// The common decision of the ranks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Nothing, or not yet.
+    /// No decision yet, or none needed.
     GoOn,
     /// To write a checkpoint.
     Write,
@@ -97,7 +97,7 @@ pub struct Watch {
     /// Whether the last vote was for none: however often they are wanted, there is a batch between
     /// two.
     rested: bool,
-    /// How long one takes to write, as soon as there is anything to tell by.
+    /// How long a checkpoint takes to write; `None` before the first estimate.
     writing: Option<Duration>,
     /// When this rank began its batch, and how long the longest took, if there was one.
     begun: Option<Instant>,
@@ -129,21 +129,21 @@ impl Watch {
         }
     }
 
-    /// How many bytes a checkpoint of this rank takes: tells how long it may take while none was
-    /// written.
+    /// Size in bytes of a checkpoint of this rank. It predicts the time of the first checkpoint.
     pub fn expect(&mut self, bytes: impl FnOnce() -> usize) {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
 
-    /// This rank goes on, with a batch if it has one left.
+    /// This rank continues with its next batch, if any.
     pub fn begin(&mut self, standing: Standing) {
         self.begun = (standing == Standing::Working).then(Instant::now);
     }
 
-    /// What all ranks decided, at the beginning of a stage and after each batch (see
-    /// [`begin`](Self::begin)); after `Write` they ask again. `Finished`, `Failed` or a stop is the
-    /// last of a stage. Collective over the space group, whose ranks stand alike.
-    pub fn ask(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
+    /// The common decision of all ranks, at the beginning of a stage and after each batch (see
+    /// [`begin`](Self::begin)). After `Write` they decide again. `Finished`, `Failed` or a stop is
+    /// the last decision of a stage. Collective over the space group, whose ranks have the same
+    /// `standing`.
+    pub fn decide(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
         if let Some(begun) = self.begun.take() {
             self.longest = self.longest.max(Some(begun.elapsed()));
             let ended = !matches!(standing, Standing::Left | Standing::Failed);
@@ -153,7 +153,7 @@ impl Watch {
             if !self.vote.is_posted() {
                 self.post(standing);
             }
-            // Who works looks; who has nothing to do waits.
+            // A rank with batches left polls the vote; a rank without batches waits for it.
             if standing == Standing::Working && !self.together && !self.is_over(communicator) {
                 return Verdict::GoOn;
             }
@@ -180,7 +180,7 @@ impl Watch {
             if verdict != Verdict::GoOn || !stale {
                 return verdict;
             }
-            // What was known when that vote was posted is too old.
+            // The vote was posted before this rank's current state was known.
         }
     }
 
@@ -211,7 +211,7 @@ impl Watch {
         self.vote.post(bits);
     }
 
-    /// What the clock says.
+    /// The decision by wall time.
     fn hands(&self) -> u64 {
         let mut bits = 0;
         let due = |every: Duration| self.written.elapsed() >= every;

@@ -1,7 +1,7 @@
 //! Checkpoints that are damaged, missing, of another run, or that cannot be written.
 
 use super::{
-    Blow, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, struck,
+    Fault, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, with_fault,
 };
 use crate::support::{
     Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory,
@@ -194,7 +194,8 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     let cut = directory();
     let path = cut.path();
     let job = run().on(2).set(&[OFTEN]).into(path);
-    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2).expect("a run");
+    let finished =
+        with_fault(&job, Fault::Signal, |_| generations(path).len() == 2).expect("a run");
     assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
     let go_on = || run().on(3).into(path).with(["--resume"]).run().expect("a run");
     for other in others {
@@ -232,7 +233,7 @@ fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     let longer = ["checkpoint.minutes=0", "solver.warp.points=16384"];
     let job = wide().set(&longer).into(path);
     let finished =
-        struck(&job, Blow::Signal, |since| since > Duration::from_secs(1)).expect("a run");
+        with_fault(&job, Fault::Signal, |since| since > Duration::from_secs(1)).expect("a run");
     assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
 

@@ -131,9 +131,9 @@ fn is_alive(process: u32) -> bool {
     !text.is_empty() && !text.contains(") Z")
 }
 
-/// What a run is stopped by.
+/// A fault that is injected into a run.
 #[derive(Clone, Copy, Debug)]
-pub enum Blow {
+pub enum Fault {
     /// SIGKILL of this rank.
     Rank(usize),
     /// SIGKILL of mpirun.
@@ -148,27 +148,31 @@ pub enum Blow {
     Pause(usize),
 }
 
-/// Runs a job and deals it a blow at the first moment that `now` finds right; all its ranks have
-/// ended when this returns.
-pub fn struck(job: &Job, blow: Blow, mut now: impl FnMut(Duration) -> bool) -> Result<Finished> {
-    let (mut ranks, mut struck) = (Vec::new(), false);
+/// Runs a job and injects a fault at the first moment that `now` accepts. All its ranks have ended
+/// when this returns.
+pub fn with_fault(
+    job: &Job,
+    fault: Fault,
+    mut now: impl FnMut(Duration) -> bool,
+) -> Result<Finished> {
+    let (mut ranks, mut injected) = (Vec::new(), false);
     let finished = job.clone().closely().run_while(|mpirun, since| {
-        if struck {
+        if injected {
             return;
         }
         ranks = children(mpirun.id());
         if ranks.is_empty() || !now(since) {
             return;
         }
-        struck = true;
+        injected = true;
         let of = |rank: usize| ranks[rank.min(ranks.len() - 1)];
-        match blow {
-            Blow::Rank(rank) => send("-KILL", of(rank)),
-            Blow::Launcher => send("-KILL", mpirun.id()),
-            Blow::Signal => send("-USR1", mpirun.id()),
-            Blow::Terminate => send("-TERM", mpirun.id()),
-            Blow::Interrupt => send("-INT", mpirun.id()),
-            Blow::Pause(rank) => {
+        match fault {
+            Fault::Rank(rank) => send("-KILL", of(rank)),
+            Fault::Launcher => send("-KILL", mpirun.id()),
+            Fault::Signal => send("-USR1", mpirun.id()),
+            Fault::Terminate => send("-TERM", mpirun.id()),
+            Fault::Interrupt => send("-INT", mpirun.id()),
+            Fault::Pause(rank) => {
                 send("-STOP", of(rank));
                 std::thread::sleep(Duration::from_millis(500));
                 send("-CONT", of(rank));
@@ -191,7 +195,7 @@ pub fn stopped(ranks: usize) -> Result<TempDir> {
     let directory = directory();
     let path = directory.path();
     let job = run().on(ranks).set(&[OFTEN]).into(path);
-    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2)?;
+    let finished = with_fault(&job, Fault::Signal, |_| generations(path).len() == 2)?;
     if finished.code == Some(75) && finished.errors.contains("--resume") {
         Ok(directory)
     } else {

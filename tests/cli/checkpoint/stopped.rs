@@ -1,8 +1,8 @@
-//! Runs killed at any moment, told to stop, or out of time end with the same bits.
+//! Runs that are killed, stopped by a signal or out of time end with the same bits.
 
 use super::{
-    Blow, LONG, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest,
-    random, run, same, send, stopped, struck,
+    Fault, LONG, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest,
+    random, run, same, send, stopped, with_fault,
 };
 use crate::support::{
     Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
@@ -24,15 +24,15 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
         for strike in 0..3 {
             let seed = 10 * row + strike;
             let ranks = 1 + (row + strike) as usize % 4;
-            let blow = match seed % 3 {
-                0 => Blow::Launcher,
-                rank => Blow::Rank(rank as usize - 1),
+            let fault = match seed % 3 {
+                0 => Fault::Launcher,
+                rank => Fault::Rank(rank as usize - 1),
             };
             let blocks = if ranks == 4 { "2" } else { "1" };
             let job =
                 run().on(ranks).set(&[OFTEN]).into(path).with(["--resume", "--ranks-x", blocks]);
             let after = Duration::from_secs_f64(0.25 + 0.6 * random(seed));
-            let finished = struck(&job, blow, |since| since > after)?;
+            let finished = with_fault(&job, fault, |since| since > after)?;
             if finished.code == Some(0) {
                 break;
             }
@@ -53,14 +53,15 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
 #[test]
 fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
     LazyLock::force(&WHOLE);
-    let rows = [(2, Blow::Rank(0)), (2, Blow::Rank(1)), (3, Blow::Launcher), (4, Blow::Rank(2))];
-    check_all(&rows, |&(ranks, blow)| {
+    let rows =
+        [(2, Fault::Rank(0)), (2, Fault::Rank(1)), (3, Fault::Launcher), (4, Fault::Rank(2))];
+    check_all(&rows, |&(ranks, fault)| {
         let directory = directory();
         let path = directory.path();
         let job = run().on(ranks).set(&[OFTEN]).into(path);
         // In the middle of a generation that follows others: without a manifest.
         let mut seen = 0;
-        let finished = struck(&job, blow, |_| {
+        let finished = with_fault(&job, fault, |_| {
             let all = fs::read_dir(path.join("checkpoint")).into_iter().flatten().count();
             let writes = generations(path).len() >= 2 && all > generations(path).len();
             seen += usize::from(writes);
@@ -74,7 +75,7 @@ fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
 }
 
 #[test]
-fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
+fn a_stop_signal_leaves_a_checkpoint_for_any_ranks() {
     LazyLock::force(&WHOLE);
     let rows = [(2, 2, "1"), (2, 1, "1"), (1, 3, "3"), (3, 4, "2"), (4, 2, "2")];
     check_all(&rows, |&(before, after, blocks)| {
@@ -85,9 +86,9 @@ fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
     });
 }
 
-/// What a process is sent, and what becomes of it.
+/// Which signals are sent, and to which process.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Told {
+enum StopRequest {
     /// The signal, to a process without mpirun.
     Once(&'static str),
     /// The same twice in a moment, as launchers do.
@@ -102,20 +103,20 @@ enum Told {
 fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
     LazyLock::force(&WHOLE);
     let rows = [
-        Told::Once("-INT"),
-        Told::Once("-TERM"),
-        Told::Twice("-INT"),
-        Told::Again("-TERM"),
-        Told::Rank("-TERM", 1),
-        Told::Rank("-INT", 2),
-        Told::Rank("-TERM", 3),
+        StopRequest::Once("-INT"),
+        StopRequest::Once("-TERM"),
+        StopRequest::Twice("-INT"),
+        StopRequest::Again("-TERM"),
+        StopRequest::Rank("-TERM", 1),
+        StopRequest::Rank("-INT", 2),
+        StopRequest::Rank("-TERM", 3),
     ];
-    check_all(&rows, |told| {
+    check_all(&rows, |request| {
         let place = directory();
         let path = place.path();
-        let job = match told {
-            Told::Rank(_, ranks) => run().on(*ranks),
-            Told::Again(_) => run().on(2),
+        let job = match request {
+            StopRequest::Rank(_, ranks) => run().on(*ranks),
+            StopRequest::Again(_) => run().on(2),
             _ => run(),
         };
         let job = job.set(&[OFTEN]).into(path);
@@ -124,7 +125,7 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
         let finished = job.closely().run_while(|process, _| {
             let ranks = children(process.id());
             if let Some(sent) = sent {
-                let Told::Again(signal) = told else { return };
+                let StopRequest::Again(signal) = request else { return };
                 if !again && sent.elapsed() > Duration::from_secs(1) {
                     again = true;
                     send(signal, ranks[0]);
@@ -133,18 +134,18 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
             }
             if generations(path).len() >= 2 {
                 sent = Some(Instant::now());
-                match *told {
-                    Told::Once(signal) => send(signal, process.id()),
-                    Told::Again(signal) => {
+                match *request {
+                    StopRequest::Once(signal) => send(signal, process.id()),
+                    StopRequest::Again(signal) => {
                         send("-STOP", ranks[1]);
                         send(signal, ranks[0]);
                     }
-                    Told::Twice(signal) => (0..2).for_each(|_| send(signal, process.id())),
-                    Told::Rank(signal, _) => send(signal, *ranks.last().expect("a rank")),
+                    StopRequest::Twice(signal) => (0..2).for_each(|_| send(signal, process.id())),
+                    StopRequest::Rank(signal, _) => send(signal, *ranks.last().expect("a rank")),
                 }
             }
         })?;
-        if let Told::Again(_) = told {
+        if let StopRequest::Again(_) = request {
             let ended = finished.code != Some(75) && !finished.errors.contains("--resume");
             return if again && ended {
                 Ok(())
@@ -186,10 +187,10 @@ fn a_batch_in_flight_is_dropped() {
             }
         });
         let finished = finished.expect("an end");
-        let told = sent.map(|sent| sent.elapsed()).expect("a signal");
+        let elapsed = sent.map(|sent| sent.elapsed()).expect("a signal");
         let done = finished.errors.contains("stopped by a signal");
         assert!(done, "{}", finished.report("stopped by a signal"));
-        assert!(told < Duration::from_secs(3), "{told:?}: {}", finished.report("at once"));
+        assert!(elapsed < Duration::from_secs(3), "{elapsed:?}: {}", finished.report("at once"));
         let done = stored().unwrap_or(0) as usize;
         let summary = run().set(&slow).on(2).with(["--resume"]).solve(path).expect("an end");
         assert_eq!(count(&summary, "matvecs_here").map(|here| here + done), all);
@@ -275,7 +276,7 @@ fn goes_on_in_stage(
     // On a busy machine a run may be over before this process sees the stage: then an earlier one.
     for missed in 0.. {
         let path = cut.path();
-        let finished = struck(&before.clone().into(path), Blow::Signal, |_| {
+        let finished = with_fault(&before.clone().into(path), Fault::Signal, |_| {
             let found = newest(path).and_then(|newest| manifest(&newest).ok());
             let reached = found.as_ref().and_then(|m| m["stage"].as_u64());
             reached.is_some_and(|reached| reached + missed >= stage)
@@ -332,7 +333,7 @@ fn stages_that_are_finished_are_not_computed_again() {
             ])
             .set(more)
     };
-    let told =
+    let recorded =
         ["matvecs", "solves", "unitarity_defect", "norm_kept", "step_error", "error_estimate"];
     // Elements, whose blocks are of other widths on other ranks.
     let elements = Job::new(["run", &case("inflow_barrier.toml"), "--mode", "full"]).set(&[
@@ -359,7 +360,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         (kept(&["solver.warp.inflow='full'"]), 5, [(4, "2"), (1, "1")]),
     ];
     check_all(&rows, |(job, stage, ranks)| {
-        goes_on_in_stage(&job.clone().undisturbed(), *stage, *ranks, &told)
+        goes_on_in_stage(&job.clone().undisturbed(), *stage, *ranks, &recorded)
     });
 }
 

@@ -78,8 +78,8 @@ fn full_runs_recover_what_streamed_ones_do() {
             let points = found[0]["/axis/p"].numbers().len();
             let shape = &found[0]["/w"].shape;
             summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
-            let told = summary.number("points")? as usize;
-            summary.require(told == points, || format!("{told} and {points} points"))?;
+            let reported = summary.number("points")? as usize;
+            summary.require(reported == points, || format!("{reported} and {points} points"))?;
             let written = std::fs::read_dir(place.path()).map_err(|e| e.to_string())?;
             let names = written.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
             let number = names.filter(|name| name.starts_with("warped_")).count();

@@ -96,9 +96,9 @@ fn a_browser_opens_the_report() {
     assert_eq!((width, height), (1200, 2400));
     assert_eq!(requests(&log), Vec::<String>::new());
     // Control: a page that does is noticed.
-    let asking = place.path().join("asking.html");
-    std::fs::write(&asking, "<img src=http://127.0.0.1:9/a.png>").unwrap();
-    open(&browser, &asking, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
+    let page = place.path().join("asking.html");
+    std::fs::write(&page, "<img src=http://127.0.0.1:9/a.png>").unwrap();
+    open(&browser, &page, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
     // Every picture has its place and is not cut, nothing sticks out sideways; asked of the page by

@@ -1,4 +1,4 @@
-//! What is reached of elements: where a formula is not zero, and what takes from what.
+//! Reached elements: where a formula is not zero, and which elements depend on which.
 //!
 //! A row of a degree above 0 takes from all of its element, from both neighbours along an axis, and
 //! at a jump from the partners of its trace; with the upwind flux only where it leaves the face. So
@@ -16,7 +16,7 @@ use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use std::collections::{BTreeSet, HashMap};
 use std::ops::Range;
 
-/// Points that are looked at together.
+/// Number of points that are evaluated together.
 const BATCH: usize = 48;
 
 /// The points of an element at which its projection looks at a formula first. Where that is zero at
@@ -49,7 +49,7 @@ impl Points {
         let mut points = space.points_in(element, &self.along).peekable();
         while points.peek().is_some() {
             let batch: Vec<[f64; 6]> = points.by_ref().take(BATCH).collect();
-            // What is no number is found, and refused, later.
+            // NaN is detected and refused later.
             if formula.at_points(&batch, 0.0).iter().any(|f| *f != 0.0) {
                 return true;
             }
@@ -58,7 +58,7 @@ impl Points {
     }
 }
 
-/// What takes from what in the plane of an axis.
+/// The dependences between elements in the plane of an axis.
 pub(super) struct Links<'a> {
     space: &'a PhaseSpace,
     axis: usize,
@@ -134,7 +134,7 @@ impl<'a> Links<'a> {
                 let place = if other == side { Some(i) } else { across };
                 place.is_some_and(|place| holds(place, element as i64))
             };
-            // What is behind the ends of the box is the inflow's, which is there from the start.
+            // Beyond the ends of the box there is the inflow, present from the start.
             across.is_some()
                 && self.jumps[face].iter().any(|kind| match self.partners.get(kind) {
                     None => across.is_some_and(|across| holds(across, j as i64)),
