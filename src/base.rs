@@ -1,7 +1,9 @@
-//! The ground: errors, text, tables, log lines, directories, the machine, checksums, quadrature,
-//! piecewise polynomials, fixed-point sums.
+//! Support for all rooms: errors, text, tables, log lines, directories, the machine, checksums,
+//! quadrature, piecewise polynomials, fixed-point sums.
 //!
-//! Uses no other room.
+//! [`error::Error`] is the error of every room.
+//!
+//! Uses: no other room. Paper: none.
 
 pub mod bisect;
 pub mod checksum;

@@ -1,6 +1,8 @@
 //! The subcommands: each has a file that reads its options, calls the rooms below and prints.
 //!
-//! Uses: every room. Only the program uses commands.
+//! [`cli::Cli`] is the command line, [`execute`] runs it.
+//!
+//! Uses: every room. Only the program uses commands. Paper: none.
 
 pub mod accuracy;
 pub mod advise;

@@ -1,5 +1,5 @@
-//! The distributed matrix pair `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, and what is measured on
-//! it.
+//! The distributed matrix pair `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, its bounds, weights and
+//! observables.
 //!
 //! [`block_matrix::BlockMatrix`] holds the rows of one rank; [`kernel`] and [`blocking`] apply them
 //! to a batch of modes; [`embedding`] adds the unknowns of the inflow; [`weights`] is the norm in

@@ -1,10 +1,10 @@
-//! Who owns which part of phase space, and how ranks exchange.
+//! The distribution of phase space and modes over the MPI ranks, and their communication.
 //!
 //! [`partition`] splits space blocks and mode groups; [`communicator::Communicator`] holds the
 //! groups, the exchange of ghost layers, the transpose and votes; [`files`] opens what all ranks
 //! read.
 //!
-//! Uses: problem (the grid), base.
+//! Uses: problem (the grid), base. Paper: none, the paper does not treat parallel emulation.
 
 pub mod communicator;
 pub mod files;

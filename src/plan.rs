@@ -10,8 +10,8 @@
 //! is planned for `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when
 //! running (see [`crate::run`]); the plan alone assumes [`ASSUMED_RATIO`].
 //!
-//! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base. Paper: section 3.3
-//! (cost).
+//! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base. Paper: sections
+//! 3.1 (interval and points in `p`) and 3.2 (cost).
 
 pub mod advice;
 pub mod balance;

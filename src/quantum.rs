@@ -19,7 +19,8 @@
 //! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
 //! [`figure::Figure`].
 //!
-//! Uses: solve, and every room below.
+//! Uses: solve, and every room below. Paper: sections 3.2 (sparse access and cost) and 7 (recovery
+//! and readout), appendix on column sparsity.
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;

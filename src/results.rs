@@ -1,7 +1,9 @@
 //! The results of a run: `result.h5`, written by all ranks, `summary.json`, and views of the
 //! grids for other programs (`fields.xdmf`, a file for each grid).
 //!
-//! Uses: quantum, solve, and every room below.
+//! [`dataset::Results`] is what `result.h5` holds, [`summary::Summary`] what `summary.json` holds.
+//!
+//! Uses: quantum, solve, and every room below. Paper: the figures and tables of section 8.
 
 pub mod averages;
 pub mod dataset;

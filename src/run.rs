@@ -7,7 +7,7 @@
 //! [`run()`] takes these steps and writes the results. [`solve`] works in memory, without console
 //! output, and returns a [`Solution`].
 //!
-//! Uses: results, quantum, solve, and every room below.
+//! Uses: results, quantum, solve, and every room below. Paper: the runs of section 8.
 
 mod at_start;
 mod checkpointing;

@@ -2,10 +2,12 @@
 //!
 //! [`rows`] is the only definition of `A` and `b`, of degree 0 there and of a higher degree in
 //! [`galerkin`]; the matrix, its transpose, the oracles and the tests come from it. [`interface`]
-//! holds what happens at a jump of `V`. [`reduce`] leaves out the cells and axes that a scene does
-//! not need.
+//! holds the laws at a jump of `V`. [`reduce`] leaves out the cells and axes that a case does not
+//! need.
 //!
-//! Uses: parallel, problem, base.
+//! [`rows::Scheme`] is the main type, [`row::Row`] is one row.
+//!
+//! Uses: parallel, problem, base. Paper: sections 4, 5 and 6 (one, two and `n` space dimensions).
 
 pub mod galerkin;
 pub mod interface;

@@ -8,7 +8,8 @@
 //! [`placement`] finds period, cut-off and recovery points of a case. A profile is one file of
 //! [`profile`].
 //!
-//! Uses: propagate, matrix, scheme, parallel, problem, base.
+//! Uses: propagate, matrix, scheme, parallel, problem, base. Paper: sections 3.1 and 7.1
+//! (recovery).
 
 pub mod placement;
 pub mod profile;

@@ -4,7 +4,8 @@
 //! [`system::DiscreteSystem`] is the semi-discrete system on a rank; [`modes::run`] propagates the
 //! modes and adds them up.
 //!
-//! Uses: plan, schrodingerization, propagate, matrix, scheme, parallel, problem, base.
+//! Uses: plan, schrodingerization, propagate, matrix, scheme, parallel, problem, base. Paper:
+//! sections 3.1 (the modes) and 7.1 (recovery).
 
 mod batch;
 pub mod checkpoint;

@@ -15,7 +15,7 @@
 //! [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids of a case,
 //! [`knobs`] its other choices, and a [`treatment`] is a measure against growth at jumps.
 //!
-//! Uses: run, results, and every room below. Only commands use studies.
+//! Uses: run, results, and every room below. Only commands use studies. Paper: none.
 
 pub mod advise;
 pub mod budget;

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 const CLASSICAL: &str = "solver.method=classical";
 
-/// `scheme.degree` and so many elements along each axis of a case of one dimension.
+/// `scheme.degree` and the number of elements along each axis of a case of one dimension.
 fn elements(degree: usize, count: usize) -> [String; 3] {
     [
         format!("scheme.degree={degree}"),
@@ -49,7 +49,7 @@ const OF_SLOPES: Said = Said { field: [0.35, 12.0], density: [0.2, 5.0] };
 const OF_ELEMENTS: Said = Said { field: [0.4, 9.0], density: [0.15, 30.0] };
 const OF_MIXED: Said = Said { field: [0.35, 8.0], density: [0.15, 30.0] };
 
-/// A case, settings of its grid, and what is said of its estimates.
+/// A case, settings of its grid, and the expected report of its estimates.
 type EstimateRow = (&'static str, Vec<String>, &'static Said);
 
 fn estimate_rows() -> Vec<EstimateRow> {
@@ -95,7 +95,8 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
         };
         let (error, density) = (value("grid")?, value("grid_density")?);
         summary.holds(near("grid", error, summary.number("error_l2_relative")?, 0.0))?;
-        // Nothing is promised of errors above 80 %, and little of densities below 1 %.
+        // The estimate need not hold for errors above 80 %, and only roughly for densities below 1
+        // %.
         if error <= 0.8 {
             within("f", error, value("grid_estimate")?, said.field)?;
         }
@@ -109,9 +110,9 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
     });
 }
 
-/// A run that is told how near the density is to be says whether it is; the report has both errors.
-/// A measured error of the algorithm takes the place of its estimate, and where nothing is left of
-/// the field nothing is claimed.
+/// A run with a required accuracy of the density reports whether it is met; the report has both
+/// errors. A measured error of the algorithm replaces its estimate. If the field has decayed to
+/// zero, no accuracy is claimed.
 #[test]
 fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
     let place = directory();
@@ -139,8 +140,8 @@ fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
     finished.says(&finished.output, &said).unwrap();
 }
 
-/// What is chosen for discontinuous data by measured errors is reached by the run, which counts as
-/// the trials did; `--resume` takes what was chosen before.
+/// For discontinuous data the choice is made by measured errors. The run reaches them, and counts
+/// the same cost as the trials. `--resume` uses the earlier choice.
 #[test]
 fn what_is_chosen_is_reached_and_kept() {
     let place = directory();
@@ -219,7 +220,7 @@ fn the_last_line_says_what_limits_a_run() {
         // Degrees that are mixed, and slopes.
         ("smooth-beams.toml", &small, &["exact=none", "axis.0.v.degree=0"], Some(estimated)),
         ("smooth-beams.toml", &small, &[&["exact=none"], &slopes[..]].concat(), Some(estimated)),
-        // Of measure-valued data nothing is estimated, and nothing claimed.
+        // Measure-valued data have no estimate, and no accuracy is claimed.
         ("example2.toml", &small, &["exact=none", CLASSICAL], None),
     ];
     check_all(&rows, |(name, grid, settings, says)| {
@@ -270,9 +271,9 @@ fn the_last_line_says_what_limits_a_run() {
 /// Case, settings, words of the advice, and words that are not in it.
 type AdviceRow<'a> = (&'a str, Vec<&'a str>, &'a [&'a str], &'a [&'a str]);
 
-/// After UNDER-RESOLVED stands what would help this run: how many times the cells at least, degrees
-/// where there are higher ones, slopes where there can be some, and a tolerance that does where the
-/// grid's error is below a tenth. On slightly fewer cells than it names the error is above a tenth.
+/// The message UNDER-RESOLVED lists remedies for this run: the least factor on the cells, higher
+/// degrees or slopes if they apply, and a sufficient tolerance if the grid's error is below a
+/// tenth. On slightly fewer cells than it names the error is above a tenth.
 #[test]
 fn what_is_advised_is_what_that_run_lacks() {
     let minmod = ["scheme.limiter=minmod", "solver.classical.integrator=ssp-rk3", CLASSICAL];
@@ -317,7 +318,7 @@ fn errors_of_the_grid_are_the_same_on_any_ranks() {
     let rows = [
         ("smooth-beams.toml", elements(2, 10).to_vec()),
         ("smooth-beams.toml", elements(0, 26).to_vec()),
-        // Of degree 0 along x: what crosses the faces of blocks.
+        // With degree 0 along x: the flux across the faces of blocks.
         (
             "smooth-beams.toml",
             [vec!["axis.0.x.degree=0".to_owned()], elements(2, 10).to_vec()].concat(),
@@ -382,8 +383,8 @@ fn errors_at_a_corner_fall_with_the_degree() {
 
 const REFLECTING: &str = "partial_reflection.toml";
 
-/// Partial reflection against its formula: of high order, density too; and what is not reflected is
-/// transmitted, so mass is kept to round-off.
+/// Partial reflection against its formula: field and density converge with high order. The rest is
+/// transmitted, so mass is conserved to round-off.
 #[test]
 fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
     // Degree, elements, their relative errors of f and of the density on twice as many, at most.
@@ -403,7 +404,7 @@ fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
             let least = if degree == 1 { 2.0 } else { 2f64.powi(degree as i32) };
             fine.require(a > least * b, || format!("{key}: {a:e}, then {b:e}"))?;
         }
-        // A narrower beam, of which nothing is as fast as the box is high.
+        // A narrower beam, whose fastest part is slower than the end of the velocity box.
         let narrow = "initial.f=exp(-((x + 0.6)^2 + (v - 0.8)^2)/0.01)";
         let job = of_the_grid(REFLECTING, &elements(degree, 2 * count)).set(&[narrow]);
         let place = directory();

@@ -210,7 +210,7 @@ fn the_block_is_the_exported_hamiltonian() {
         if h.len() != 1 << system {
             return Err(format!("{} rows on {system} qubits", h.len()));
         }
-        // Counted anew.
+        // Counted again.
         let count = |name: &str| gates.iter().filter(|gate| gate.name == name).count();
         for (key, expected) in [
             ("toffoli", count("ccx")),

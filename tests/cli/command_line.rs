@@ -1,10 +1,10 @@
-//! Mistakes on the command line are refused by every rank with one message; help is said once.
+//! Every rank refuses a wrong command line, with one message in all. Help is printed once.
 
 use crate::support::{Finished, Job, case, check_all, directory, plan, refused, require, run};
 use phasewarp::base::text::COLUMNS;
 use std::path::{Path, PathBuf};
 
-/// What words of a command line stand for.
+/// Values of placeholders in a command line.
 struct Places {
     folder: String,
     out: String,
@@ -31,7 +31,7 @@ impl Places {
     }
 }
 
-/// A command line and what its refusal says.
+/// A command line and the words of its refusal.
 const MISTAKES: &[(&str, &[&str])] = &[
     ("chekc EXAMPLE", &["'chekc'", "'check'"]),
     ("check EXAMPLE --frobnicate", &["'--frobnicate'"]),
@@ -86,8 +86,7 @@ fn mistakes_on_the_command_line_are_refused() {
     }
 }
 
-/// Every rank comes to its own end, with exit code 2, also where only one of them found the
-/// mistake.
+/// Every rank ends by itself with exit code 2, also if only one of them found the mistake.
 #[test]
 fn every_rank_ends_with_the_code() {
     let place = directory();
@@ -114,7 +113,7 @@ fn every_rank_ends_with_the_code() {
     });
 }
 
-/// Nothing asked for: the usage, exit code 2. Help and version: said once, exit code 0.
+/// No subcommand: the usage, exit code 2. Help and version: printed once, exit code 0.
 #[test]
 fn help_is_said_once() {
     let finished = Job::new([""; 0]).on(2).run().unwrap();
@@ -234,7 +233,7 @@ fn what_cannot_be_printed_is_an_error() {
         let words =
             line.split(' ').map(|word| if word == "CASE" { example.as_str() } else { word });
         let mut command = std::process::Command::new(program);
-        // A directory of its own for what Open MPI keeps in files, as in `Job`.
+        // A separate session directory for Open MPI, as in `Job`.
         let session = directory();
         command
             .args(words)

@@ -19,8 +19,8 @@ fn inherited(summary: &Summary, key: &str) -> Option<f64> {
     summary.value["continued"][key].as_f64()
 }
 
-/// Two parts are one run: as near to it as the errors that both tell, with the same distance to the
-/// exact solution, which counts from time 0.
+/// A run in two parts equals one run, to within the errors that both report. It has the same
+/// distance to the exact solution, which counts from time 0.
 #[test]
 fn two_parts_are_one_run() {
     const CLASSICAL: &str = "solver.method=classical";
@@ -154,7 +154,7 @@ fn a_second_part_has_the_same_bits_on_any_ranks() {
     assert!(inherited(&summary, "error_total") > inherited(&summary, "error_inherited"));
 }
 
-/// Times of outputs count from 0; those of the first part are left out, and said to be.
+/// Output times count from 0; those of the first part are omitted with a message.
 #[test]
 fn output_times_are_absolute() {
     let (first, second) = (directory(), directory());
@@ -254,7 +254,7 @@ fn what_cannot_go_on_is_refused() {
     on(path, 0.5).is_refused(&["a run there is not finished"]).unwrap();
 }
 
-/// What else works with a field to start from, and where results go by default.
+/// Other commands with a field to start from, and the default directory of results.
 #[test]
 fn other_commands_take_a_field() {
     let first = directory();

@@ -27,8 +27,8 @@ fn tolerances_are_met_with_every_embedding() {
     });
 }
 
-/// A δ so small that the enlarged system grows beyond all digits; a δ where nothing enters; inflow
-/// that is not finite at some time, or changes too fast.
+/// A δ so small that the enlarged system grows beyond all digits; a δ without inflow; inflow that
+/// is not finite at some time, or changes too fast.
 #[test]
 fn what_no_embedding_can_do() {
     let rows: &[(&str, &[&str], &[&str])] = &[

@@ -416,7 +416,7 @@ fn same_bits_of_elements() {
     });
 }
 
-/// Instruction sets that the program may be told to use; not all of them are everywhere.
+/// Instruction sets that can be selected; a machine may lack some of them.
 const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
 
 /// Sets with fused multiply-adds give the same bits, one without differs by round-off.

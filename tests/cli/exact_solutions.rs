@@ -140,8 +140,8 @@ fn slopes_are_of_second_order() {
     });
 }
 
-/// With slopes and the longest step, nothing rises above the data and what enters, and nothing
-/// falls below.
+/// With slopes and the longest step, the field stays between the minimum and the maximum of data
+/// and inflow.
 #[test]
 fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
@@ -218,7 +218,8 @@ fn the_lens_refracts_its_beam() {
     }
 }
 
-/// Trapped and transmitted particles at both walls of the well, nobody at the ends of the box.
+/// Trapped and transmitted particles at both walls of the well, no particles at the ends of the
+/// box.
 #[test]
 fn conservative_interface_keeps_the_mass() {
     let change = |settings: &[&str]| -> Result<f64, String> {

@@ -1,4 +1,4 @@
-//! What a user begins with: `init`, `check --json`, `schema`, `completions`, `man`.
+//! The first commands of a user: `init`, `check --json`, `schema`, `completions`, `man`.
 
 use crate::support::{Job, cases, check_all, directory};
 
@@ -61,11 +61,11 @@ fn a_case_is_checked_as_json() {
     assert!(found["warnings"].to_string().contains("velocit"), "{}", found["warnings"]);
 }
 
-/// A case that is refused is told in parts, beside the message for people.
+/// The refusal of a case as JSON, beside the message.
 #[test]
 fn a_refused_case_is_told_as_json() {
     let example = crate::support::case("example1.toml");
-    // The setting, then key, value, --set, and what the message says.
+    // The setting, then key, value, --set, and words of the message.
     let rows = [
         ("time.end=-1", "time.end", "-1", "above"),
         ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
@@ -146,7 +146,7 @@ fn numbers_are_formulas_of_constants() {
     });
 }
 
-/// What editors and shells read is about every command and key.
+/// Schema, completions and manual pages cover every command and key.
 #[test]
 fn editors_and_shells_are_served() {
     let schema = Job::new(["schema"]).on(2).succeed().unwrap().json().unwrap();

@@ -1,5 +1,5 @@
-//! Files and texts that mean no good: damaged or hostile HDF5 files, control characters in a case,
-//! grids that are too fine to look at. Each ends soon, with one message.
+//! Hostile input: damaged or hostile HDF5 files, control characters in a case, grids that are too
+//! fine to evaluate. Each case ends soon, with one message.
 
 use crate::support::{
     Finished, Job, SECONDS_TO_REFUSE, case, check_all, directory, number_from_environment, require,
@@ -54,7 +54,7 @@ fn one_message(finished: &Finished, codes: &[i32], says: &str) -> Result<(), Str
     finished.says(&finished.errors, &[says])
 }
 
-/// Changes a file, and a word of what is then said of it.
+/// A change of a file, and a word of the message about it.
 type Harm = (&'static str, Change, &'static str);
 type Change = fn(&hdf5::File) -> hdf5::Result<()>;
 
@@ -252,7 +252,7 @@ fn hostile_warped_fields_are_refused() {
     });
 }
 
-/// What a terminal or a page would obey, in a title, a formula and a key.
+/// Control sequences of a terminal or a web page in a title, a formula and a key.
 #[test]
 fn texts_of_a_case_are_shown() {
     const OBEYED: [char; 5] = ['\u{1b}', '\u{7}', '\u{9b}', '\u{202e}', '\u{2066}'];

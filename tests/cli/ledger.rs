@@ -1,5 +1,5 @@
-//! The ledger of a run: what is measured adds up, what is estimated agrees with it, and what is off
-//! is said.
+//! The ledger of a run: measured quantities balance, estimates agree with them, and deviations are
+//! reported.
 
 use crate::support::{
     Job, Stored, Summary, at_most, cases, check, check_all, datasets, directory, near, require, run,
@@ -12,7 +12,7 @@ fn number(summary: &Summary, group: &str, key: &str) -> Result<f64, String> {
     found.ok_or_else(|| format!("ledger.{group}.{key} of {}", summary.command))
 }
 
-/// What leaves through an end, by motion, slopes and jumps.
+/// Outflow through an end, by motion, slopes and jumps.
 fn outflow(summary: &Summary, axis: &str, end: &str) -> f64 {
     let ends = summary.value["ledger"]["ends"].as_array();
     let found = ends.into_iter().flatten().find(|e| e["axis"] == axis && e["end"] == end);
@@ -37,8 +37,8 @@ struct Loss<'a> {
     by: f64,
 }
 
-/// What leaves, estimated by particles, is what the mass of the grid says is lost; and it leaves
-/// through the ends that it should. The scheme's dissipation sets the limit, relative to all mass.
+/// The outflow estimated by particles equals the loss of mass on the grid, and it leaves through
+/// the expected ends. The scheme's dissipation sets the limit, relative to all mass.
 #[test]
 fn what_leaves_by_the_estimate_is_what_the_grid_loses() {
     let slope: &[&str] = &["potential.0.value=-0.5*x", "potential.1.value=-0.5*x", CLASSICAL];
@@ -79,7 +79,7 @@ fn what_leaves_by_the_estimate_is_what_the_grid_loses() {
     });
 }
 
-/// What enters is counted to round-off: as long as nothing leaves, it is there at the end.
+/// Inflow is counted to round-off: without outflow, all of it is in the box at the end.
 #[test]
 fn what_entered_is_there_until_it_leaves() {
     let elements: &[&str] = &["scheme.degree=2", "axis.0.x.cells=16", "axis.0.v.cells=14"];
@@ -138,7 +138,7 @@ fn the_ledger_does_not_depend_on_ranks() {
     });
 }
 
-/// What is off is said, by `check` where nothing needs to be solved for it.
+/// Deviations are reported, by `check` if they do not need a solve.
 #[test]
 fn what_is_off_is_said_before_and_after() {
     let units: &[&str] = &["axis.0.v={ lower=-1e6, upper=1e6, cells=80 }", "time.end=1e-7"];
@@ -165,7 +165,8 @@ fn what_is_off_is_said_before_and_after() {
         let finished = check(name).set(settings).succeed()?;
         finished.says(&finished.output, words)
     });
-    // After a run, the same warnings and the ledger; without a warning only where it is asked for.
+    // After a run, the same warnings and the ledger; without warnings the ledger is printed only on
+    // request.
     let place = directory();
     let job = run("step_up.toml").set(&["potential.0.value=0.6", "solver.tolerance=1e-3"]);
     let finished = job.on(2).into(place.path()).succeed().unwrap();
@@ -296,7 +297,7 @@ fn mass_that_does_not_add_up_is_said() {
         Job::new(["report", &from, "-o", &to]).succeed()?;
         let page = page.join("report.html");
         let page = std::fs::read_to_string(page).map_err(|e| e.to_string())?;
-        // What the first screen says is not said again; a second warning is in the list.
+        // A message of the first screen is not repeated; a second warning is in the list.
         let first = page.matches("by the particles of the exact flow").count()
             + page.matches("enters the grid, the formula").count();
         summary.require(first == off(&summary).iter().filter(|off| **off).count(), || {

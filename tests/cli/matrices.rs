@@ -1,5 +1,5 @@
-//! `phasewarp export-matrix`: what it writes is one system, in three forms. That it is the system
-//! of a run is checked by python/tests/test_matrices.py.
+//! `phasewarp export-matrix` writes one system in three formats. That it is the system of a run is
+//! checked by python/tests/test_matrices.py.
 
 use crate::simulator::vector;
 use crate::support::{Job, case, check_all, directory, near};
@@ -8,7 +8,7 @@ use std::path::Path;
 
 const GRID: &[&str] = &["axis.0.x.cells=8", "axis.0.v.cells=6"];
 
-/// What is exported: a case, its settings, and ranks.
+/// An export: a case, its settings, and ranks.
 const EXPORTS: &[(&str, &[&str], usize)] = &[
     ("example1.toml", &[], 1),
     ("example1.toml", &["inflow.value=0.3"], 2),

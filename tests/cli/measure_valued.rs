@@ -144,7 +144,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         (["exact={}", "potential.0.reflection=0.5"], &["potential.0.reflection", "two velocities"]),
     ];
     all_refused(&rows, |(settings, says), _| Mistake::set("example2.toml", settings, says));
-    // What only the values on the grid show.
+    // Properties that only the values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
         ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),

@@ -2,8 +2,8 @@
 
 use crate::support::{at_most, check_all, datasets, directory, distance, near, parsed, run};
 
-/// What is written before the end is what runs that end there find, fields and moments, by modes
-/// and classically; with the same sums of moments whether the fields are kept or not.
+/// Fields and moments at output times equal those of runs that end there, by modes and classically.
+/// The sums of moments are the same whether the fields are written or not.
 #[test]
 fn results_before_the_end_are_those_of_shorter_runs() {
     let grid = ["axis.0.x.cells=40", "axis.0.v.cells=33"];
@@ -40,7 +40,7 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         let close = |dataset: &str, k: usize| {
             let all = long[&format!("/history{dataset}")].numbers();
             let one = short[dataset].numbers();
-            // There is nothing to compare where there is no mean velocity.
+            // Cells without mean velocity are not compared.
             let found: Vec<f64> = all[k * one.len()..(k + 1) * one.len()].to_vec();
             let (found, one): (Vec<f64>, Vec<f64>) =
                 (found.into_iter().zip(one)).filter(|(a, b)| !a.is_nan() || !b.is_nan()).unzip();
@@ -167,8 +167,8 @@ fn many_times_take_the_applications_of_one() {
     });
 }
 
-/// The start is the data themselves: fields and moments at time 0 where they are asked for, and
-/// every multiple of `output.fields_every` from there on.
+/// The output at time 0 consists of the data themselves, and fields follow at every multiple of
+/// `output.fields_every`.
 #[test]
 fn the_start_is_the_data() {
     const F: &str = "exp(-8*x^2 - 9*(v - 0.3)^2)";

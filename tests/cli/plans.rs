@@ -1,4 +1,4 @@
-//! `phasewarp plan` and `check`: what a run will do, made without solving, is what it does.
+//! `phasewarp plan` and `check`: the plan, made without solving, agrees with the run.
 
 use crate::support::{
     Finished, Job, case, cases, check, check_all, directory, near, parsed, plan, require, run,
@@ -69,7 +69,7 @@ fn plan_works_for_every_case_and_number_of_ranks() {
     });
 }
 
-/// What a plan promises.
+/// The numbers of a plan.
 struct Planned {
     applications: f64,
     /// Bytes a rank.
@@ -122,8 +122,8 @@ fn plans_are_kept() {
     });
 }
 
-/// `plan --calibrate` makes the plan of the run that it is started like, by every method, and tells
-/// its seconds, of which the steps make up the whole. How near they are is measured by `make
+/// `plan --calibrate` makes the plan of a run with the same arguments, by every method. It predicts
+/// its seconds, which are the sum of those of the steps. Their accuracy is measured by `make
 /// calibration`; timings decide no test.
 #[test]
 fn calibrated_plans_are_those_of_the_run() {
@@ -328,8 +328,8 @@ fn compared_numbers_of_ranks_are_calibrated() {
     }
 }
 
-/// What the stub of a launcher was called with: it writes its words, each in brackets, and makes a
-/// run stop with a checkpoint.
+/// The arguments of the stub of a launcher: it writes its words, each in brackets, and makes a run
+/// stop with a checkpoint.
 const LAUNCHER: &str = r#"#!/bin/bash
 printf '<%s>' "$@" >>"$CALLS"
 echo >>"$CALLS"

@@ -160,8 +160,8 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
     });
 }
 
-/// A set-up by hand in the manner of the paper runs, and what it lacks is said before and in the
-/// summary.
+/// A set-up by hand in the manner of the paper runs. Its shortcomings are reported before the run
+/// and in the summary.
 #[test]
 fn what_is_given_by_hand_and_not_enough_is_warned_of() {
     let place = directory();
@@ -210,8 +210,8 @@ fn the_plateau_is_flat_where_the_field_can_be_read() {
     assert!(distance[4] < 1e-12, "{distance:?}");
 }
 
-/// The plan tells the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST
-/// lies, to within the tolerance.
+/// The plan has the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST lies,
+/// to within the tolerance.
 #[test]
 fn the_plan_holds_the_profile() {
     let rows = [("example1.toml", "1e-3"), ("example1.toml", "1e-9"), ("well.toml", "1e-6")];
@@ -248,8 +248,8 @@ fn the_plan_holds_the_profile() {
     });
 }
 
-/// Every profile with every propagator, and with shifts up and down: the tolerance is met, or,
-/// where the step's error is above it, that is said.
+/// Every profile with every propagator, and with shifts up and down: the tolerance is met, or the
+/// message says that the step's error is above it.
 #[test]
 fn profiles_with_propagators_and_shifts() {
     let profiles = [
@@ -335,8 +335,8 @@ fn alpha_may_be_a_formula() {
 }
 
 /// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step
-/// and embedding are taken as given, what they do not guarantee is said, and the first and the
-/// third come out within their tolerance.
+/// and embedding are taken as given, missing guarantees are reported, and the first and the third
+/// come out within their tolerance.
 #[test]
 fn the_papers_own_set_ups() {
     let rows: [(&str, &[&str], &[&str], f64); 3] = [

@@ -60,7 +60,7 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
         solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         tolerance_is_met(&summary).map_err(with_scene)?;
         if summary.value["modes"] == 1 {
-            // A skew system: nothing to read twice.
+            // A skew system has no second reading.
             return Ok(());
         }
         estimate_is_right_or_silent(&summary, 6.0).map_err(with_scene)
@@ -239,7 +239,7 @@ fn fields_of_any_size_are_solved_or_refused() {
     });
 }
 
-/// When (almost) nothing is left of the field, an error relative to it cannot be promised: met or
+/// If the field has (almost) decayed to zero, a relative error cannot be guaranteed: it is met or
 /// refused.
 #[test]
 fn what_is_left_of_a_field_is_solved_or_refused() {

@@ -11,7 +11,7 @@ use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
 
-/// What the script says, as an error where it fails.
+/// The output of the script, as an error if it fails.
 fn read(python: &Path, arguments: &[&str]) -> Result<String, String> {
     python::run(python, SCRIPT, arguments)
 }
@@ -66,7 +66,7 @@ fn results_open_in_other_programs() {
         };
         let early = said.trim_end().ends_with(expected);
         summary.require(said.starts_with(&path) && early, || format!("the script said: {said}"))?;
-        // Controls: a field shown as another, and one shown elsewhere, are noticed.
+        // Controls: a wrong field and a displaced field are noticed.
         if *name != "barrier2d.toml" || settings.contains(&FILM) {
             return Ok(());
         }

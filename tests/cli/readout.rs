@@ -35,8 +35,8 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
         }
         Err(format!("{ranks} ranks, {blocks} blocks: {differ:?}"))
     });
-    // Another seed draws others, and nothing else is another; a cell alone is drawn as before, by
-    // index or by place.
+    // Another seed changes the samples only. A single cell has the same samples as before, by index
+    // or by position.
     let place = directory();
     run(&[SMALL, &["readout={cells=[[3],[11],[22]],seed=8}"]]).solve(place.path()).unwrap();
     let differ = differences(&datasets(place.path()).unwrap(), &found);
@@ -124,7 +124,7 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
         let found = value(&row["value"]).unwrap();
         assert!((found - expected).abs() <= 1e-13 * expected.abs(), "{row}");
         for m in row["measured"].as_array().unwrap() {
-            // What is not known is null with a reason, never a number.
+            // Unknown numbers are null with a reason.
             for (name, figure) in m.as_object().unwrap() {
                 if name == "estimator" {
                     continue;
@@ -212,7 +212,7 @@ fn mistakes_are_refused() {
         ("{cells=[[1]],shot=10}", &["readout.shot", "did you mean \"shots\""]),
         ("3", &["readout", "a table"]),
     ];
-    // What is right is understood.
+    // Correct settings are accepted.
     let right = "readout={points=[[0],[1.5]],accuracy=0.1,seed=4}";
     let understood = Job::new(["check", &case("example1.toml")]).set(&[right]);
     let said = understood.succeed().unwrap().output;

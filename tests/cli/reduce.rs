@@ -1,4 +1,4 @@
-//! What a scene does not need is left out, and nothing else: the answer is that of the whole grid.
+//! Reductions remove only what a case does not need: the solution is that of the whole grid.
 
 use crate::support::{Finished, Job, Mistake, all_refused, case, check_all, directory, field};
 use crate::support::{datasets, differences, distance};
@@ -6,9 +6,9 @@ use crate::support::{datasets, differences, distance};
 /// A case, what makes it small or another, and how many ranks it runs on.
 type Row = (&'static str, &'static [&'static str], usize);
 
-/// The plane, with nothing that varies along y.
+/// The plane, with data that do not vary along y.
 const PLANE: &[&str] = &["axis.0.x.cells=12", "axis.1.x.cells=5"];
-/// Nothing along vy either; all velocities of x.
+/// No variation along vy either; all velocities of x.
 const LINE: &[&str] = &[
     "axis.0.x.cells=12",
     "axis.1.x.cells=5",
@@ -38,13 +38,13 @@ const SLOPES: &[&str] = &[
     "potential.0.value=0.1*x",
     "potential.1.value=0.2 - 0.1*x^2",
 ];
-/// Nothing moves along y, whose ends are open.
+/// No transport along y, whose ends are open.
 const STANDS: &[&str] = &[
     "axis.0.x.cells=12",
     "axis.1.x={lower=-0.5, upper=0.5, cells=5}",
     "axis.1.v={lower=-0.1, upper=0.1, cells=1}",
 ];
-/// Space, with nothing that varies along y and z.
+/// Space, with data that do not vary along y and z.
 const SPACE: &[&str] = &[
     "axis.1.x.boundary=periodic",
     "axis.2.x.boundary=periodic",
@@ -126,7 +126,7 @@ fn answers_are_those_of_the_whole_grid() {
             less.require(found.shape == whole.shape, || {
                 format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
             })?;
-            // Mean velocities are not known where there is next to nothing. Planes are copies of
+            // Mean velocities are undefined where the density is almost zero. Planes are copies of
             // parts of fields (tests/readers.py), which may be small beside the whole.
             if !name.contains("velocity") && !name.contains("plane_") {
                 let apart = distance(&found.numbers(), &whole.numbers());
@@ -163,7 +163,7 @@ fn moments_of_level_sets_are_those_of_the_whole_grid() {
     }
 }
 
-/// The same bits on any ranks, whatever is left out.
+/// The same bits on any ranks, with any reduction.
 #[test]
 fn bits_do_not_depend_on_ranks() {
     let rows: &[Row] = &[
@@ -193,8 +193,8 @@ fn check(name: &str, settings: &[&str]) -> Result<Finished, String> {
     Job::new(["check", &case(name)]).set(settings).succeed()
 }
 
-/// What varies, or what a boundary lets in, keeps an axis; and the reason is said where it looks as
-/// if it could go.
+/// An axis is kept if data vary along it or inflow differs at its ends. The reason is reported if
+/// the axis looks reducible.
 #[test]
 fn what_differs_is_kept() {
     type Kept = (&'static [&'static str], Option<&'static str>);
@@ -277,7 +277,7 @@ fn each_can_be_switched_off() {
     assert!(distance(&g, &f) < 1e-11, "{:e}", distance(&g, &f));
     let krylov = ["solver.reduce.modes=false", "solver.propagator.method=krylov"];
     assert!(distance(&solve(&krylov).0, &f) < 3e-7);
-    // Unknowns that nothing comes from, for every embedding.
+    // Auxiliary unknowns without inflow, for every embedding.
     for embedding in ["boundary", "full", "scalar"] {
         let embedding = format!("solver.warp.inflow={embedding}");
         let (g, _, _, idle) = solve(&["solver.reduce.inflow=false", &embedding]);

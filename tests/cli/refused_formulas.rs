@@ -17,7 +17,7 @@ const NOT_FINITE: &[(&str, &str, &[&str])] = &[
     ("inflow.value", "1e308*v^2*1e10", &["inf", "x = -1.5"]),
 ];
 
-/// A formula that yields no number somewhere: named, with its text, the value and the place.
+/// A formula that is undefined somewhere is named, with its text, the value and the place.
 #[test]
 fn formulas_that_are_not_finite_are_named_with_the_place() {
     check_all(NOT_FINITE, |(key, formula, says)| {
@@ -39,7 +39,7 @@ fn check_finds_formulas_that_are_not_finite() {
     });
 }
 
-/// Formulas for `α` that are none of a profile: what is wrong, where, and what is expected.
+/// Formulas for `α` that give no profile: the mistake, its place, and what is expected.
 #[test]
 fn formulas_for_alpha_that_make_no_profile_are_refused() {
     let rows: [(&str, &[&str]); 14] = [

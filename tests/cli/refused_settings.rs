@@ -21,7 +21,7 @@ fn slopes_where_none_can_be_are_refused() {
     mistake.refused_by_reader().unwrap();
 }
 
-/// A text or a number in the place of a table: what stands there is shown as it should be.
+/// A text or a number instead of a table: the message shows the correct form.
 #[test]
 fn tables_are_shown_by_an_example() {
     let rows = [
@@ -118,7 +118,7 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
     });
 }
 
-/// Mistakes that only the grid or the plan brings to light say in which file they are.
+/// Mistakes that only the grid or the plan reveals name their file.
 #[test]
 fn late_mistakes_name_the_file() {
     let rows = [
@@ -133,7 +133,7 @@ fn late_mistakes_name_the_file() {
     });
 }
 
-/// Where periodic axes are asked for and where they are not to be had.
+/// Cases that need periodic axes, and cases that do not support them.
 #[test]
 fn boundaries_that_cannot_be_are_refused() {
     let rows: [(&str, &[&str]); 3] = [

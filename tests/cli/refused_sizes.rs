@@ -4,8 +4,7 @@ use crate::support::{
     Job, SECONDS_TO_REFUSE, case, check_all, directory, plan, refused, solved_or_refused,
 };
 
-/// More cells than there is memory for: refused before anything is allocated, whatever is to be
-/// done with them.
+/// More cells than fit into memory are refused before allocation, by every command.
 #[test]
 fn grids_beyond_the_memory_are_refused() {
     let rows: &[(&str, [&str; 2], &[&str])] = &[
@@ -30,7 +29,8 @@ fn grids_beyond_the_memory_are_refused() {
         }
         job.on(2).capped().is_refused(&["memory", "cells"])
     });
-    // What --set makes too large is its mistake, not that of a line of the file.
+    // A grid that --set makes too large is reported as a mistake of --set, not of a line of the
+    // file.
     let set = "axis.0.x.cells=100000000000";
     let job = Job::new(["check", &case("example1.toml")]).set(&["axis.0.v.cells=20", set]);
     job.is_refused(&[&format!("--set {set}"), "axis.0.x.cells", "memory"]).unwrap();

@@ -1,5 +1,5 @@
-//! What a run survives, or refuses: damaged results, other runs in its directory, long paths, disks
-//! and memory that are too small.
+//! Faults that a run survives or refuses: damaged results, other runs in its directory, long paths,
+//! disks and memory that are too small.
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
@@ -31,7 +31,7 @@ fn names(directory: &Path) -> Vec<String> {
 
 #[test]
 fn damaged_results_are_not_called_finished() {
-    /// What happens to the results, and what is said of it.
+    /// A change of the results, and the message about it.
     type Damage = (&'static str, fn(&Path), &'static str);
     const DAMAGES: [Damage; 8] = [
         (
@@ -98,7 +98,7 @@ fn damaged_results_are_not_called_finished() {
     });
 }
 
-/// A directory below `place` whose path has so many bytes.
+/// A directory below `place` whose path has `length` bytes.
 fn long(place: &Path, length: usize) -> PathBuf {
     let mut text = place.display().to_string();
     while text.len() < length {
@@ -136,7 +136,7 @@ fn a_run_without_a_summary_is_not_finished() {
     let job = || run().set(&wide).into(path).on(2);
     job().succeed().expect("a run");
     let kibibytes = |name: &str| fs::metadata(path.join(name)).expect("a file").len() / 1024;
-    // And what a plan allows for metadata.
+    // And the plan's margin for metadata.
     let others = kibibytes("result.h5").max(kibibytes("readout.csv")) + 300;
     assert!(kibibytes("summary.json") > others, "{} and {others}", kibibytes("summary.json"));
     let sound = datasets(path).expect("datasets");
@@ -176,7 +176,7 @@ fn one_run_at_a_time_in_a_directory() {
         ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
     assert_eq!(names(path), files);
     Job::new(["check-result", &path.display().to_string()]).on(2).succeed().unwrap();
-    // What a killed run leaves keeps nobody away.
+    // Leftovers of a killed run do not block another run.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
     run().with(["--force"]).into(path).on(1).succeed().expect("a run");
@@ -205,7 +205,7 @@ fn runs_go_on_while_killed_ranks_tidy_up() {
     }
 }
 
-/// What lies in the way of results is replaced; what links lead to stays as it is.
+/// Files with the names of results are replaced; targets of links stay unchanged.
 #[test]
 fn links_and_pipes_are_not_followed() {
     let place = directory();

@@ -1,4 +1,4 @@
-//! What is in the directory of a run before it begins: results are not replaced unasked.
+//! Files in the directory of a run before it begins: results are not replaced without --force.
 
 use crate::support::{Job, case, check_all, directory};
 use std::fs;
@@ -35,7 +35,7 @@ fn results_are_not_replaced_unasked() {
     run(&[]).into(path).succeed().expect("a run");
     let before = contents(path);
     let other = "it holds another result: solver.tolerance is 0.001 there, 0.01 here";
-    // Settings, options, and what the refusal says beside the ways out.
+    // Settings, options, and words of the refusal.
     let rows: [(&[&str], &[&str], &str); 6] = [
         (&[], &[], "it holds the result of this case; --resume keeps it"),
         (&["checkpoint.minutes=3"], &[], "it holds the result of this case; --resume keeps it"),
@@ -82,8 +82,8 @@ fn what_is_replaced_goes_with_its_pictures() {
     assert!(!path.join("plots").exists(), "an empty folder stays");
 }
 
-/// A sweep, an export, a report, pictures and a movie replace what is theirs, and nothing of others
-/// unasked.
+/// A sweep, an export, a report, pictures and a movie replace their own files, and files of others
+/// only with --force.
 #[test]
 fn tables_exports_and_reports_are_not_replaced_unasked() {
     let place = directory();
@@ -110,7 +110,7 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
     let vary = ["--vary", "solver.tolerance=1e-2,1e-1"];
     let sweep = job(&["sweep", &example]).with(vary).set(&tiny[..2]);
     let exports = ["export-matrix", "export-quantum"].map(|name| job(&[name, &example]).set(&tiny));
-    // What writes, the same for another case, the first file of its own, and what is said of it.
+    // A command, the same for another case, its first file, and words of the message.
     let rows: [(Job, Job, &str, &str); 6] = [
         (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
         (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 1"),
@@ -147,7 +147,7 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
         }
         job.with(["--force"]).on(2).succeed().map(|_| ())
     });
-    // Nothing is drawn among the results of another run; among its own it is.
+    // Pictures are not written among the results of another run, only among those of the same run.
     let drawn = [job(&["plot", &result]), job(&["report", &result]), movie(timed.path())];
     for job in drawn {
         for there in [other.path().to_owned(), other.path().join("plots")] {
@@ -199,7 +199,7 @@ fn files_that_no_run_wrote_are_not_replaced_unasked() {
     fs::write(chosen.path().join("accuracy.json"), "a letter").expect("a file");
     let wanted = run(&[]).into(chosen.path()).with(["--accuracy", "0.5", "--budget", "1s"]);
     wanted.is_refused(&["it holds accuracy.json", "--force"]).unwrap();
-    // Where there is no result, nothing else was made of one.
+    // Without a result there are no files derived from one.
     let place = directory();
     let others = ["report.html", "warped_f.h5", "warped_f_0001.h5", "plots/density.png"];
     fs::create_dir(place.path().join("plots")).expect("a directory");
@@ -208,7 +208,7 @@ fn files_that_no_run_wrote_are_not_replaced_unasked() {
     for name in others {
         assert_eq!(fs::read(place.path().join(name)).ok().as_deref(), Some(&b"a letter"[..]));
     }
-    // What has another name is in nobody's way.
+    // Files with other names do not matter.
     let place = directory();
     fs::write(place.path().join("letter.txt"), "a letter").expect("a file");
     run(&[]).into(place.path()).succeed().expect("a run");

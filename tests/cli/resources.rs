@@ -6,8 +6,8 @@ use serde_json::Value;
 
 use crate::support::{Job, case, check_all, datasets_of, directory, field, require, run};
 
-/// Sparsity, queries and qubits of every kind of scene, on any ranks; in every form; what is not
-/// known is said and not zero.
+/// Sparsity, queries and qubits of every kind of scene, on any ranks; in every format; unknown
+/// numbers are marked as such and are not zero.
 #[test]
 fn resources_are_counted() {
     let rows = [
@@ -25,7 +25,7 @@ fn resources_are_counted() {
         let read = |format: &str| job(format).on(ranks).succeed()?.json();
         let (record, azure, qref) = (read("json")?, read("azure")?, read("qref")?);
         let alone = job("json").succeed()?;
-        // Nothing depends on ranks but round-off of norms, of which there is none.
+        // Results depend on ranks only by round-off of norms, which do not occur here.
         let same = alone.json()? == record;
         require(same, &alone, || format!("other than on {ranks} ranks: {record}"))?;
         let own = &record["own"];
@@ -73,8 +73,8 @@ fn resources_are_counted() {
         require(sensible, &alone, || format!("{record} {azure} {qref}"))?;
         let counted = own["qubits"]["total"].as_f64().unwrap_or(f64::NAN);
         require(counted <= qubits + 8.0 && counted >= 8.0, &alone, || format!("{counted} qubits"))?;
-        // What is priced first is what is cheapest on a quantum computer, without weights; the
-        // case's own set-up is planned to be emulated.
+        // The first costs are those of the cheapest choice on a quantum computer, without weights;
+        // the case's own set-up is planned for emulation.
         let cost = |record: &Value| {
             let both = record["queries_until_measured"].as_array();
             let known = both.into_iter().flatten().filter_map(|cost| cost["value"].as_f64());
@@ -98,14 +98,14 @@ fn resources_are_counted() {
         };
         let priced = priced && record["weights_table"].is_null() && record["weighted"] == false;
         require(cheapest && priced, &alone, || format!("{record}"))?;
-        // What is counted of measure-valued data gives no density.
+        // The counts for measure-valued data give no density.
         let why = record["measure_valued"].as_str().unwrap_or_default();
         let is_explained = why.contains("is not linear") && why.contains("initial.f");
         require(is_explained == (name == "example2.toml"), &alone, || format!("{name}: {why}"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))?;
         let text = Job::new(["resources", &case(name)]).succeed()?;
         text.says(&text.output, &["g exact (emitted gates)", "m model or estimate"])?;
-        // The circuit has jumps and whole levels; the unitary scheme has nothing that enters.
+        // The circuit has jumps of whole levels; the unitary scheme has no inflow.
         require(compiled == (name == "example1.toml"), &alone, || {
             format!("{name}: {}", record["no_circuit"])
         })?;
@@ -115,7 +115,7 @@ fn resources_are_counted() {
         let unitary = record["not_unitary"].is_null();
         require(unitary != none.contains(&name), &alone, || format!("{}", record["not_unitary"]))?;
         for cost in record["unitary"]["costs"].as_array().into_iter().flatten() {
-            // Nothing is postselected.
+            // No postselection.
             let once = cost["until_measured"][0]["value"] == cost["toffoli"]["value"];
             require(once, &alone, || format!("{cost}"))?;
         }
@@ -180,7 +180,7 @@ fn counts_are_those_of_the_emitted_circuit() {
     }
 }
 
-/// A unitary flow is one mode, whatever the scheme was chosen for: no p, nothing postselected, in a
+/// A unitary flow is one mode, whatever the scheme was chosen for: no p and no postselection, in a
 /// run, in its own set-up, in the cheapest, and in the list of choices. Every choice of the list
 /// has its numbers, in rows of 100 columns.
 #[test]

@@ -151,7 +151,7 @@ fn same_bits_compressed_and_in_chunks() {
     assert!(2 * compressed < plain, "{compressed} bytes, {plain} without");
 }
 
-/// What is said about a run in its file is true; what is not wanted is not written.
+/// The metadata of a result file are correct; datasets that are switched off are not written.
 #[test]
 fn results_say_what_made_them() {
     let place = directory();
@@ -193,7 +193,7 @@ fn results_say_what_made_them() {
     assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");
 }
 
-/// A file that is not as it was written is told, on any ranks, with the dataset that differs.
+/// A changed file is reported on any ranks, with the dataset that differs.
 #[test]
 fn damaged_results_are_found() {
     let place = directory();

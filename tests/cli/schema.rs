@@ -22,7 +22,7 @@ use std::path::Path;
 use std::str::FromStr;
 use tempfile::TempDir;
 
-/// What is put into the place of something.
+/// The replacement of an object.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Reals,
@@ -312,7 +312,7 @@ impl Files {
         Case::load(Path::new(&file), &settings).ok()
     }
 
-    /// What all readers say of the file; whether one of them accepts it.
+    /// The messages of all readers about the file; whether one of them accepts it.
     fn read_all(&mut self) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
         let said = |outcome: phasewarp::base::error::Result<()>| match outcome {
@@ -325,7 +325,7 @@ impl Files {
         let mut accepted = said(untrusted::open(self.place.path()).map(|stored| {
             self.accepted += 1;
             if self.accepted.is_multiple_of(20) {
-                // What can be drawn is; a refusal is one of a figure.
+                // Pictures are drawn if possible; a refusal concerns one figure.
                 let _ = pictures::draw(&stored, None, &[]);
             }
         }))?;

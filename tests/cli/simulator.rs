@@ -1,4 +1,4 @@
-//! `phasewarp export-quantum`: what it writes, by itself and in Qiskit, by `tests/simulator.py`.
+//! `phasewarp export-quantum`: its files alone, and in Qiskit by `tests/simulator.py`.
 //!
 //! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs
 //! it. A failure where `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
@@ -38,7 +38,7 @@ const PLANE: &[&str] = &[
     "solver.tolerance=0.01",
 ];
 
-/// What is exported: a case and its settings.
+/// An export: a case and its settings.
 const EXPORTS: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[TINY]),
     ("example1.toml", &[TINY, PAPER]),
@@ -56,7 +56,7 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
         &[&["axis.0.x.cells=2", "axis.0.v.cells=2", "scheme.degree=1"], ELEMENTS],
     ),
     ("partial_reflection.toml", &[TINY, &["scheme.degree=0"]]),
-    // Cells whose velocity is 0: nothing moves.
+    // Cells whose velocity is 0: no transport.
     ("example1.toml", &[TINY, &["axis.0.x.cells=2", "axis.0.v.cells=1", "initial.f=1"]]),
     // One mode: no register of p.
     ("example1.toml", &[TINY, UNITARY]),
@@ -115,7 +115,7 @@ fn export(name: &str, settings: &[&str], place: &Path) -> Job {
     Job::new(["export-quantum", &case(name), "-o", &place]).set(settings)
 }
 
-/// What the script says, as an error where it fails.
+/// The output of the script, as an error if it fails.
 fn simulate(python: &Path, arguments: &[&str]) -> Result<String, String> {
     python::run(python, SCRIPT, arguments)
 }

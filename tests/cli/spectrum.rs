@@ -3,8 +3,7 @@
 
 use crate::support::{Finished, Job, at_most, case, cases, check_all, near, require, shrunk};
 
-/// A number of `phasewarp spectrum`: what was measured of the matrix whose line starts with
-/// `label`, the word after `key`.
+/// A number of `phasewarp spectrum`: in the line of the matrix `label`, the word after `key`.
 fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
     let mut lines = finished.output.lines().skip_while(|line| !line.starts_with(label));
     let line = lines.find(|line| line.starts_with("  measured"));
@@ -109,7 +108,7 @@ fn spectrum_by_refinement() {
         }
         Ok(())
     });
-    // Too few steps are said to be too few.
+    // Too few steps are reported as such.
     let job = Job::new(["spectrum", &case("example1.toml"), "--steps", "20"]);
     let finished = job.succeed().unwrap();
     assert!(finished.output.contains("not converged"), "{}", finished.report("20 steps"));

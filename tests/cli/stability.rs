@@ -1,15 +1,15 @@
-//! `phasewarp stability` from outside: borders that are found stand where theory has them.
+//! `phasewarp stability` from outside: the stability limits agree with theory.
 
 use crate::support::{Job, case, check_all, directory};
 use serde_json::Value;
 use std::path::Path;
 
-/// Of this case, the panels `only`; the clock ends nothing.
+/// The panels `only` of this case, without a time limit.
 fn stability(name: &str, only: &str) -> Job {
     Job::new(["stability", &case(name), "--only", only, "--budget", "1h"]).within(300)
 }
 
-/// What was found, by the job, in a directory of its own.
+/// The result of the job, in a directory of its own.
 fn found(job: &Job) -> Result<Value, String> {
     let place = directory();
     job.clone().into(place.path()).succeed()?;
@@ -168,8 +168,7 @@ fn intervals_fail_where_theory_says() {
     });
 }
 
-/// What enters: a `δ` of least loss, and planned couplings that lose no more than three times as
-/// much.
+/// Inflow: a `δ` of least loss, and planned couplings that lose no more than three times as much.
 #[test]
 fn delta_has_a_best_value() {
     let grid = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
@@ -255,7 +254,7 @@ fn implicit_methods_have_their_orders() {
     }
 }
 
-/// Every tolerance that is accepted is kept, down to round-off.
+/// Every accepted tolerance is met, down to round-off.
 #[test]
 fn accepted_tolerances_are_kept() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=14"];
@@ -297,7 +296,7 @@ fn the_same_numbers_on_any_ranks() {
     expect(csv(3).unwrap() == reference, || "3 ranks: other numbers".to_owned()).unwrap();
 }
 
-/// Every case has panels or says why not, within its budget; figures are there.
+/// Every case has panels or a reason for none, within its budget, and its figures.
 #[test]
 fn every_case_within_a_budget() {
     let cases = [

@@ -1,4 +1,4 @@
-//! `phasewarp sweep`: one table of all combinations, what is kept, what fails, job arrays.
+//! `phasewarp sweep`: one table of all combinations, kept and failed runs, job arrays.
 
 use crate::support::{Finished, Job, case, check_all, directory};
 use serde_json::Value;
@@ -64,7 +64,7 @@ fn fits(finished: &Finished) -> Result<(), String> {
     if widest > 100 { Err(finished.report(&format!("a line of {widest}"))) } else { Ok(()) }
 }
 
-/// Every combination has its row, with the numbers of its own `summary.json`; what is finished is
+/// Every combination has its row, with the numbers of its own `summary.json`; finished runs are
 /// kept when the sweep grows.
 #[test]
 fn a_table_has_a_row_for_each_combination() {
@@ -160,9 +160,8 @@ fn a_failure_is_a_row() {
     });
 }
 
-/// What no sweep can be made of is refused before anything is run or written.
-/// A run that misses its tolerance has failed where `solver.strict` says so, whenever it was
-/// solved; its numbers are there.
+/// Invalid sweeps are refused before any run. A run that misses its tolerance has failed where
+/// `solver.strict` says so, whenever it was solved; its numbers are there.
 #[test]
 fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
     let place = directory();
@@ -242,7 +241,7 @@ fn an_array_solves_run_by_run() {
         "{:?}",
         found.names
     );
-    // A damaged result is computed anew.
+    // A damaged result is computed again.
     std::fs::remove_file(runs[0].join("summary.json")).expect("a summary");
     let again = job.on(2).succeed().unwrap();
     assert_eq!(again.errors.matches("finished before").count(), 1, "{}", again.report("kept"));

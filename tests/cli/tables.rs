@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 const GRID: [&str; 2] = ["axis.0.x.cells=20", "axis.0.v.cells=22"];
 const SMOOTH: &str = "exp(-8*((x+0.5)^2+(v-0.5)^2))";
-/// All of the grid, whatever the data are.
+/// The whole grid, for any data.
 const ALL: &str = "solver.reduce={axes=false, velocities=false}";
 
 fn value(x: f64, v: f64) -> f64 {
@@ -155,7 +155,7 @@ fn finer_tables_give_the_formula() {
     assert!((errors[0] / errors[1] - 1.0).abs() < 0.05, "{errors:?}");
 }
 
-/// What is no table of the case is refused by name, by run, plan and check, on any ranks.
+/// Invalid tables are refused by name, by run, plan and check, on any ranks.
 #[test]
 fn bad_tables_are_refused() {
     let place = directory();
@@ -378,8 +378,7 @@ const TWO: [&str; 4] = [
     "axis.1.v={lower=-1, upper=1, cells=6}",
 ];
 
-/// What enters by a table is what enters by a formula that is linear between its points, also over
-/// time.
+/// Inflow from a table equals that of a formula that is linear between its points, also over time.
 #[test]
 fn inflow_by_table_is_that_of_a_formula() {
     let place = directory();
@@ -412,7 +411,7 @@ fn inflow_by_table_is_that_of_a_formula() {
         .unwrap();
 }
 
-/// What does not go together is refused by its key.
+/// Keys that contradict each other are refused by name.
 #[test]
 fn bad_tables_of_potential_and_inflow_are_refused() {
     let place = directory();
@@ -458,8 +457,8 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
     });
 }
 
-/// A table of `V` that has changed is no reason to go on, nor to keep what is finished; edges of a
-/// table that are on no face are told.
+/// A run with a changed table of `V` neither continues nor counts as finished; edges of a table
+/// that are on no face are reported.
 #[test]
 fn another_potential_is_another_run() {
     let place = directory();

@@ -1,5 +1,4 @@
-//! Tolerances: what is asked for is met, the estimate of the error is right or says that it cannot
-//! tell.
+//! Tolerances: they are met, and the estimate of the error is right or marked as not reliable.
 
 use crate::support::{
     INTERFACES, at_most, check_all, datasets, directory, dissipative, distance,
@@ -9,8 +8,8 @@ use crate::support::{
 
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 
-/// Every case, both interfaces: the tolerance is met, the estimate is right or says that it cannot
-/// tell, every mode is unitary. Measured by the program itself (`solver.verify`).
+/// Every case, both interfaces: the tolerance is met, the estimate is right or marked as not
+/// reliable, every mode is unitary. Measured by the program itself (`solver.verify`).
 #[test]
 fn tolerances_are_met_in_every_case() {
     let mut rows = Vec::new();
@@ -62,7 +61,7 @@ fn estimates_of_resolved_data_are_right() {
     });
 }
 
-/// Where nothing is dissipated one mode is the solution, to any tolerance.
+/// Without dissipation one mode is the solution, to any tolerance.
 #[test]
 fn a_unitary_flow_takes_one_mode() {
     check_all(&TOLERANCES, |tolerance| {
@@ -107,7 +106,7 @@ fn the_unitary_scheme_beside_upwind_at_a_step() {
 #[test]
 fn every_propagator_runs_in_every_case() {
     let mut rows = Vec::new();
-    // What an inflow that varies refuses is tried elsewhere.
+    // Methods that a varying inflow does not support are tested elsewhere.
     for name in (dissipative().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         rows.push((name.clone(), "krylov", "1e-6", None, 2));
         rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
@@ -272,7 +271,7 @@ fn applications_stay_near_the_prototype() {
 }
 
 /// However short the time and however small the tolerance: met, with an estimate that is right or
-/// says that it cannot tell.
+/// marked as not reliable.
 #[test]
 fn estimate_is_right_or_silent_at_the_edges() {
     let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
@@ -325,7 +324,7 @@ fn stages_of_time_round_as_one_exponential() {
     });
 }
 
-/// Nothing moves: no rate, no spectrum, and the field stays what it was.
+/// Without transport: no rate, no spectrum, and the field is unchanged.
 #[test]
 fn standing_particles_stay() {
     let rows = INTERFACES.map(|interface| format!("scheme.interface={interface}"));
@@ -344,7 +343,7 @@ fn standing_particles_stay() {
     });
 }
 
-/// The smallest tolerance that a refusal names is accepted when it is asked for, and met.
+/// The smallest tolerance that a refusal names is accepted when it is set, and met.
 #[test]
 fn smallest_tolerance_is_accepted_and_met() {
     let smallest = |name: &str, settings: &[&str]| -> Result<String, String> {

@@ -1,5 +1,5 @@
-//! Runs of many kinds, with faults at random moments and continued on other ranks: they end with the
-//! bits of a run that nothing happened to. `make test` tries a few, `make torture` many.
+//! Runs of many kinds, with faults at random moments and continued on other ranks: they end with
+//! the bits of an undisturbed run. `make test` tries a few, `make torture` many.
 
 use crate::checkpoint::{Fault, OFTEN, Result, random, with_fault};
 use crate::support::{
@@ -157,7 +157,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     })
 }
 
-/// Continues to the end; nothing differs from the whole run and nothing is left behind.
+/// Continues to the end. The result equals that of the whole run, and no temporary file is left.
 fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
     kind.job().on(ranks).with(["--resume"]).into(path).succeed()?;
     let differing = differences(&datasets(path)?, &whole.datasets);

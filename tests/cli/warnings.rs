@@ -1,9 +1,9 @@
-//! Warnings are said once, and stand in the summary.
+//! Warnings are printed once, and are in the summary.
 
 use crate::support::{Summary, check, check_all, directory, require, run};
 
-/// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in
-/// `summary.json`.
+/// An edge inside a cell is moved to a face. This is reported with the distance, by `check`, by
+/// `run` and in `summary.json`.
 #[test]
 fn region_edges_off_the_faces_give_a_warning() {
     // Cells of 3/128 = 0.0234375; the nearest centre decides.
@@ -114,7 +114,7 @@ fn oblique_edges_give_a_warning() {
     assert!(!finished.output.contains("its edge at"), "{}", finished.report("a slope"));
 }
 
-/// Keys that settle nothing, data that are nowhere.
+/// Keys without effect, data that are zero everywhere.
 #[test]
 fn what_has_no_effect_gives_a_warning() {
     let own: &[&str] = &["scheme.degree=2", "axis.0.x.degree=1", "axis.0.v.degree=1"];

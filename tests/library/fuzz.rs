@@ -1,4 +1,4 @@
-//! Random case files, `--set` options, formulas and CSV tables: whatever is in them, reading ends
+//! Random case files, `--set` options, formulas and CSV tables: for any contents, reading ends
 //! soon, with a sound case or with a message.
 //!
 //! The texts are changes of those of `cases/` and `tests/corpus/`.
@@ -31,7 +31,7 @@ fn cases() -> Corpus {
     Corpus::new(all)
 }
 
-/// Values in the corners and the middle of the box, and where there is nothing.
+/// Values in the corners and the middle of the box, and outside it.
 fn evaluate(formula: &Expression) {
     for value in [0.0, -1.0, 0.3, 1e300, f64::NAN, f64::INFINITY] {
         formula.eval(&[value; 7]);
@@ -39,7 +39,7 @@ fn evaluate(formula: &Expression) {
     }
 }
 
-/// What `Case::parse` promises, or why not.
+/// Checks the guarantees of `Case::parse`; the error is the violated one.
 fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
     let case = match Case::parse("fuzz.toml", text, overrides) {
         Ok(case) => case,
@@ -257,7 +257,7 @@ fn changed_formulas_end_in_a_value_or_a_message() {
     fuzz::<Formulas>("fuzz::changed_formulas_end_in_a_value_or_a_message");
 }
 
-/// A reader that is wrong for the input 777 of 1000, each in another way.
+/// Readers that fail for the input 777 of 1000, each in another way.
 struct Wrong<const WAY: usize>;
 
 impl<const WAY: usize> Reader for Wrong<WAY> {

@@ -1,4 +1,4 @@
-//! Tests what a plan divides among modes and parts of a run.
+//! Tests the distribution of the tolerance over modes and parts of a run.
 
 use crate::dense::case;
 use phasewarp::matrix::bounds::Bounds;
@@ -6,8 +6,8 @@ use phasewarp::problem::case::{Case, OutputTime, Shift};
 use phasewarp::propagate::bessel::bessel_series;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 
-/// What the series of all modes and legs may leave out is, as it is read, a tenth of the tolerance
-/// of the state.
+/// The truncation errors of the series of all modes and legs add up, in the recovered field, to a
+/// tenth of the tolerance of the state.
 #[test]
 fn tolerances_of_modes_and_legs_add_up() {
     for legs in [1, 10] {

@@ -201,7 +201,7 @@ fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
     let mut found = Vec::new();
     for (module, targets) in imports {
         for target in targets {
-            // The first page stands above all rooms.
+            // The first page is above all rooms.
             if let Some(own) = height(module)
                 && height(target).is_none_or(|other| other > own)
             {

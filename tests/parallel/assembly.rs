@@ -73,7 +73,7 @@ pub fn application_of_all_parts(world: &World) {
     });
 }
 
-/// `⟨y, A x⟩ = ⟨Aᵀ y, x⟩` of what is distributed.
+/// `⟨y, A x⟩ = ⟨Aᵀ y, x⟩` for the distributed matrices.
 pub fn adjoint(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let mut x = piece.scatter(&twin.noise(3));
@@ -91,7 +91,7 @@ pub fn adjoint(world: &World) {
         let round_off = 1e-15 * scale * (twin.size() as f64).sqrt();
         let name = format!("{} {mesh:?}: {left} {right}", twin.name);
         assert!((left - right).abs() <= round_off, "{name}");
-        // The generator is not its own adjoint, or the test would see nothing.
+        // The generator is not its own adjoint; otherwise the test could not fail.
         assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale, "{name}");
     });
 }
@@ -227,7 +227,7 @@ pub fn blocked_steps(world: &World) {
                     blocked += 1;
                 }
             }
-            // A step fewer is another result, or the test would see nothing.
+            // One step fewer gives another result; otherwise the test could not fail.
             let [all, fewer] = [LEVELS, LEVELS - 2]
                 .map(|steps| bits_of_steps(piece, None, &levels[..steps], couplings));
             assert!(all != fewer);

@@ -118,7 +118,7 @@ fn slopes_on_a_mesh(
     let found = piece.gather(twin, &image);
     let tolerance = 2e-14 * twin.generator.largest();
     assert_close(&name, twin.field(&found), expected, tolerance);
-    // Where nothing enters, zero is what enters.
+    // Without inflow, the inflow is zero.
     if twin.inflow.is_empty() {
         longest_step_keeps_bounds(twin, piece, reconstruction, x, expected);
     }

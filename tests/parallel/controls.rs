@@ -9,7 +9,7 @@ use phasewarp::parallel::communicator::World;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Starts the job of a control; whether the harness noticed what it must, and what the job did.
+/// Starts the job of a control; whether the harness noticed the fault, and the report of the job.
 type Control = fn() -> (bool, String);
 
 /// The controls by name.
@@ -88,7 +88,7 @@ fn hang() -> (bool, String) {
     (ended, reason)
 }
 
-/// Whether there is such a process: signal 0 asks for nothing else.
+/// Whether there is such a process: signal 0 only checks this.
 fn exists(process: u32) -> bool {
     let mut kill = Command::new("kill");
     kill.args(["-0", &process.to_string()]).stderr(Stdio::null());

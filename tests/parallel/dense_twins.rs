@@ -26,7 +26,7 @@ pub struct Twin {
 pub struct Coupling {
     pub row: usize,
     pub unknown: usize,
-    /// `g_i`: what the row loses on its own account by taking inflow.
+    /// `g_i`: the dissipation of the row by its own inflow.
     pub damping: f64,
 }
 
@@ -383,8 +383,7 @@ const SLOPE_INFLOW: &str = "inflow.value='1 + x + 2*v'";
 /// Particles enter at the left.
 const PLANE_INFLOW: &str = "inflow.value='1 if x < -1.2 else 0'";
 
-/// A twin of a case file with so many cells along x, v_x, y, v_y, …, and with `set` as further
-/// overrides.
+/// A twin of a case file with `cells` along x, v_x, y, v_y, …, and with `set` as further overrides.
 fn scene(name: &'static str, file: &str, cells: &[usize], set: &[&str]) -> Twin {
     let cells: Vec<String> = cells_of_axes(cells);
     let overrides: Vec<&str> =
@@ -392,7 +391,7 @@ fn scene(name: &'static str, file: &str, cells: &[usize], set: &[&str]) -> Twin 
     Twin::new(name, file, &overrides)
 }
 
-/// Overrides for so many cells along x, v_x, y, v_y, ….
+/// Overrides for the numbers of cells along x, v_x, y, v_y, ….
 pub fn cells_of_axes(cells: &[usize]) -> Vec<String> {
     (cells.iter().enumerate())
         .map(|(k, cells)| format!("axis.{}.{}.cells={cells}", k / 2, ["x", "v"][k % 2]))

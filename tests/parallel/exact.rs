@@ -95,7 +95,7 @@ pub fn filaments_are_integrated(world: &World) {
     report_bits(world, "the exact density", &density);
 }
 
-/// The density at a place by so many equal steps along each velocity axis.
+/// The density at a position by equal steps along each velocity axis.
 fn by_equal_steps(
     case: &Case,
     exactly: &ExactValues<'_>,
@@ -124,8 +124,9 @@ fn by_equal_steps(
     sum * volume / count as f64
 }
 
-/// A square barrier in the plane, whose corners tear what flies around it; the same sums by very
-/// many equal steps. The velocities of the grid, as fixed points, are wrong by far more.
+/// A square barrier in the plane, whose corners split the particles that pass around it; the same
+/// sums by very many equal steps. The velocities of the grid, as fixed points, are wrong by far
+/// more.
 pub fn corners_are_integrated(world: &World) {
     let group = world.group();
     let (case, exact) = parsed(
@@ -168,7 +169,8 @@ pub fn corners_are_integrated(world: &World) {
     report_bits(world, "the exact density in the plane", &density);
 }
 
-/// A step across the first of three axes, which tears what is too slow to climb it.
+/// A step across the first of three axes, which separates the particles that are too slow to climb
+/// it.
 pub fn a_step_in_space_is_integrated(world: &World) {
     let group = world.group();
     let (case, exact) = parsed(

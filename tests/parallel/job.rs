@@ -10,11 +10,11 @@ pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
 /// Environment variable: what starts a job, `mpirun` by default.
 const MPIRUN: &str = "PHASEWARP_MPIRUN";
-/// A job that writes nothing for longer is ended.
+/// A job without output for longer than this is ended.
 pub const TIME_LIMIT: Duration = Duration::from_secs(600);
 
-/// Whether the launcher's MPI bears so many ranks here: ranks of others than Open MPI may not yield
-/// a core to each other while they wait.
+/// Whether the launcher's MPI supports this many ranks here: ranks of others than Open MPI may not
+/// yield a core to each other while they wait.
 pub fn bears(ranks: usize) -> bool {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     std::env::var_os(MPIRUN).is_none() || ranks <= cores.max(2)

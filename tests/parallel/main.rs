@@ -42,7 +42,7 @@ struct Check {
     ranks: RangeInclusive<usize>,
 }
 
-/// The table of checks: what each line names is run on so many ranks.
+/// The table of checks: each line names a check and its numbers of ranks.
 macro_rules! checks {
     ($($room:ident::$name:ident on $ranks:expr;)*) => {
         const CHECKS: &[Check] = &[$(Check {
@@ -171,8 +171,8 @@ fn parts_of_names(arguments: impl Iterator<Item = String>) -> Vec<String> {
     arguments.filter(is_part).collect()
 }
 
-/// Runs the checks `names` on so many ranks: in one job; after a check that fails, the rest in
-/// another.
+/// Runs the checks `names` on `ranks` ranks in one job; after a check that fails, the rest in
+/// another job.
 fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) {
     let mut left = names;
     while !left.is_empty() {

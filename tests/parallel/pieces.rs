@@ -1,4 +1,4 @@
-//! What a rank holds of a twin: a block of its matrix, its system as a run prepares it, and whole
+//! A rank's part of a twin: a block of its matrix, its system as a run prepares it, and whole
 //! vectors gathered from all.
 
 use crate::dense_twins::Twin;

@@ -60,7 +60,7 @@ fn minus(x: &[Complex64], y: &[Complex64]) -> Vec<Complex64> {
     x.iter().zip(y).map(|(a, b)| a - b).collect()
 }
 
-/// What became of a batch.
+/// The result of a batch.
 struct Propagated {
     report: BatchReport,
     /// `w(T)` of each mode, by the numbers of the twin.
@@ -119,7 +119,7 @@ fn propagate(
     }
 }
 
-/// The norm is kept; a series that is cut keeps the promise of its tail.
+/// The norm is kept; the error of a truncated series is below its tail.
 pub fn chebyshev_propagation(world: &World) {
     for twin in Twin::all() {
         let time = twin.case.end;

@@ -1,5 +1,5 @@
-//! Tests what a quantum computer would be given against dense twins: oracles, sparsity, and the
-//! norm of its state.
+//! Tests the input of a quantum computer against dense twins: oracles, sparsity, and the norm of
+//! its state.
 
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
@@ -24,7 +24,7 @@ const POINTS: usize = 6;
 const PERIOD: f64 = 9.0;
 
 /// The oracles rebuild `H = H1 ⊗ D_μ − H2 ⊗ I` of the dense twin, weights and inflow included:
-/// every entry that is not zero is found, once, and nothing else; it is Hermitian; no row is fuller
+/// every nonzero entry is found exactly once, and no other entry; it is Hermitian; no row is fuller
 /// than stated; values to m bits are the nearest.
 pub fn oracles(world: &World) {
     let group = world.group();
@@ -112,14 +112,14 @@ impl Oracle<'_> {
         found
     }
 
-    /// The value to so many bits is the nearest.
+    /// The value rounded to `m` bits is the nearest.
     fn check_bits(&self, scratch: &mut Scratch, at: (usize, usize), value: Complex64, m: u32) {
         let access = self.access;
         let unit = access.unit(m);
         let [re, im] = access.value_bits(scratch, at.0, at.1, m);
         for (bits, x) in [(re, value.re), (im, value.im)] {
             let off = (bits as f64 * unit - x).abs();
-            // More bits than a double has tell nothing.
+            // More bits than a double has add no information.
             let round_off = 1e-15 * access.largest();
             assert!(off <= 0.5 * unit + round_off, "{m} bits: {off:e} {unit:e}");
             assert!(bits.unsigned_abs() < 1 << (m - 1));
@@ -160,7 +160,7 @@ impl Oracle<'_> {
         }
     }
 
-    /// The values in row `j` are those of the twin, and zero where nothing was found; the largest
+    /// The values in row `j` are those of the twin, and zero where no entry was found; the largest
     /// of them.
     fn compare(&self, scratch: &mut Scratch, j: usize, found: &[usize]) -> f64 {
         let mut largest = 0.0f64;

@@ -198,9 +198,9 @@ fn check_probe(found: f64, exact: f64, name: &str) {
     assert!(close, "{name}: {found} {exact}");
 }
 
-/// What a recovered field is compared with.
+/// The reference of a recovered field.
 struct Exact<'a> {
-    /// `exp(AT) f0`, as the norm sees it.
+    /// `exp(AT) f0` in the norm of the scheme.
     field: &'a [f64],
     /// `‖u(0)‖`.
     size: f64,
@@ -211,7 +211,7 @@ struct RecoveredField {
     run: Streamed,
     /// The whole field by each reading.
     fields: Vec<Vec<f64>>,
-    /// The same as the norm sees them.
+    /// The same in the norm of the scheme.
     scaled: Vec<Vec<f64>>,
     /// Relative distance of the first from `exp(AT) f0`.
     error: f64,
@@ -253,8 +253,8 @@ impl Exact<'_> {
 }
 
 impl RecoveredField {
-    /// The error is what its leading term says; split space leaves residuals of round-off, which
-    /// the recovery amplifies.
+    /// The error equals its leading term; split space leaves residuals of round-off, which the
+    /// recovery amplifies.
     fn check_step_error(&self, unsplit: &[f64], steps: u32, name: &str) {
         let (error, leading) = (self.error, self.step_error.expect("a leading term"));
         let close = (0.5..2.0).contains(&(leading / error));
@@ -264,7 +264,7 @@ impl RecoveredField {
         assert!(difference <= allowed, "{name}: {difference:e} {allowed:e}");
     }
 
-    /// The error is within the tolerance, and the second recovery point tells how large it is.
+    /// The error is within the tolerance, and the second recovery point estimates it.
     fn check_tolerance(&self, recovery: &Recovery, name: &str) {
         assert!(self.step_error.is_none(), "{name}");
         let error = self.error;
@@ -298,9 +298,9 @@ const OUTPUT_TIMES: [(f64, bool); 10] = [
     (0.95, false),
 ];
 
-/// What is read at output times, fields and moments alone, is within the tolerance of `exp(At) f0`
-/// there, by every propagator, with the same bits on every mesh that may have them; and the moments
-/// are those of the field.
+/// Fields and moments at output times are within the tolerance of `exp(At) f0` there, by every
+/// propagator, with the same bits on every mesh that may have them; and the moments are those of
+/// the field.
 pub fn results_before_the_end(world: &World) {
     use PropagatorMethod::{Chebyshev, CrankNicolson, Krylov};
     for mut twin in Twin::all() {
@@ -358,7 +358,7 @@ fn check_error_of_steps(run: &Streamed, single: &Streamed, name: &str) {
     assert!(close, "{name}: {found:e} {expected:e}");
 }
 
-/// Of a bound on the spectrum that is too small, a series is not unitary: the run ends with an
+/// With a bound on the spectrum that is too small, a series is not unitary: the run ends with an
 /// error, on every rank.
 pub fn changed_norms_are_refused(world: &World) {
     let case = case("step_up.toml", &["axis.0.x.cells=8", "axis.0.v.cells=9"]);
@@ -427,7 +427,7 @@ fn check_moments(
         let exact: Vec<f64> = exact.iter().map(|sums| sums[m]).collect();
         let apart: Vec<f64> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
         let error = norm(&apart);
-        // A sum of so many velocities, each in its own direction off.
+        // Round-off of a sum over velocities, each with its own error.
         let allowed = twin.case.tolerance * factors.norms()[m] * size;
         assert!(error <= allowed, "{name}, moment {m}: {error:e} {allowed:e}");
         assert!(m > 0 || norm(&exact) > 100.0 * allowed, "{name}, moment {m}");
@@ -523,7 +523,7 @@ pub fn fields_in_one_pass(world: &World) {
 }
 
 /// A run with `u = e^{σt} ũ` against the sum over the modes of a matrix that really is `A − σ`: the
-/// program shifts only what it reads.
+/// program shifts only the readings.
 pub fn shifted_field(world: &World) {
     for (sigma, name) in [(0.8, "slopes, inflow"), (-0.5, "example 1")] {
         let mut twin = Twin::named(name);

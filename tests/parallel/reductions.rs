@@ -120,7 +120,7 @@ pub fn agreement_on_errors(world: &World) {
     }
 }
 
-/// A vote has the bits that any rank posted, whichever rank is late; posting waits for nobody.
+/// A vote has the bits that any rank posted, whichever rank is late; posting does not wait.
 pub fn votes(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
@@ -141,8 +141,8 @@ pub fn votes(world: &World) {
     }
 }
 
-/// Ranks that take their applications in blocks of different lengths look after the same ones, and
-/// leave together.
+/// Ranks that apply the matrix in blocks of different lengths check after the same applications,
+/// and leave together.
 pub fn looks_of_unequal_blocks(world: &World) {
     const ALL: usize = 1000;
     let group = world.group();

@@ -30,7 +30,7 @@ pub struct StreamedRun<'a> {
     pub batches: fn(&Plan, usize) -> Vec<Batch>,
 }
 
-/// What a streamed run recovered on this rank.
+/// The field that a streamed run recovered on this rank.
 pub struct Streamed {
     pub plan: WarpPlan,
     /// Applications or linear systems planned for this rank's batches.

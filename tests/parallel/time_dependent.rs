@@ -18,7 +18,7 @@ use phasewarp::propagate::time_dependent_inflow;
 enum Wave {
     /// `b(1 + sin ωt)`.
     Sine,
-    /// `b(1 − cos ωt)`: nothing enters at the start.
+    /// `b(1 − cos ωt)`: no inflow at the start.
     FromNothing,
 }
 
@@ -240,8 +240,8 @@ pub fn varying_inflow_by_modes(world: &World) {
     }
 }
 
-/// A pulse between the points in time of the first attempts, which see nothing of it and agree: the
-/// steps of the run resolve it.
+/// A pulse between the sampling times of the first attempts, which miss it and agree. The steps of
+/// the run resolve it.
 pub fn short_pulses_are_seen(world: &World) {
     let cells = cells_of_axes(&[7]);
     let with = |inflow: &str| {

@@ -1,5 +1,5 @@
-//! Tests the warped field of a full run as a file: written from any modes, read again, refused
-//! where something is wrong.
+//! Tests the warped field of a full run as a file: written from any modes, read again, refused if
+//! it is damaged.
 
 use crate::bits::report_bits;
 use crate::dense_twins::cells_of_axes;
@@ -24,10 +24,10 @@ use phasewarp::solve::kept::{KeptModes, ModeProgress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Where nobody asks how flat a field is.
+/// Files whose plateau is not checked.
 const ANYWHERE: Domain = Domain { point: 0.0, ends: [0.0; 2] };
 
-/// A directory that all ranks know, deleted in the end.
+/// A directory that all ranks share, deleted in the end.
 struct SharedDirectory {
     _directory: Option<tempfile::TempDir>,
     path: PathBuf,
@@ -104,7 +104,7 @@ pub fn warped_file(world: &World) {
         let cells = cells_of_axes(cells);
         let cells: Vec<&str> = cells.iter().map(String::as_str).collect();
         let case = case(file, &cells);
-        // Of a planned series, which its points resolve, and with a mode that stands for itself.
+        // A planned series that its points resolve, and one with a mode without partner.
         let transform = |mu: f64| Complex64::new(1.0, -0.4) / Complex64::new(1.0, 0.1 * mu);
         for series in
             [Series::analytic(5.1, 13, transform), Series::analytic_points(5.1, 22, transform)]
@@ -250,7 +250,7 @@ struct Files<'a> {
 const POINTS: [f64; 4] = [-1.0, -0.5, 0.0, 0.5];
 
 impl Files<'_> {
-    /// What a run finds in a file that `write` fills.
+    /// The result of reading a file that `write` fills.
     fn given(&self, write: impl Fn(&File)) -> Result<WarpedFile, Error> {
         if self.group.rank() == 0 {
             write(&File::create(&self.path).expect("a file"));
@@ -291,7 +291,7 @@ fn check_refusal(error: &Error, message: &str) {
     assert_eq!(error.exit_code(), 2, "{text}");
 }
 
-/// What is wrong with a file to start from is said, the same on all ranks.
+/// Faults of a file to start from are reported, the same on all ranks.
 pub fn warped_files_refused(world: &World) {
     let group = world.group();
     let shared = SharedDirectory::new(&group);
@@ -302,7 +302,7 @@ pub fn warped_files_refused(world: &World) {
     };
     accepted_files(&files);
     refused_files(&files);
-    // No file, and what is none.
+    // A missing file, and a file of another kind.
     let readme = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("README.md");
     for (path, message) in [
         (&shared.path.join("none.h5"), "No such file"),
@@ -367,7 +367,7 @@ fn refused_files(files: &Files<'_>) {
     }
 }
 
-/// Numbers are looked at when they are read: one that is none, a changed one.
+/// Numbers are checked when they are read: a NaN, a changed one.
 fn refused_contents(world: &World, files: &Files<'_>) {
     let mesh = ProcessMesh { space: vec![1], groups: files.group.size() };
     let rank = Rank::new(world, &files.case, &mesh);

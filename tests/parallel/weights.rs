@@ -103,8 +103,8 @@ fn compared_with_none(world: &World, twin: &Twin, mesh: &ProcessMesh, weighted: 
     }
 }
 
-/// The weights of elements are the volumes of the cells; with them nothing grows but by the
-/// couplings of the inflow, by no more than the bound.
+/// The weights of elements are the volumes of the cells; with them only the couplings of the inflow
+/// cause growth, at most the bound.
 pub fn volumes(world: &World) {
     for twin in Twin::all().into_iter().filter(Twin::by_elements) {
         let space = &twin.case.space;

@@ -1,4 +1,4 @@
-//! Slow and obvious: dense matrices and Taylor series, the twins of what the crate does fast.
+//! Slow and obvious: dense matrices and Taylor series, the twins of the fast code of the crate.
 #![allow(dead_code)] // each test program uses its own part
 
 use num_complex::Complex64;
@@ -78,7 +78,7 @@ impl Dense {
         (0..self.size).map(|i| self.at(i, j)).sum()
     }
 
-    /// With so many more rows and columns, of zeros.
+    /// Extended by `more` rows and columns of zeros.
     pub fn enlarged(&self, more: usize) -> Self {
         let inside = |i: usize| i < self.size;
         Self::from_fn(self.size + more, |i, j| match inside(i) && inside(j) {

@@ -25,24 +25,24 @@ const MEMORY: u64 = 2 << 30;
 /// After so long without a new input the process is ended, at work or not.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// Tells a process that it is the one that tries inputs.
+/// Marks the process that tries the inputs.
 const CHILD: &str = "PHASEWARP_FUZZ_CHILD";
 /// Before the number of an input.
 const TRIES: &str = "fuzz tries ";
-/// Before what is said at the end.
+/// The mark of the final report.
 const DONE: &str = "fuzz is done: ";
 
 /// A reader to be fuzzed.
 pub trait Reader {
-    /// What it reads.
+    /// The kind of input.
     type Input: Debug;
-    /// Inputs of a test run that was told no number.
+    /// Number of inputs of a test run by default.
     const INPUTS: u64;
-    /// What it needs, made once.
+    /// The data it needs, made once.
     fn new() -> Self;
     /// The input that these random numbers make.
     fn input(&self, random: &mut Random) -> Self::Input;
-    /// Reads it: whether it was accepted; an error where something is wrong with the reader.
+    /// Reads the input: whether it was accepted; an error if the reader is faulty.
     fn read(&mut self, input: &Self::Input) -> Result<bool, String>;
 }
 
@@ -85,14 +85,14 @@ pub fn fuzz<R: Reader>(test: &str) {
     }
 }
 
-/// Whether the fuzzer finds what is wrong with a reader.
+/// Whether the fuzzer finds faults of a reader.
 pub fn finds<R: Reader>(test: &str, what: &str) {
     let outcome = tried::<R>(test, 0..R::INPUTS);
     let in_child = variable(CHILD).is_some();
     assert!(in_child || outcome.as_ref().is_err_and(|e| e.contains(what)), "{outcome:?}");
 }
 
-/// Tries the inputs of these numbers: what is said at the end, or what went wrong.
+/// Tries the inputs of these numbers: the final report, or the fault.
 fn tried<R: Reader>(test: &str, numbers: Range<u64>) -> Result<String, String> {
     if variable(CHILD).is_some() {
         let work = move || try_all::<R>(numbers);
@@ -131,8 +131,8 @@ fn tried<R: Reader>(test: &str, numbers: Range<u64>) -> Result<String, String> {
     }
 }
 
-/// Follows a process to its end: the number of its last input, and what it said at the end; an
-/// error where it says nothing any more.
+/// Follows a process to its end: the number of its last input, and its final report; an error if
+/// its output stops.
 fn watched(child: &mut Child) -> (u64, Result<Option<String>, String>) {
     let lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
     let (sender, receiver) = channel();

@@ -5,7 +5,7 @@ use phasewarp::problem::case::{Case, Interface, Limiter};
 use phasewarp::problem::grid::{Cell, PhaseSpace};
 use phasewarp::scheme::interface::{Side, sources, velocity};
 
-/// What a face takes something from.
+/// A source of a face.
 enum Source {
     /// A cell; and whether it is beyond the face or the cell itself, by reflection.
     Cell(Cell, bool),
@@ -94,7 +94,7 @@ impl Limited<'_> {
         self.case.fields[0].entering().eval(&point)
     }
 
-    /// What lies behind a face at the same energy, with weights.
+    /// The sources behind a face at the same energy, with weights.
     fn behind(&self, cell: &Cell, axis: usize, above: bool) -> Vec<(f64, Source)> {
         let n = self.n();
         let step = if above { 1 } else { -1 };

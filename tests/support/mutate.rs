@@ -12,7 +12,7 @@ const ODD: &[&str] = &[
     "==", "=>", "&", "|", "1e", ".5", "if", "else", "{x}", "@", "()()", "((((((((", "))))))))",
 ];
 
-/// Valid texts, and what they consist of.
+/// Valid texts, and their tokens.
 pub struct Corpus {
     pub texts: Vec<String>,
     /// Names, numbers and signs of all of them, and odd ones.
@@ -162,7 +162,7 @@ fn place(text: &str, random: &mut Random) -> usize {
     at
 }
 
-/// So many characters from somewhere on, or fewer at the end.
+/// A run of characters from a random position, shorter at the end.
 fn piece(text: &str, random: &mut Random, length: usize) -> std::ops::Range<usize> {
     let start = place(text, random);
     let end = text[start..].char_indices().nth(length).map_or(text.len(), |(i, _)| start + i);

@@ -21,7 +21,7 @@ pub fn block_of(case: &Case, mesh: &ProcessMesh, communicator: &Communicator) ->
     Block::new(&case.space, mesh, communicator.space.rank())
 }
 
-/// What a propagator works on.
+/// The system that a propagator works on.
 pub struct Parts<'a> {
     pub evolution: Evolution<'a>,
     /// The fields at time zero.

@@ -12,8 +12,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-/// Something that happened to the newest generation of a checkpoint by two ranks, and what is said
-/// about it.
+/// A fault of the newest generation of a checkpoint by two ranks, and the message about it.
 type Damage = (&'static str, fn(&Path, &Path) -> std::io::Result<()>, &'static str);
 
 const DAMAGES: [Damage; 9] = [
@@ -160,7 +159,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let finished = go_on(run().on(2), empty.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("done"));
     assert!(finished.errors.contains("starts from its beginning"), "{}", finished.errors);
-    // Not asked for: from the beginning, with a warning.
+    // Without --resume: from the beginning, with a warning.
     let finished = run().on(2).into(sound.path()).succeed().expect("a run");
     assert!(finished.errors.contains("replaces it"), "{}", finished.errors);
     assert!(!sound.path().join("checkpoint").exists());

@@ -1,5 +1,5 @@
-//! Runs that are stopped and go on: whatever happened, the end has the bits of a run that nothing
-//! happened to.
+//! Runs that are stopped and continued: after any fault, the result has the bits of an undisturbed
+//! run.
 
 mod damaged;
 mod stopped;
@@ -35,7 +35,7 @@ pub fn run() -> Job {
     Job::new(["run", &case("example1.toml")]).set(&LONG)
 }
 
-/// What a run gives that nothing happens to.
+/// The result of an undisturbed run.
 pub static WHOLE: LazyLock<(BTreeMap<String, Stored>, usize)> = LazyLock::new(|| {
     let whole = directory();
     let summary = run().on(2).solve(whole.path()).expect("a whole run");
@@ -54,8 +54,8 @@ pub fn io<T>(result: std::io::Result<T>) -> Result<T> {
     result.map_err(|e| e.to_string())
 }
 
-/// Goes on from what is in `directory`, to the end, and compares with the whole run, bit for bit;
-/// every application that the checkpoint holds is done once.
+/// Continues the run in `directory` to the end, and compares with the whole run, bit for bit; every
+/// application that the checkpoint holds is done once.
 pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
     let done = match newest(directory) {
         Some(newest) => manifest(&newest)?["matvecs"].as_u64().unwrap_or(0) as usize,

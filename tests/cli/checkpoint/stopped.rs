@@ -215,8 +215,8 @@ fn a_classical_run_ends_at_once() {
     assert!(sent && finished.code.is_none(), "{}", finished.report("ended by the signal"));
 }
 
-/// Told to stop in a run, a sweep ends with a checkpoint of that and a table of those before, if
-/// there are any; it goes on from there, on other ranks, to the same bits.
+/// A sweep that gets a stop signal ends with a checkpoint of the current run and a table of the
+/// finished ones, if any. It continues on other ranks to the same bits.
 #[test]
 fn a_sweep_that_is_stopped_goes_on() {
     LazyLock::force(&WHOLE);
@@ -259,8 +259,8 @@ fn a_sweep_that_is_stopped_goes_on() {
     });
 }
 
-/// Stops a run in stage number `stage` or a later one, goes on with it on other ranks, and compares
-/// everything with a run that nothing happened to.
+/// Stops a run in stage number `stage` or a later one, continues it on other ranks, and compares
+/// everything with an undisturbed run.
 fn goes_on_in_stage(
     job: &Job,
     stage: u64,
@@ -436,7 +436,7 @@ fn what_is_finished_is_not_computed_again() {
         let now = fs::read(path.join("summary.json")).expect("a summary");
         assert_eq!(now, written, "{settings:?}");
     }
-    // Something is missing, or it was not asked.
+    // An option is missing.
     fs::remove_file(path.join("warped_f.h5")).expect("a file");
     let again = job(&[]).with(["--resume"]).succeed().expect("a run");
     assert!(!said(&again), "{}", again.report("solved"));

@@ -226,7 +226,7 @@ fn older_warped_fields_go() {
     assert_eq!(left(), others);
 }
 
-/// What cannot be written is found before anything is computed.
+/// A directory that cannot be written is reported before the computation.
 #[test]
 fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     let place = directory();
@@ -237,7 +237,7 @@ fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     job.is_refused(&["warped_f_0001.h5 in it is a directory"]).unwrap();
 }
 
-/// `check-result` looks at warped fields too, and names what is not as written.
+/// `check-result` checks warped fields too, and names datasets that differ from what was written.
 #[test]
 fn damage_to_a_warped_field_is_noticed() {
     let place = directory();
@@ -300,7 +300,7 @@ fn what_is_kept_is_planned() {
         let undone = job().set(&settings[1..]).with(["--mode", "streamed"]);
         let streamed = job().succeed().unwrap().output;
         assert_eq!(undone.succeed().unwrap().output, streamed);
-        // What a streamed run leaves out, a full one does not.
+        // A full run computes what a streamed run omits.
         assert_ne!(streamed, option.output);
     }
 

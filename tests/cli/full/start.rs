@@ -81,7 +81,7 @@ fn a_run_goes_on_from_the_field_of_any_planned_period() {
         }
         let file = first.path().join("warped_f.h5");
         let from = format!("initial={{warped='{}'}}", file.display());
-        // The file has what it was planned with.
+        // The file records the settings of its plan.
         let kept = settings.iter().filter(|s| !s.starts_with("solver.warp"));
         let kept: Vec<&str> = kept.copied().chain(["solver.tolerance=1e-3"]).collect();
         let on = small(&grid).set(&kept).set(&[&from, "time.end=0.35"]);
@@ -251,7 +251,7 @@ fn a_start_that_is_not_flat_is_refused() {
     }
 }
 
-/// What makes no sense is refused by name, before anything is run.
+/// Inconsistent settings are refused by key, before the run.
 #[test]
 fn senseless_starts_are_refused() {
     let place = directory();
@@ -292,7 +292,7 @@ fn senseless_starts_are_refused() {
         .set(&["initial={warped='start.h5'}", "output.warped_field=true"])
         .solve(home.path())
         .unwrap();
-    // check and plan look at the file as well.
+    // `check` and `plan` read the file as well.
     for command in ["plan", "check"] {
         let job = Job::new([command, &case("example1.toml")]).set(&grid);
         job.clone().set(&[&from]).succeed().unwrap();

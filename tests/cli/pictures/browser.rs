@@ -37,7 +37,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
             "--disable-client-side-phishing-detection",
             "--hide-scrollbars",
         ])
-        // The browser itself asks for nothing either.
+        // The browser itself makes no requests either.
         .arg("--host-resolver-rules=MAP * ~NOTFOUND")
         .arg("--disable-features=OptimizationHints,MediaRouter,Translate")
         .arg(format!("--user-data-dir={}", profile.path().display()))
@@ -52,8 +52,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// What pages, not the browser itself, asked for beyond this machine's files, by a log of the
-/// browser's network.
+/// Network requests of pages, not of the browser itself, by the browser's log.
 fn requests(log: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(log).unwrap();
     let beyond = |line: &&str| {
@@ -87,7 +86,7 @@ fn a_browser_opens_the_report() {
     let pictures = album(place.path()).pictures.len();
     assert!(pictures >= 6);
 
-    // It is not blank, and asks for nothing.
+    // It is not blank, and makes no requests.
     let (shot, log) = (place.path().join("shot.png"), place.path().join("net.json"));
     let log_to = |log: &Path| format!("--log-net-log={}", log.display());
     let options = [format!("--screenshot={}", shot.display()), log_to(&log)];
@@ -101,8 +100,8 @@ fn a_browser_opens_the_report() {
     open(&browser, &page, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
-    // Every picture has its place and is not cut, nothing sticks out sideways; asked of the page by
-    // a script, which it does not allow itself.
+    // Every picture is placed and not cut, and no content overflows sideways. A script measures
+    // this in a copy of the page, as the page itself forbids scripts.
     let text = std::fs::read_to_string(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
     // Each button of the track shows its own picture alone.

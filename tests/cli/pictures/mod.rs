@@ -41,7 +41,7 @@ fn look_at(path: &Path) -> Result<(u32, u32), String> {
     Ok((info.width, info.height))
 }
 
-/// That an SVG is XML, and says these words.
+/// An SVG is XML and contains these words.
 fn read_svg(path: &Path) -> Result<String, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let document =
@@ -203,7 +203,7 @@ fn numbers_drawn_are_those_of_the_file() {
         let density = stored["/density"].numbers();
         let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
         for ((value, expected), density) in values.iter().zip(expected).zip(density) {
-            // No mean velocity of what may be nothing.
+            // No mean velocity where the density may be zero.
             let nothing = value.is_nan() && *name == "velocity" && density.abs() < 1e-5 * most;
             assert!(*value == expected || nothing, "{name}: {value} {expected}");
         }
@@ -215,7 +215,7 @@ fn numbers_drawn_are_those_of_the_file() {
     let drawn: Vec<f64> = exact_density.iter().map(|p| p[1]).collect();
     assert_eq!(drawn, stored["/density_exact"].numbers());
 
-    // What the profile promises on the domain of dependence, and not beyond.
+    // The profile equals `e^{−p}` on the domain of dependence, and not beyond it.
     let profile = figure(&album, "profile");
     let Some(Layer::Band { from, .. }) = profile.panels[1].layers.first() else {
         panic!("no domain of dependence")
@@ -296,7 +296,7 @@ fn planes_go_where_the_data_are() {
                 let seen = map.values.iter().fold(0.0, |seen: f64, f| seen.max(f.abs()));
                 assert!(seen > 0.7 * most, "{title}: {seen} of {most}");
             }
-            // Through the middle nothing is seen.
+            // A plane through the middle shows no cloud.
             let middle = pictures::draw(&run, None, &[Cut::middle(&run)]).unwrap();
             for (title, map) in maps(&middle.pictures[0].figure) {
                 let seen = map.values.iter().fold(0.0, |seen: f64, f| seen.max(f.abs()));
@@ -401,7 +401,7 @@ fn what_is_missing_is_said() {
         names(&place.path().join("plots"), ".svg"),
         ["modes", "phase_space", "profile", "time"]
     );
-    // A summary that says nothing: a report names what it lacks, in the page and beside it.
+    // An empty summary: a report names the missing values, in the page and on the terminal.
     std::fs::write(place.path().join("summary.json"), "{}").unwrap();
     let done = Job::new(["report", &at(&place)]).on(2).succeed().unwrap();
     let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();

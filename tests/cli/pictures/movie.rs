@@ -89,7 +89,7 @@ fn run_again(directory: &Path) {
     refused.ended(2, &["one time only, t = 1", "output.fields_every = 0.05"]).unwrap();
 }
 
-/// What `ffmpeg` is given are all pixels of all frames; what it says is told.
+/// `ffmpeg` receives all pixels of all frames; its error messages are reported.
 #[test]
 fn a_video_has_all_frames() {
     let place = directory();
@@ -240,7 +240,7 @@ fn a_report_steps_through_the_times() {
     }
     assert!(page.contains("id=\"time-4\" title=\"t = 1\" aria-label=\"t = 1\" checked"));
     assert!(!page.contains("<script") && !page.contains('\u{1b}') && !page.contains(" onload=\"x"));
-    // A run with one time has nothing to step through.
+    // A run with one time has no controls to step through.
     run_again(place.path());
     Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
     let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();

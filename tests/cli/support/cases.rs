@@ -30,8 +30,8 @@ pub fn dissipative() -> Vec<String> {
     cases().into_iter().filter(dissipates).collect()
 }
 
-/// What makes a case small enough for tests that go through all of them, faces still on the jumps;
-/// nothing for most.
+/// Settings that make a case small enough for tests of all cases, with faces still on the jumps;
+/// empty for most.
 pub fn shrunk(name: &str) -> &'static [&'static str] {
     match name {
         "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
@@ -101,7 +101,7 @@ pub fn directory_on_disk() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary directory below target/")
 }
 
-/// What a run with slopes needs.
+/// The settings of a run with slopes.
 pub const SLOPES: [&str; 2] = ["solver.method=classical", "solver.classical.integrator=ssp-rk3"];
 
 /// Both interface laws.
@@ -117,7 +117,7 @@ pub fn check(name: &str) -> Job {
     Job::new(["check", &case(name)])
 }
 
-/// `phasewarp plan` of a case of `cases/`, for so many ranks.
+/// `phasewarp plan` of a case of `cases/`, for `ranks` ranks.
 pub fn plan(name: &str, ranks: usize) -> Job {
     Job::new(["plan", &case(name), "--ranks", &ranks.to_string()])
 }

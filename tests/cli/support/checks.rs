@@ -1,4 +1,4 @@
-//! What tests check often: a table of rows, a bound, a tolerance that is met, a refusal.
+//! Common checks of tests: a table of rows, a bound, a tolerance that is met, a refusal.
 
 use super::launch::SLOTS;
 use super::outcome::{Finished, Summary};
@@ -39,7 +39,7 @@ pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> +
     );
 }
 
-/// An error with all that the job said, unless `holds`.
+/// An error with the whole output of the job, unless `holds`.
 pub fn require(
     holds: bool,
     finished: &Finished,
@@ -66,7 +66,7 @@ pub fn near(what: &str, value: f64, expected: f64, by: f64) -> Result<(), String
     }
 }
 
-/// What holds for every Schrödingerized run with `solver.verify`.
+/// Properties of every Schrödingerized run with `solver.verify`.
 pub fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
     meets_its_tolerance_within(summary, 3.0)
 }
@@ -81,13 +81,13 @@ pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), 
     })
 }
 
-/// The error is at most the tolerance that was asked for.
+/// The error is at most the tolerance.
 pub fn tolerance_is_met(summary: &Summary) -> Result<(), String> {
     let (error, tolerance) = (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
     summary.holds(at_most("error_semidiscrete", error, tolerance))
 }
 
-/// The estimate is right up to `factor`, or says that it cannot tell.
+/// The estimate is right up to `factor`, or marked as not reliable.
 pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(), String> {
     let (error, estimate) =
         (summary.number("error_semidiscrete")?, summary.number("error_estimate")?);
@@ -99,8 +99,8 @@ pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(),
     })
 }
 
-/// Done, with the error that was asked for (`solver.verify`), or refused with a message that says
-/// all of `says`.
+/// Finished with the required error (`solver.verify`), or refused with a message that contains all
+/// of `says`.
 pub fn solved_or_refused(
     finished: &Finished,
     directory: &Path,

@@ -1,4 +1,4 @@
-//! What the tests of the command line share: cases, starting the program, checks, and reading
+//! Common parts of the tests of the command line: cases, starting the program, checks, and reading
 //! results.
 
 pub mod python;

@@ -1,11 +1,11 @@
-//! What a job said and left: its streams by rank, its exit code, its summary.
+//! The outcome of a job: its output by rank, its exit code, its summary.
 
 use phasewarp::base::text::COLUMNS;
 use serde_json::Value;
 use std::path::Path;
 
-/// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a
-/// rank, also in the middle of a line or of a letter, with `[job,rank]<stdout>:`.
+/// The output of rank 0, of the other ranks and of mpirun itself. mpirun marks every piece it gets
+/// from a rank, also in the middle of a line or of a letter, with `[job,rank]<stdout>:`.
 pub fn untag(bytes: &[u8]) -> [String; 3] {
     let mut said = [const { Vec::new() }; 3];
     let (mut speaker, mut rest) = (2, bytes);
@@ -63,7 +63,7 @@ pub fn unwrapped(said: &str) -> String {
         let is_rest = line.starts_with(' ') && (full || room.ends_with(" \\"));
         if is_rest && joined.ends_with('\n') {
             joined.pop();
-            // What a command for a shell goes on behind.
+            // The mark of a continued line of a shell command.
             let end = joined.strip_suffix(" \\").unwrap_or(&joined).len();
             joined.truncate(end);
             joined.push(' ');
@@ -87,22 +87,22 @@ pub struct Finished {
     pub output: String,
     /// Standard error of rank 0, [`unwrapped`].
     pub errors: String,
-    /// What other ranks said, on either.
+    /// The output of other ranks, on either stream.
     pub others: String,
-    /// What mpirun itself complained about.
+    /// The error messages of mpirun itself.
     pub launcher: String,
     /// Seconds from start to end.
     pub seconds: f64,
 }
 
 impl Finished {
-    /// What was printed, as JSON.
+    /// The standard output, as JSON.
     pub fn json(&self) -> Result<Value, String> {
         serde_json::from_str(&self.output).map_err(|e| self.report(&format!("no JSON: {e}")))
     }
 
-    /// An error with all that was said, unless it ended with this exit code and an error message
-    /// that holds each of `words`.
+    /// An error with the whole output, unless the job ended with this exit code and an error
+    /// message that contains each of `words`.
     pub fn ended(&self, code: i32, words: &[&str]) -> Result<(), String> {
         if self.code != Some(code) {
             return Err(self.report(&format!("exit code {code} expected")));
@@ -110,7 +110,7 @@ impl Finished {
         self.says(&self.errors, words)
     }
 
-    /// An error with all that was said, unless `said` holds each of `words`.
+    /// An error with the whole output, unless `said` contains each of `words`.
     pub fn says(&self, said: &str, words: &[&str]) -> Result<(), String> {
         match words.iter().find(|words| !said.contains(**words)) {
             Some(words) => Err(self.report(&format!("\"{words}\" is not said"))),
@@ -118,7 +118,7 @@ impl Finished {
         }
     }
 
-    /// `what` went wrong, with the command and all that was said.
+    /// `what` went wrong, with the command and the whole output.
     pub fn report(&self, what: &str) -> String {
         let ending = match self.code {
             Some(code) => format!("exit code {code}"),
@@ -126,7 +126,7 @@ impl Finished {
         };
         let mut text =
             format!("{what}\n  command: {}\n  {ending} after {:.1} s", self.command, self.seconds);
-        // mpirun's own words about an exit code that is not 0 say nothing new.
+        // mpirun's own message about a nonzero exit code is redundant.
         let launcher = if self.errors.is_empty() { self.launcher.as_str() } else { "" };
         for (who, said) in [
             ("stdout", self.output.as_str()),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Runs the script; what it says, as an error where it fails.
+/// Runs the script; its output, as an error if it fails.
 pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(python).arg(script).args(arguments).output();
     let output = output.map_err(|e| format!("{}: {e}", python.display()))?;

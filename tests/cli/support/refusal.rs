@@ -1,4 +1,4 @@
-//! What is refused: by the program, and, many mistakes at a time, by the reader of case files in
+//! Checks of refusals: by the program, and, many mistakes at a time, by the reader of case files in
 //! this process.
 
 use super::cases::{case, directory};
@@ -23,8 +23,8 @@ impl Job {
     }
 }
 
-/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says
-/// all of `says`.
+/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that
+/// contains all of `says`.
 pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
     require(finished.code == Some(2), finished, || "exit code 2 expected".into())?;
     require(finished.others.is_empty(), finished, || "only rank 0 speaks".into())?;
@@ -33,7 +33,7 @@ pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
     require(seconds < SECONDS_TO_REFUSE, finished, || format!("refused after {seconds:.1} s"))
 }
 
-/// One message, after nothing but warnings, that says all of `says`.
+/// One message, after warnings only, that contains all of `says`.
 fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
     let errors = message.matches("error: ").count();
     if errors != 1 {
@@ -54,7 +54,7 @@ fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
     }
 }
 
-/// A mistake in a case file or in what is set, and what the message must say.
+/// A mistake in a case file or in a setting, and the words that the message must contain.
 pub struct Mistake {
     /// The case file.
     pub path: String,
@@ -71,8 +71,8 @@ impl Mistake {
         Self { path: case(name), settings: owned(settings), says: owned(says) }
     }
 
-    /// Refused by the reader, in this process: what [`refused`] asks for, of the error that the
-    /// program would print and end with.
+    /// Refused by the reader, in this process: checks as [`refused`] the error that the program
+    /// would print.
     pub fn refused_by_reader(&self) -> Result<(), String> {
         let read = || {
             let outcome = Case::load(Path::new(&self.path), &self.settings);

@@ -131,7 +131,7 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
                 expected.generator.add(5 * i + j, 5 * behind + j, rate);
             }
         }
-        // Nothing enters, columns sum to zero: particles are neither made nor lost.
+        // Without inflow, columns sum to zero: the number of particles is conserved.
         assert_same_system(&format!("{cells} cells"), &found, &expected);
         assert!(found.inflow.iter().chain(&found.draw).all(|b| *b == 0.0));
         for j in 0..5 * cells {
@@ -141,8 +141,8 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
     }
 }
 
-/// Where nothing depends on a periodic axis, `A` does not change when everything is moved on along
-/// it: to the last bit.
+/// If the data do not vary along a periodic axis, `A` is invariant under translation along it, to
+/// the last bit.
 #[test]
 fn rows_move_on_along_a_periodic_axis() {
     for interface in ["hat", "conservative"] {
@@ -253,7 +253,7 @@ fn beams_through_a_step_converge_with_order_k_plus_1() {
     }
 }
 
-/// The relative error in L2 of the beams on so many elements an axis.
+/// The relative error in L2 of the beams on `elements` elements per axis.
 fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     const TIME: f64 = 0.7;
     let axis = |half: f64| format!("{{ lower = -{half}, upper = {half}, cells = {elements} }}");
@@ -270,7 +270,7 @@ fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     error_of(&case, TIME, |p, time| tracer.value(p, time))
 }
 
-/// The relative error in L2 of what `exact` says at time zero, after `time`.
+/// The relative error in L2, after `time`, of the solution that `exact` gives at time zero.
 fn error_of(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f64 {
     let space = &case.space;
     let points: Vec<[f64; 6]> =
@@ -377,7 +377,7 @@ fn energy_is_transported() {
             for j in 0..a.size {
                 let cell = space.cell(j);
                 let (element, v) = (space.x[0].split(cell[0] as i64).0, space.point(&cell)[3]);
-                // What leaves through an end of the box; the fastest leave at the step too.
+                // Outflow through an end of the box; the fastest particles leave at the step too.
                 let leaves = element == if v > 0.0 { 3 } else { 0 };
                 if leaves || space.v[0].split(cell[1] as i64).0 % 5 == 0 {
                     continue;

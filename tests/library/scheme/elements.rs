@@ -142,7 +142,7 @@ struct Dissected<'a> {
     name: &'a str,
     case: &'a Case,
     system: System,
-    /// What each row loses on its own account.
+    /// The dissipation of each row by itself.
     damping: Vec<f64>,
     /// Volumes of the cells beside their mean.
     pi: Vec<f64>,
@@ -230,7 +230,7 @@ impl<'a> Dissected<'a> {
     }
 }
 
-/// What leaves through the ends of the box, by the formulas.
+/// The outflow through the ends of the box, by the formulas.
 struct Leaving<'a> {
     case: &'a Case,
     potential: Potential,
@@ -318,7 +318,7 @@ fn random_scenes() {
     assert!(jumps > 30 && forces > 30 && open > 30, "{jumps} {forces} {open}");
 }
 
-/// What enters is taken where it does: at an end of space, or at or beyond an end of velocity.
+/// The inflow is evaluated where it enters: at an end of space, or at or beyond an end of velocity.
 #[test]
 fn inflow_is_that_of_the_ends() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(20));
@@ -346,8 +346,8 @@ fn inflow_is_that_of_the_ends() {
     assert!(ends.iter().all(|&found| found > 100), "{ends:?}");
 }
 
-/// The same scenes with closed ends, where nothing enters: `S ≤ 0` within its bounds, and of the
-/// central flux, at jumps and slopes of `V` too, `S = 0`. As is that of elements of degree 0.
+/// The same cases with closed ends, without inflow: `S ≤ 0` within its bounds, and of the central
+/// flux, at jumps and slopes of `V` too, `S = 0`. As is that of elements of degree 0.
 #[test]
 fn closed_ends_lose_nothing() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(18));
@@ -379,8 +379,8 @@ fn closed_ends_lose_nothing() {
     assert!(skew.iter().all(|&found| found > 3), "{skew:?}");
 }
 
-/// Partial reflection dissipates where nothing else does: with closed ends and the central flux.
-/// With open ones it loses what leaves the box, and no more.
+/// Partial reflection is the only dissipation with closed ends and the central flux. With open ones
+/// it loses what leaves the box, and no more.
 #[test]
 fn partial_reflection_is_within_its_bounds() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(19));

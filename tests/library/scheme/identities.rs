@@ -12,7 +12,7 @@ use phasewarp::scheme::interface::{sources, velocity};
 use phasewarp::scheme::rows::{Row, Scheme};
 use proptest::prelude::*;
 
-/// What holds for every case: signs, row sums and what they leave to the inflow, order of the
+/// Identities of every case: signs, row sums and what they leave to the inflow, order of the
 /// entries, the bound on the rates; column sums where the interface keeps them. `inflow` is the
 /// constant that enters, if it is one.
 fn identities(name: &str, case: &Case, inflow: Option<f64>) {
@@ -100,8 +100,8 @@ fn identities_at_hard_walls() {
     }
 }
 
-/// What would have to come from the foot of such a wall is faster than anything: the inflow is
-/// asked at such a velocity, of the right sign, however high the wall.
+/// Particles from the foot of such a wall are faster than any velocity of the box: the inflow is
+/// evaluated at such a velocity, of the right sign, for any height of the wall.
 #[test]
 fn inflow_from_the_foot_of_a_hard_wall() {
     for interface in ["hat", "conservative"] {
@@ -245,7 +245,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
                 let tolerance = 1e-14 * system.generator.largest();
                 assert_same(&name, &back.generator, &system.generator, tolerance);
                 assert_same_system(&name, &back, &system);
-                // The scene is not its own mirror image, or the test would see nothing.
+                // The case is not its own mirror image; otherwise the test could not fail.
                 if hat.name.contains("asymmetric") {
                     let differs = Dense::from_fn(size, |i, j| {
                         image.generator.at(i, j) - system.generator.at(i, j)

@@ -10,7 +10,7 @@ use crate::dense::case;
 use phasewarp::problem::case::{Case, Interface};
 use phasewarp::problem::grid::Axis;
 
-/// What two ways to compute an entry may differ by, relative to the largest entry.
+/// Largest difference between two ways to compute an entry, relative to the largest entry.
 const ROUND_OFF: f64 = 1e-12;
 
 /// A case, with potential and inflow written a second time.
@@ -19,7 +19,7 @@ struct Scene {
     case: Case,
     /// `V`, by the formula of the cell around `centre`, at `point`.
     potential: fn(centre: [f64; 3], point: [f64; 3]) -> f64,
-    /// What stands in ghost cells.
+    /// The values of ghost cells.
     inflow: fn(x: [f64; 3], v: [f64; 3]) -> f64,
 }
 

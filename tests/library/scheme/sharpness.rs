@@ -92,8 +92,8 @@ impl Sparse {
     }
 }
 
-/// What is wrong with the bounds of a case, and how long the intervals and how large the bound of
-/// `S` are beside what Lanczos finds: the largest ratio.
+/// The violations of the bounds of a case, and the largest ratios of the intervals and of the bound
+/// of `S` to the values that Lanczos finds.
 fn widest(name: &str, case: &Case) -> f64 {
     let bounds = Bounds::new(case).expect("V is finite");
     let generator = Sparse::new(case);
@@ -115,7 +115,7 @@ fn widest(name: &str, case: &Case) -> f64 {
     }
 }
 
-/// `V` along x, and what it is called.
+/// `V` along x, and its name.
 const POTENTIALS: [(&str, &str); 8] = [
     ("constant", "[{value='0'}]"),
     ("step", "[{where='x<0',value='0.2'},{value='0'}]"),
@@ -170,14 +170,14 @@ fn bounds_are_sharp_in_one_dimension() {
 }
 
 /// The wave is flat at the open ends and steep elsewhere in their elements: with the central flux
-/// nothing else dissipates, and the bound knows the steepest force of an element only.
+/// there is no other dissipation, and the bound uses only the steepest force of an element.
 #[test]
 fn bounds_hold_where_the_ends_alone_dissipate() {
     let case = scene(POTENTIALS[7].1, [3, 3], 0.0, "open", 72);
     report(vec![(widest("wave", &case), "wave".to_owned())], 1.35);
 }
 
-/// The cases of the program on small grids, with nothing that enters.
+/// The cases of the program on small grids, without inflow.
 #[test]
 fn bounds_are_sharp_on_the_cases() {
     let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/cases"));
@@ -196,7 +196,7 @@ fn bounds_are_sharp_on_the_cases() {
             _ => &[(0, 0.5), (1, 0.25), (2, 0.5)],
         };
         for (k, &(degree, flux)) in trials.iter().enumerate() {
-            // Measure-valued data and inflow say which settings they refuse.
+            // Measure-valued data and inflow have messages that name the settings they refuse.
             let ends = if given.enters() || (k + rotated) % 2 == 0 { "open" } else { "closed" };
             // Axes of slopes with fewer than some twelve elements: docs/high-order.md.
             let nodes = [if degree > 4 { 144 } else { 72 }, 12, 5][n - 1] / (degree + 1);
