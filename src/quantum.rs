@@ -47,6 +47,6 @@ pub mod walk;
 /// # Errors
 /// [`Error::Input`] for a plan of the classical method, which has none.
 pub(crate) fn planned_modes<'a>(case: &Case, plan: &'a Plan) -> Result<&'a WarpPlan> {
-    let none = || Error::Input(format!("{}: nothing is planned by modes", case.name));
+    let none = || Error::Input(format!("{}: there is no plan of modes", case.name));
     plan.warp.as_ref().ok_or_else(none)
 }

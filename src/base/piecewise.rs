@@ -511,7 +511,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_rough_or_unbounded_is_refused() {
+    fn rough_or_unbounded_functions_are_refused() {
         let fit = |f: Function| Piecewise::fit(&f, [-1.0, 0.0], 10.0);
         assert!(matches!(fit(|x| (1e6 * x).sin()), Err(Failure::Rough { .. })));
         assert!(matches!(fit(|x| -(-x).powf(0.2)), Err(Failure::Rough { .. })));

@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_in_a_text_is_obeyed() {
+    fn control_characters_are_escaped() {
         for (text, shown) in [
             ("a\tb\nλ⁺ é 漢", "a\tb\nλ⁺ é 漢"),
             ("\u{1b}[31mred", "\\u001b[31mred"),
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn places_can_be_told_apart() {
+    fn places_can_be_distinguished() {
         for (value, apart, text) in [
             (0.0, 0.1, "0"),
             (1e-17, 0.1, "0"),

@@ -135,7 +135,7 @@ fn with_accuracy(
             )),
         };
     };
-    refuse_what_is_chosen(&changes.set)?;
+    refuse_chosen_keys(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
     let advised = advise(world, &case, Request { accuracy, budget })?;
     let Some(entry) = advised.best_of(case.method) else {
@@ -161,7 +161,7 @@ fn with_accuracy(
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.
-fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
+fn refuse_chosen_keys(set: &[String]) -> Result<()> {
     let is_chosen = |key: &str| {
         let of_axis =
             key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));

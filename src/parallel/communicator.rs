@@ -10,7 +10,7 @@ pub mod vote;
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
 use crate::base::machine;
-use crate::parallel::partition::{Block, ProcessMesh};
+use crate::parallel::partition::{Block, Exchange, ProcessMesh};
 use mpi::collective::SystemOperation;
 use mpi::ffi;
 use mpi::topology::{Color, SimpleCommunicator};
@@ -479,8 +479,8 @@ impl GhostExchange {
         let neighbours: Vec<Neighbour> = block
             .exchanges()
             .into_iter()
-            .map(|(rank, rows, ghosts)| Neighbour {
-                rank: rank as i32,
+            .map(|Exchange { neighbour, send: rows, ghosts }| Neighbour {
+                rank: neighbour as i32,
                 send: vec![0.0; rows.len() * width],
                 receive: vec![0.0; ghosts.len() * width],
                 rows,

@@ -126,6 +126,16 @@ impl ProcessMesh {
     }
 }
 
+/// The exchange with a neighbour.
+pub struct Exchange {
+    /// The neighbour's block.
+    pub neighbour: usize,
+    /// Local numbers of the cells that the neighbour needs.
+    pub send: Vec<u32>,
+    /// The rows of the neighbour's cells among the ghosts of this block.
+    pub ghosts: Range<usize>,
+}
+
 /// A layer of a neighbour's cells.
 #[derive(Clone, Debug)]
 pub struct GhostLayer {
@@ -276,8 +286,8 @@ impl Block {
             .collect()
     }
 
-    /// The neighbours: `(block, local numbers of the cells it needs, its ghosts here)`.
-    pub fn exchanges(&self) -> Vec<(usize, Vec<u32>, Range<usize>)> {
+    /// The exchange with each neighbour.
+    pub fn exchanges(&self) -> Vec<Exchange> {
         self.slabs
             .iter()
             .map(|slab| {
@@ -289,7 +299,8 @@ impl Block {
                     }
                 });
                 let length = volume(&slab.ghost) * self.velocity_cells;
-                (slab.neighbour, send, slab.start..slab.start + length)
+                let ghosts = slab.start..slab.start + length;
+                Exchange { neighbour: slab.neighbour, send, ghosts }
             })
             .collect()
     }
@@ -414,11 +425,12 @@ mod tests {
                     }
                 });
                 // The rows that a neighbour sends match, in order, the ghosts that are stored here.
-                for (other, _, range) in block.exchanges() {
-                    let (_, send, _) = all[other]
+                for exchange in block.exchanges() {
+                    let other = exchange.neighbour;
+                    let Exchange { send, .. } = all[other]
                         .exchanges()
                         .into_iter()
-                        .find(|e| e.0 == b)
+                        .find(|e| e.neighbour == b)
                         .expect("neighbours are mutual");
                     let mut sent = Vec::new();
                     all[other].for_each_own(|global, local| {
@@ -430,7 +442,7 @@ mod tests {
                     });
                     sent.sort_unstable();
                     let sent: Vec<usize> = sent.into_iter().map(|s| s.1).collect();
-                    assert_eq!(sent, ghosts[range]);
+                    assert_eq!(sent, ghosts[exchange.ghosts]);
                 }
             }
         }

@@ -152,30 +152,40 @@ struct Event {
     face: Option<(f64, bool)>,
 }
 
-/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies: the time,
-/// the velocity then, and whether it is the upper end. The time is infinite for a particle that
-/// stands.
+/// The arrival of a particle at an end of an interval.
+struct Arrival {
+    /// Infinite for a particle at rest.
+    time: f64,
+    /// The velocity at that time.
+    w: f64,
+    /// Whether it arrives at the upper end.
+    at_upper: bool,
+}
+
+/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies.
 ///
 /// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed at
 /// the end ahead is `r = √(w² + 2 p D)` and the time `2D/(|w| + r)`, free of cancellation. Without
 /// such an `r` the particle turns and arrives, from distance `D'`, at the end behind with `r' =
 /// √(w² + 2|p|D')` after the time `(|w| + r')/|p|`.
-fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
+fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> Arrival {
     let up = w > 0.0 || (w == 0.0 && a > 0.0);
     let sign = if up { 1.0 } else { -1.0 };
     let (ahead, behind) = if up { (upper - x, x - lower) } else { (x - lower, upper - x) };
     let (speed, push) = (w.abs(), sign * a);
     let square = w * w + 2.0 * push * ahead;
     if speed == 0.0 && push == 0.0 {
-        (f64::INFINITY, w, up)
+        Arrival { time: f64::INFINITY, w, at_upper: up }
     } else if ahead == 0.0 {
-        (0.0, w, up)
+        Arrival { time: 0.0, w, at_upper: up }
     } else if push >= 0.0 || square > 0.0 {
         let speed_there = square.sqrt();
-        (2.0 * ahead / (speed + speed_there), sign * speed_there, up)
+        let time = 2.0 * ahead / (speed + speed_there);
+        Arrival { time, w: sign * speed_there, at_upper: up }
     } else {
         let speed_there = (w * w - 2.0 * push * behind).sqrt();
-        (-(speed + speed_there) / push, -sign * speed_there, !up)
+        let time = -(speed + speed_there) / push;
+        Arrival { time, w: -sign * speed_there, at_upper: !up }
     }
 }
 
@@ -400,8 +410,10 @@ impl<'a> Tracer<'a> {
 
     fn face_event(&self, particle: &TracedParticle, a: usize, slope: f64) -> Event {
         let (lower, upper) = self.faces(particle, a);
-        let (time, w, up) = arrival(particle.x[a], particle.w[a], -slope, lower, upper);
-        Event { time, axis: a, w, face: Some((if up { upper } else { lower }, up)) }
+        let Arrival { time, w, at_upper } =
+            arrival(particle.x[a], particle.w[a], -slope, lower, upper);
+        let end = if at_upper { upper } else { lower };
+        Event { time, axis: a, w, face: Some((end, at_upper)) }
     }
 
     /// The first event on any axis that moves; of those at the same time but for `round_off`, that

@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_linear_along_each_axis_is_exact() {
+    fn multilinear_functions_are_exact() {
         let [x, v, t] = [&[-1.0, 0.0, 0.5][..], &[0.0, 2.0], &[0.0, 1.0, 3.0, 4.0]];
         let f = |x: f64, v: f64, t: f64| (1.0 + 2.0 * x) * (3.0 - v) * (0.5 + t);
         let mut values = Vec::new();
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_table_is_refused() {
+    fn invalid_tables_are_refused() {
         let one = |points: &[f64], values: &[f64]| {
             Table::new(vec![axis("x", 0, points)], values.to_vec()).unwrap_err()
         };

@@ -132,7 +132,7 @@ mod tests {
 
     /// A million increments, none of which alone changes the sum by a whole unit of its last place.
     #[test]
-    fn what_is_rounded_away_is_not_lost() {
+    fn rounding_errors_are_compensated() {
         let (increment, count) = (0.3 * f64::EPSILON, 1_000_000);
         let sums = (0..count).fold([1.0, 0.0], |sums, _| added(sums, increment));
         let expected = 1.0 + increment * f64::from(count);

@@ -266,7 +266,7 @@ impl Probabilities {
         let state = norms.weighted.hypot(norms.auxiliary);
         let slice = (state / norm).powi(2) * (-2.0 * point).exp();
         if norms.field == 0.0 || !slice.is_finite() {
-            let none = Chain::unavailable("nothing is left of the field");
+            let none = Chain::unavailable("the field has decayed to zero");
             return Self {
                 points,
                 recovery: point,
@@ -276,7 +276,7 @@ impl Probabilities {
                 window_error: None,
                 at_slice: none.clone(),
                 in_window: none,
-                norm_of_field: LabelledNumber::unavailable("nothing is left of the field"),
+                norm_of_field: LabelledNumber::unavailable("the field has decayed to zero"),
             };
         }
         if points == 1 {

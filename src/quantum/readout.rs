@@ -120,10 +120,10 @@ impl Readout {
     /// over `world`.
     pub fn new(world: &Group, case: &Case, source: &ReadoutSource<'_>) -> Self {
         let Some(readout) = &case.readout else {
-            return Self::unavailable(case, "no [readout] is asked for");
+            return Self::unavailable(case, "the case has no [readout]");
         };
         if source.norm() == 0.0 {
-            return Self::unavailable(case, "nothing is left of the field");
+            return Self::unavailable(case, "the field has decayed to zero");
         }
         let chain = source.probabilities.nearest();
         let factors = VelocityFactors::new(&case.space);

@@ -169,7 +169,7 @@ impl Ledger {
             self.grid_warning(),
             self.start_warning(),
             self.interface_warning(),
-            self.nothing_warning(),
+            self.empty_field_warning(),
             self.inflow_warning(),
             self.unexplained_warning(),
             self.balance_warning(),
@@ -223,7 +223,7 @@ impl Ledger {
     }
 
     /// Warning of a solution that is zero.
-    fn nothing_warning(&self) -> Option<String> {
+    fn empty_field_warning(&self) -> Option<String> {
         let none = |mass: Option<f64>| mass.is_none_or(|mass| mass == 0.0);
         let mass = &self.mass;
         let nothing = mass.absolute == Some(0.0) && none(mass.initial) && none(mass.entered);
@@ -567,7 +567,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_say_what_is_known_only() {
+    fn lines_contain_known_numbers_only() {
         assert!(Ledger::default().lines().is_empty());
         let lines = sound().lines().join("\n");
         assert!(lines.contains("2.001 on the grid, off by 0.05 %"), "{lines}");

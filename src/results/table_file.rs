@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_grid_is_refused() {
+    fn tables_without_a_grid_are_refused() {
         for (text, said) in [
             ("", "is empty"),
             ("x,v\n1,2\n", "no column \"f\""),

@@ -327,7 +327,7 @@ fn include_step_error(summary: &mut Summary) {
         && summary.norm_kept >= Some(LEAST_NORM_KEPT)
         && summary.step_beyond <= 0.5 * found;
     if !summary.step_told {
-        summary.doubt = Some("the step is too long for its error to be told".to_owned());
+        summary.doubt = Some("the step is too long for its error to be estimated".to_owned());
     }
     summary.error_estimate = summary.error_estimate.map(|e| e + found);
     summary.error_estimate_reliable &= summary.step_told;
@@ -349,7 +349,7 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     let whole = summary.error_estimate.unwrap_or(found);
     let size = match summary.step_told {
         true => format!("leaves {found:.1e} of it"),
-        false => format!("is too long for its error to be told (leading term {found:.1e})"),
+        false => format!("is too long for its error to be estimated (leading term {found:.1e})"),
     };
     // The error goes with a power of the step; the rest of it stays.
     let order = plan.propagation.method.order() as f64;

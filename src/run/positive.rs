@@ -42,7 +42,7 @@ mod tests {
     use crate::problem::grid::{Axis, MAX_DIMENSION};
 
     #[test]
-    fn averages_are_kept_and_nothing_is_negative() {
+    fn averages_are_kept_and_values_are_nonnegative() {
         let space = PhaseSpace {
             x: vec![Axis::new(0.0, 1.0, 3).with_nodes(Nodes::of_space(2))],
             v: vec![Axis::new(-1.0, 1.0, 2).with_nodes(Nodes::of_velocity(3))],

@@ -19,7 +19,7 @@ pub(crate) fn readout(
     let probabilities = match (refused(case), &summary.probabilities) {
         (None, Some(probabilities)) => probabilities,
         (why, _) => {
-            return Readout::unavailable(case, why.unwrap_or("nothing is planned by modes"));
+            return Readout::unavailable(case, why.unwrap_or("there is no plan of modes"));
         }
     };
     // Implicit steps leave an error of their own.

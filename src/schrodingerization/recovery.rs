@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn of_waves_is_what_the_definition_says() {
+    fn readings_of_waves_follow_the_definition() {
         for method in METHODS {
             for (point, width) in [(0.3, 1.0), (2.0, 0.25)] {
                 let reading = Reading { method, point, width };

@@ -114,7 +114,7 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
 /// errors. A measured error of the algorithm replaces its estimate. If the field has decayed to
 /// zero, no accuracy is claimed.
 #[test]
-fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
+fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     let place = directory();
     let grid = ["axis.0.x.cells=10", "axis.0.v.cells=10", "solver.verify=true"];
     let beams = || run("smooth-beams.toml").set(&grid);
@@ -143,7 +143,7 @@ fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
 /// For discontinuous data the choice is made by measured errors. The run reaches them, and counts
 /// the same cost as the trials. `--resume` uses the earlier choice.
 #[test]
-fn what_is_chosen_is_reached_and_kept() {
+fn chosen_accuracy_is_reached_and_kept() {
     let place = directory();
     let job = || {
         let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--budget", "60s"]);
@@ -168,7 +168,7 @@ fn what_is_chosen_is_reached_and_kept() {
 /// A barrier that is narrower than the elements that would do without it: with `[exact]` and
 /// without, the grid that is chosen has its edges on faces, and particles come back from it.
 #[test]
-fn what_is_chosen_keeps_every_region() {
+fn chosen_grids_keep_every_region() {
     let case = r#"
 potential = [{ where = "x > 0 && x < 0.3", value = "0.6" }, { value = "0" }]
 initial.f = "exp(-((x + 2)^2/0.5 + (v - 1.1)^2/0.125))"
@@ -203,7 +203,7 @@ v = { lower = -2.5, upper = 2.5, cells = 50 }
 /// The last line of a run names both errors where that of the grid is the larger by far, as it is
 /// in summary.json; no other run has it.
 #[test]
-fn the_last_line_says_what_limits_a_run() {
+fn the_last_line_names_the_limit_of_a_run() {
     let small = ["axis.0.x.cells=10", "axis.0.v.cells=10"];
     let fine = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
     let (measured, estimated) = ("(measured, relative L2)", "(estimated, relative L2)");
@@ -275,7 +275,7 @@ type AdviceRow<'a> = (&'a str, Vec<&'a str>, &'a [&'a str], &'a [&'a str]);
 /// degrees or slopes if they apply, and a sufficient tolerance if the grid's error is below a
 /// tenth. On slightly fewer cells than it names the error is above a tenth.
 #[test]
-fn what_is_advised_is_what_that_run_lacks() {
+fn advice_matches_the_shortcomings_of_the_run() {
     let minmod = ["scheme.limiter=minmod", "solver.classical.integrator=ssp-rk3", CLASSICAL];
     let (degree_2, degree_3, degree_8) = (elements(2, 34), elements(3, 32), elements(8, 8));
     let (some, all) =
@@ -440,7 +440,7 @@ fn partial_reflection_by_modes_is_that_of_the_formula() {
 
 /// Degrees, fluxes and reflections that there are not, each with its key and the limit.
 #[test]
-fn what_is_no_scheme_is_refused() {
+fn invalid_schemes_are_refused() {
     let rows: &[(&str, &[&str])] = &[
         ("scheme.degree=9", &["scheme.degree = 9", "between 0 and 8"]),
         ("scheme.degree=-1", &["scheme.degree = -1", "between 0 and 8"]),
@@ -488,7 +488,7 @@ fn reflected_parts_outside_of_0_and_1_are_refused() {
 /// A time step that is too long for the tolerance: the last line says so, and with `solver.strict`
 /// the exit code; one that is met says nothing.
 #[test]
-fn a_tolerance_that_is_missed_is_said_last() {
+fn a_missed_tolerance_is_reported_last() {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=18", "solver.tolerance=1e-6"];
     let long = "solver.propagator={method='crank-nicolson',step=0.05}";
     let [strict, verify] = ["solver.strict=true", "solver.verify=true"];

@@ -399,7 +399,7 @@ fn a_zero_density_is_refused_and_merged_axes_are_kept() {
 /// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be
 /// given on.
 #[test]
-fn what_is_out_of_reach_is_refused() {
+fn unreachable_accuracies_are_refused() {
     let rows = [
         (vec!["--accuracy", "1e-9"], &["out of reach", "cells"][..]),
         (vec!["--accuracy", "0"], &["above 0 and below 1"]),

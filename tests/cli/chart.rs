@@ -151,7 +151,7 @@ static OF_STEP_UP: LazyLock<Value> = LazyLock::new(|| {
 });
 
 #[test]
-fn what_is_found_does_not_depend_on_ranks() {
+fn charts_do_not_depend_on_ranks() {
     let three = chart("step_up.toml", &SMALL, (3, 10.0), directory().path()).unwrap();
     let knobs = [
         "method", "grid", "degree", "flux", "interface", "integrator", "limiter", "cfl", "profile",

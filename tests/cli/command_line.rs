@@ -115,7 +115,7 @@ fn every_rank_ends_with_the_code() {
 
 /// No subcommand: the usage, exit code 2. Help and version: printed once, exit code 0.
 #[test]
-fn help_is_said_once() {
+fn help_is_printed_once() {
     let finished = Job::new([""; 0]).on(2).run().unwrap();
     assert!(
         finished.code == Some(2) && finished.errors.matches("Usage:").count() == 1,

@@ -63,7 +63,7 @@ fn a_case_is_checked_as_json() {
 
 /// The refusal of a case as JSON, beside the message.
 #[test]
-fn a_refused_case_is_told_as_json() {
+fn a_refused_case_is_reported_as_json() {
     let example = crate::support::case("example1.toml");
     // The setting, then key, value, --set, and words of the message.
     let rows = [

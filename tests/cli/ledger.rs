@@ -140,7 +140,7 @@ fn the_ledger_does_not_depend_on_ranks() {
 
 /// Deviations are reported, by `check` if they do not need a solve.
 #[test]
-fn what_is_off_is_said_before_and_after() {
+fn deviations_are_reported_before_and_after() {
     let units: &[&str] = &["axis.0.v={ lower=-1e6, upper=1e6, cells=80 }", "time.end=1e-7"];
     let narrow: &[&str] = &["initial.f=exp(-((x + 0.6)/0.003)^2 - ((v - 0.7)/0.003)^2)"];
     let wide: &[&str] = &["initial.f=exp(-(x + 0.6)^2/0.01 - v^2)"];
@@ -237,7 +237,7 @@ impl Barrier {
 /// Narrow barriers are said, before a run and after it, where they hold too many particles; behind
 /// them the density is as good as behind wide ones.
 #[test]
-fn narrow_regions_are_said_where_the_grid_does_not_resolve_them() {
+fn unresolved_narrow_regions_are_reported() {
     let rows = [(1, 0, true), (2, 0, true), (3, 0, true), (4, 0, false), (8, 0, false)];
     let rows = [&rows[..], &[(1, 1, false), (2, 1, false)]].concat();
     check_all(&rows, |&(cells, degree, said)| {
@@ -264,7 +264,7 @@ fn narrow_regions_are_said_where_the_grid_does_not_resolve_them() {
 /// In no case of `cases/` does mass vanish or enter without a reason; where `V` or a pulse is not
 /// resolved it does, and the report does not trust it.
 #[test]
-fn mass_that_does_not_add_up_is_said() {
+fn unbalanced_mass_is_reported() {
     let off = |summary: &Summary| {
         let warnings = summary.warnings();
         let words = ["by the particles of the exact flow", "enters the grid"];

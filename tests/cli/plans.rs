@@ -514,7 +514,7 @@ fn skew_systems_take_one_mode() {
 /// `check` names each cause of `S` with the most that it adds, which no cause that is not there
 /// has, and which together bound the norm.
 #[test]
-fn check_says_what_the_norm_of_s_is_made_of() {
+fn check_reports_the_parts_of_the_norm_of_s() {
     const CAUSES: [&str; 5] = [
         "flux between elements", "open ends of the box", "beyond the velocity box",
         "ends of the velocity box", "partial reflection",

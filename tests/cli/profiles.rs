@@ -124,7 +124,7 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
 
 /// An interval too short is refused with ends that will do.
 #[test]
-fn intervals_too_short_are_refused_with_what_is_needed() {
+fn short_intervals_are_refused_with_a_sufficient_one() {
     let rows = [
         ("gaussian", "analytic", "1e-6"),
         ("gaussian", "sampled", "1e-6"),
@@ -163,7 +163,7 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
 /// A set-up by hand in the manner of the paper runs. Its shortcomings are reported before the run
 /// and in the summary.
 #[test]
-fn what_is_given_by_hand_and_not_enough_is_warned_of() {
+fn insufficient_settings_by_hand_cause_warnings() {
     let place = directory();
     let job = run("example1.toml").set(&[
         "axis.0.x.cells=16",

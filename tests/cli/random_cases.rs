@@ -242,7 +242,7 @@ fn fields_of_any_size_are_solved_or_refused() {
 /// If the field has (almost) decayed to zero, a relative error cannot be guaranteed: it is met or
 /// refused.
 #[test]
-fn what_is_left_of_a_field_is_solved_or_refused() {
+fn decayed_fields_are_solved_or_refused() {
     let rows = ["14", "30", "46", "54", "62"];
     check_all(&rows, |end| {
         let place = directory();

@@ -161,7 +161,7 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
 }
 
 #[test]
-fn where_there_is_no_state_it_says_why() {
+fn missing_states_have_a_reason() {
     type Row = (&'static str, &'static [&'static str], usize, &'static str);
     const TINY: &[&str] = &["axis.0.x.cells=20", "axis.0.v.cells=16", "readout={points=[[0.1]]}"];
     let table: &[Row] = &[

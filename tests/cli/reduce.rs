@@ -310,7 +310,7 @@ fn mistakes_are_refused() {
 
 /// Ranks take modes as long as those suffice; `--ranks-x` splits space.
 #[test]
-fn space_is_split_where_it_is_asked_for() {
+fn space_is_split_by_ranks_x() {
     let blocks = |more: &[&str]| -> Vec<u64> {
         let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4", "--json"])
             .with(more.to_vec());

@@ -16,7 +16,7 @@ fn run() -> Job {
     Job::new(["run", &case("example1.toml")]).set(&SMALL)
 }
 
-fn says_finished(finished: &Finished) -> bool {
+fn reports_finished(finished: &Finished) -> bool {
     finished.output.contains("the run is finished")
 }
 
@@ -87,11 +87,11 @@ fn damaged_results_are_not_called_finished() {
         }
         let again = job(3).with(["--resume"]).succeed()?;
         again.says(&again.errors, &["is damaged and is computed anew", said])?;
-        if says_finished(&again) || !differences(&datasets(path)?, &sound).is_empty() {
+        if reports_finished(&again) || !differences(&datasets(path)?, &sound).is_empty() {
             return Err(again.report(&format!("{what}: not computed anew")));
         }
         let again = job(2).with(["--resume"]).succeed()?;
-        if !says_finished(&again) || again.errors.contains("damaged") {
+        if !reports_finished(&again) || again.errors.contains("damaged") {
             return Err(again.report(&format!("{what}: not mended")));
         }
         Ok(())
@@ -120,7 +120,7 @@ fn paths_may_be_long() {
         run().set(&settings).on(2).solve(&path)?;
         Job::new(["check-result", &path.display().to_string()]).on(2).succeed()?;
         let again = run().set(&settings).into(&path).with(["--resume"]).on(2).succeed()?;
-        if says_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
+        if reports_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
     });
 }
 
@@ -147,7 +147,7 @@ fn a_run_without_a_summary_is_not_finished() {
     finished.ended(1, &["summary.json"]).unwrap();
     assert_eq!(names(path), ["readout.csv", "result.h5"], "nothing else stays");
     let again = job().with(["--resume"]).succeed().expect("a run");
-    assert!(!says_finished(&again), "{}", again.report("there was no summary"));
+    assert!(!reports_finished(&again), "{}", again.report("there was no summary"));
     assert_eq!(names(path), ["readout.csv", "result.h5", "summary.json"]);
     assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
 }

@@ -29,7 +29,7 @@ fn contents(directory: &Path) -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn results_are_not_replaced_unasked() {
+fn results_are_not_replaced_without_force() {
     let place = directory();
     let path = place.path();
     run(&[]).into(path).succeed().expect("a run");
@@ -58,7 +58,7 @@ fn results_are_not_replaced_unasked() {
 }
 
 #[test]
-fn what_is_replaced_goes_with_its_pictures() {
+fn replaced_results_lose_their_pictures() {
     let place = directory();
     let path = place.path();
     run(&["readout={cells=[[3]]}", "output.warped_field=true"]).into(path).succeed().unwrap();
@@ -85,7 +85,7 @@ fn what_is_replaced_goes_with_its_pictures() {
 /// A sweep, an export, a report, pictures and a movie replace their own files, and files of others
 /// only with --force.
 #[test]
-fn tables_exports_and_reports_are_not_replaced_unasked() {
+fn tables_exports_and_reports_are_not_replaced_without_force() {
     let place = directory();
     let path = place.path();
     let example = case("example1.toml");
@@ -170,7 +170,7 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
 }
 
 #[test]
-fn files_that_no_run_wrote_are_not_replaced_unasked() {
+fn foreign_files_are_not_replaced_without_force() {
     let rows = [
         ("result.h5", "it holds a result.h5 that is not phasewarp's"),
         ("summary.json", "it holds summary.json, which belongs to no result.h5 there"),

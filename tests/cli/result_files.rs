@@ -307,7 +307,7 @@ fn nodes_weights_and_averages() {
 /// `output.positive` leaves no node below zero, keeps the averages of elements and with them the
 /// mass, and says the least value before it; degree 0, output times and readout refuse it.
 #[test]
-fn what_is_written_can_be_made_positive() {
+fn fields_can_be_made_positive() {
     let (plain, limited) = (directory(), directory());
     let job = || run("smooth-beams.toml").set(&ELEMENTS);
     let before = job().solve(plain.path()).unwrap();

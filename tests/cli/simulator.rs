@@ -199,7 +199,7 @@ pub fn vector(path: &Path) -> Result<Vec<f64>, String> {
 }
 
 #[test]
-fn what_is_read_from_the_exported_state_is_the_field() {
+fn readings_of_the_exported_state_are_the_field() {
     check_all(&[EXPORTS, READ].concat(), |(name, settings)| {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
@@ -272,7 +272,7 @@ fn exports_are_the_same_on_any_ranks() {
 }
 
 #[test]
-fn what_is_too_large_or_no_state_is_refused() {
+fn large_cases_and_zero_states_are_refused() {
     type Row = (&'static str, &'static [&'static str], &'static [&'static str]);
     let rows: &[Row] = &[
         ("example1.toml", &["axis.0.x.cells=6"], &["6 cells along x", "power of two"]),

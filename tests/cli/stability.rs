@@ -46,7 +46,7 @@ fn expect(holds: bool, what: impl Fn() -> String) -> Result<(), String> {
 /// A step of forward Euler keeps the largest value exactly up to cfl 1, one of SSP-RK3 too; neither
 /// explodes below von Neumann's limit.
 #[test]
-fn explicit_steps_fail_where_theory_says() {
+fn explicit_steps_fail_where_theory_predicts() {
     let small =
         |x: usize, v: usize| vec![format!("axis.0.x.cells={x}"), format!("axis.0.v.cells={v}")];
     let rows: [(&str, Vec<String>, usize); 5] = [
@@ -121,7 +121,7 @@ fn growth_of_example_1_by_refinement() {
 
 /// The recovery point: right from where the growth ends to where round-off begins.
 #[test]
-fn the_plateau_begins_and_ends_where_theory_says() {
+fn the_plateau_begins_and_ends_where_theory_predicts() {
     let grid = ["axis.0.x.cells=32", "axis.0.v.cells=26"];
     check_all(&["example1.toml", "step_up.toml", "example2.toml"], |name| {
         let all = found(&stability(name, "recovery").set(&grid).on(2))?;
@@ -151,7 +151,7 @@ fn the_plateau_begins_and_ends_where_theory_says() {
 /// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the
 /// shortest that it accepts.
 #[test]
-fn intervals_fail_where_theory_says() {
+fn intervals_fail_where_theory_predicts() {
     let grid = ["axis.0.x.cells=20", "axis.0.v.cells=15"];
     check_all(&["example1.toml", "well.toml"], |name| {
         let all = found(&stability(name, "interval").set(&grid))?;

@@ -159,7 +159,7 @@ fn every_propagator_runs_in_every_case() {
 /// The distance taken here, between the files of two runs, not by the program; on different numbers
 /// of ranks.
 #[test]
-fn distance_between_files_is_what_was_asked_for() {
+fn distance_between_files_is_within_the_tolerance() {
     let rows = [
         ("example1.toml", "hat", 1e-6),
         ("barrier2d.toml", "conservative", 1e-9),

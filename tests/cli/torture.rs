@@ -173,7 +173,7 @@ fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
 }
 
 #[test]
-fn runs_of_all_kinds_survive_any_blow() {
+fn runs_of_all_kinds_survive_any_fault() {
     let tally = Tally::default();
     let all: Vec<u64> = trials().collect();
     check_all(&all, |&number| trial(number, &tally));

@@ -28,7 +28,7 @@ fn lines_and_functions_are_short() {
 }
 
 #[test]
-fn what_is_too_wide_or_too_long_is_found() {
+fn wide_lines_and_long_functions_are_found() {
     let line = "é".repeat(COLUMNS);
     assert!(too_wide(&line).is_empty());
     assert_eq!(too_wide(&format!("a\n{line}é\n")), [2]);

@@ -275,7 +275,7 @@ fn a_planted_import_upwards_is_found() {
 }
 
 #[test]
-fn what_is_no_import_upwards_is_let_be() {
+fn other_imports_are_accepted() {
     for line in [
         "use crate::lower;\nuse std::fs::{self, File};",
         "//! See [`crate::upper`].\n/// And [`crate::upper::Thing`].\nfn f() {} // crate::upper::g",

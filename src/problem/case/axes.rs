@@ -66,7 +66,7 @@ impl AxisTable {
         let (next, last) = (axis.lower + width, axis.upper - width);
         if width < 1.0 / MOST || next == axis.lower || last == axis.upper {
             let message =
-                format!("cells of width {width:e} cannot be told apart in double precision");
+                format!("cells of width {width:e} cannot be distinguished in double precision");
             return file.refuse(&cells_key, message);
         }
         Ok(axis)

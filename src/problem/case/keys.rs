@@ -67,7 +67,7 @@ impl<'de> Deserializer<'de> for Question<'_> {
     type Error = Mistake;
 
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Mistake> {
-        Err(de::Error::custom("a value of any kind is asked for"))
+        Err(de::Error::custom("a value of any kind is requested"))
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {

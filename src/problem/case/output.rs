@@ -149,7 +149,8 @@ impl OutputTable {
                 return file.refuse(key, message);
             }
             if !known && list.contains(&0.0) {
-                let message = "0 given, where initial.warped says nothing of f; times above 0";
+                let message =
+                    "0 given, but initial.warped does not give f at time 0; times above 0";
                 return file.refuse(key, message);
             }
             times.extend(list.iter().map(|&time| OutputTime { time, fields }));

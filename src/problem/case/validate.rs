@@ -211,7 +211,7 @@ impl Case {
         match given.into_iter().find(|(_, given)| *given) {
             Some((key, _)) => file.refuse(
                 &format!("solver.warp.{key}"),
-                "with initial.warped the file says what w is at every p; leave it out",
+                "with initial.warped the file gives w at every p; leave it out",
             ),
             None => Ok(()),
         }

@@ -1,7 +1,7 @@
 //! A circuit as a program of OpenQASM 3, and its counts in the formats of other programs.
 
 use crate::quantum::circuit::description::{CircuitDescription, EvolutionDescription};
-use crate::quantum::circuit::gates::{Circuit, GateCounts};
+use crate::quantum::circuit::gates::{Circuit, GateCounts, GateParts};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -21,7 +21,7 @@ pub fn qasm(circuit: &Circuit, title: Option<&str>) -> String {
         while let Some((_, comment)) = comments.next_if(|comment| comment.0 == place) {
             let _ = writeln!(text, "// {comment}");
         }
-        let (name, angle, qubits) = gate.parts();
+        let GateParts { name, angle, qubits } = gate.parts();
         text += name;
         if let Some(angle) = angle {
             let _ = write!(text, "({angle:?})");

@@ -38,10 +38,20 @@ pub enum Gate {
     Ccx(Qubit, Qubit, Qubit),
 }
 
+/// A gate as a name with its arguments.
+pub struct GateParts {
+    /// The name in OpenQASM.
+    pub name: &'static str,
+    /// The angle of a rotation or phase.
+    pub angle: Option<f64>,
+    /// The qubits, the target last.
+    pub qubits: Vec<Qubit>,
+}
+
 impl Gate {
-    /// Name, angle and qubits, the target last.
-    pub fn parts(self) -> (&'static str, Option<f64>, Vec<Qubit>) {
-        match self {
+    /// Its name, angle and qubits.
+    pub fn parts(self) -> GateParts {
+        let (name, angle, qubits) = match self {
             Self::X(q) => ("x", None, vec![q]),
             Self::H(q) => ("h", None, vec![q]),
             Self::Z(q) => ("z", None, vec![q]),
@@ -56,7 +66,8 @@ impl Gate {
             Self::Cp(angle, a, q) => ("cp", Some(angle), vec![a, q]),
             Self::Swap(a, q) => ("swap", None, vec![a, q]),
             Self::Ccx(a, b, q) => ("ccx", None, vec![a, b, q]),
-        }
+        };
+        GateParts { name, angle, qubits }
     }
 
     /// The gate that undoes it.
@@ -77,7 +88,7 @@ impl Gate {
 /// As `[name, qubits.., angle]`.
 impl Serialize for Gate {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let (name, angle, qubits) = self.parts();
+        let GateParts { name, angle, qubits } = self.parts();
         match angle {
             Some(angle) => (name, qubits, angle).serialize(serializer),
             None => (name, qubits).serialize(serializer),
@@ -224,7 +235,7 @@ impl Circuit {
         };
         let (mut level, mut hard) = (vec![0; self.qubits()], vec![0; self.qubits()]);
         for &gate in &self.gates {
-            let (_, _, qubits) = gate.parts();
+            let qubits = gate.parts().qubits;
             let toffoli = matches!(gate, Gate::Ccx(..));
             match gate {
                 Gate::Ccx(..) => counts.toffoli += 1,

@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn phases_are_distributed_as_the_register_says() {
+    fn phases_are_distributed_as_in_the_register() {
         for (phase, size) in [(0.3, 16u64), (0.03, 16), (0.5, 8), (0.999, 32), (0.71, 7)] {
             let expected = by_definition(phase, size);
             assert!((expected.iter().sum::<f64>() - 1.0).abs() < 1e-12);

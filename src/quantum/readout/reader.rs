@@ -443,7 +443,7 @@ impl ReadoutContext<'_> {
         repetitions: Repetitions,
     ) -> LabelledNumber {
         if estimator.enlarged() {
-            return LabelledNumber::unavailable("C_f is not asked for: C_w is known");
+            return LabelledNumber::unavailable("C_f is not measured: C_w is known");
         }
         let probability = self.probability();
         if !probability.is_finite() {
@@ -532,7 +532,9 @@ fn ratio(rho: &MeasuredMoment, m: &MeasuredMoment) -> Measured {
             let bound = (of_m + velocity.abs() * of_rho) / (below.value.abs() - of_rho);
             m.measured.bound.with(bound)
         }
-        (Some(_), Some(_)) => LabelledNumber::unavailable("the density is not told from 0"),
+        (Some(_), Some(_)) => {
+            LabelledNumber::unavailable("the density cannot be distinguished from 0")
+        }
         _ => LabelledNumber::unavailable("the state's own error is not known"),
     };
     Measured {

@@ -383,7 +383,7 @@ fn a_measurement_of_the_x_register_is_no_density() {
 }
 
 #[test]
-fn what_is_not_known_says_why() {
+fn unknown_numbers_have_a_reason() {
     let case = case("cells = [[0, 0]]");
     let negative = rows(&case, [0, 0], |source| source.least = -0.1);
     assert!(negative[0].measured[2].estimate.to_string().contains("negative"));

@@ -109,7 +109,7 @@ impl Record {
             ("QFT gates", &self.transform_gates),
             ("operations of classical Euler", &self.classical_operations),
         ];
-        figures(f, &rows)?;
+        rows.iter().try_for_each(|(name, number)| line(f, name, number))?;
         let r = &self.qubits;
         writeln!(
             f,
@@ -133,7 +133,7 @@ impl Record {
             "{:<WIDTH$}a table of {} numbers in every value query, from {} sweeps",
             "weights", table.entries, table.sweeps
         )?;
-        figures(f, &rows)
+        rows.iter().try_for_each(|(name, number)| line(f, name, number))
     }
 }
 
@@ -142,9 +142,9 @@ fn list(numbers: &[usize], between: &str) -> String {
     numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(between)
 }
 
-/// A line a figure, behind its name.
-fn figures(f: &mut fmt::Formatter<'_>, rows: &[(&str, &LabelledNumber)]) -> fmt::Result {
-    rows.iter().try_for_each(|(name, figure)| writeln!(f, "{name:<WIDTH$}{figure}"))
+/// A line with a name and its number.
+fn line(f: &mut fmt::Formatter<'_>, name: &str, number: &LabelledNumber) -> fmt::Result {
+    writeln!(f, "{name:<WIDTH$}{number}")
 }
 
 /// Nonzeros of each matrix beside the paper's bounds, and where a bound does not hold.
@@ -200,7 +200,7 @@ fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
         ("  rounds of amplification", &c.amplification_rounds),
         ("  evolutions, amplified", &c.amplified_evolutions),
     ];
-    figures(f, &rows)
+    rows.iter().try_for_each(|(name, number)| line(f, name, number))
 }
 
 /// The paper's asymptotic count.
@@ -214,5 +214,5 @@ fn regime_table(f: &mut fmt::Formatter<'_>, regime: &Regime, tolerance: f64) -> 
         ("  qubits, p growing", &regime.qubits_with_growth),
         ("  operations of Euler", &regime.classical_operations),
     ];
-    figures(f, &rows)
+    rows.iter().try_for_each(|(name, number)| line(f, name, number))
 }

@@ -489,7 +489,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn averages_leave_nothing_out() {
+    fn averages_cover_all_cells() {
         for (cells, parts) in [(7, 7), (7, 3), (1000, 512), (1, 1)] {
             let parts = ends(cells, parts);
             assert_eq!((parts[0][0], parts[parts.len() - 1][1]), (0, cells));

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_of_a_text_is_markup() {
+    fn markup_in_texts_is_escaped() {
         let text = Text("<b a=\"1\" c='2'>&\u{1}\n").render().into_string();
         assert_eq!(text, "&lt;b a=&quot;1&quot; c='2'&gt;&amp;\u{fffd}\n");
         // Attributes stand between double quotes, so that a single one ends none.

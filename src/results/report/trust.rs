@@ -263,7 +263,7 @@ mod tests {
 
     /// A run that goes on meets its tolerance by its own error; the inherited error is shown.
     #[test]
-    fn inherited_errors_are_said_and_miss_nothing() {
+    fn inherited_errors_are_reported_and_are_no_miss() {
         let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };
         let summary = json!({
             "tolerance": 1e-6, "accuracy": accuracy, "missed": Missed::default(),

@@ -396,7 +396,7 @@ mod tests {
     /// The formula of the inflow may be nonzero at cells that were left out. Their field is zero
     /// all the same, and no inflow comes from there.
     #[test]
-    fn nothing_enters_from_what_was_left_out() {
+    fn removed_cells_have_no_inflow() {
         let inside = "inflow.value=1 if abs(x) < 0.9 && abs(v) < 1.2 else 0";
         let steps = [inside, "scheme.degree=2", "scheme.flux=1", CENTRED, "axis.0.v.lower=-1.4"];
         for settings in [&[inside][..], &[inside, "scheme.interface=conservative"], &steps] {

@@ -154,7 +154,7 @@ fn periodic(g: &dyn ProfileShape, period: f64, p: f64) -> f64 {
 }
 
 #[test]
-fn tails_bound_what_is_left_out() {
+fn tails_bound_the_truncation_error() {
     for (choice, _) in all_profiles() {
         let (profile, window) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
         let (g, period) = (shape(&profile), window.period);

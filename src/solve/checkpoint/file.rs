@@ -195,7 +195,7 @@ pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> 
         return Err(format!("{bytes} bytes, {expected} were written"));
     }
     if bytes < 8 {
-        return Err("holds nothing".to_owned());
+        return Err("is empty".to_owned());
     }
     let (count, mut sum, mut last) = (bytes as usize / 8 - 1, 0u64, 0);
     read_words(&file, 0, count, |at, words| {

@@ -401,7 +401,7 @@ fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
 }
 
 #[test]
-fn runs_that_differ_are_told_apart() {
+fn different_runs_are_distinguished() {
     let own = fingerprint();
     assert_eq!(own.difference(&own), None);
     let start = |points, values| Some(WarpedFieldKey { points, values });

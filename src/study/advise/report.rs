@@ -198,7 +198,7 @@ mod tests {
 
     /// What is not known is not printed as two halves.
     #[test]
-    fn parts_that_were_not_told_apart_are_said_to_be() {
+    fn inseparable_parts_are_reported() {
         let together = parts(&ErrorParts::of_discretisation(0.026, None));
         assert_eq!(together, "error of the grid 2.6e-2 (x and v not measured apart)");
         let apart = parts(&ErrorParts::of_discretisation(0.026, Some(1.0)));

@@ -95,7 +95,7 @@ fn the_cheapest_wins_at_each_accuracy() {
 }
 
 #[test]
-fn sentences_name_who_wins_and_what_nothing_reaches() {
+fn sentences_name_the_best_method_and_unreached_errors() {
     let mut left_out = made_up(true, [0.0, 1e-10], 0);
     left_out.status = Status::LeftOut;
     (left_out.seconds, left_out.error_semidiscrete) = (None, None);
@@ -134,7 +134,7 @@ fn sentences_name_who_wins_and_what_nothing_reaches() {
 }
 
 #[test]
-fn what_is_not_compared_or_not_defined_is_said() {
+fn missing_comparisons_are_reported() {
     let mut nothing = made_up(true, [0.1, 1e-3], 100);
     nothing.error_semidiscrete = None;
     let zero = Chart {

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_list_is_refused() {
+    fn invalid_lists_are_refused() {
         for (text, says) in [
             ("time.end", "KEY=VALUE"),
             ("=1", "empty parts"),

@@ -409,7 +409,7 @@ fn a_time_too_short_for_anything_is_an_error() {
 }
 
 #[test]
-fn what_is_finished_is_not_computed_again() {
+fn finished_work_is_not_computed_again() {
     let place = directory();
     let path = place.path();
     let first = ["time.end=0.1", "output.warped_field=true", "solver.tolerance=0.01"];

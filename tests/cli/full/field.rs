@@ -101,7 +101,7 @@ fn full_runs_recover_what_streamed_ones_do() {
 /// The field that is read at p◇, and the plateau, are `e^p w` at the points of the file; the one at
 /// an earlier time likewise.
 #[test]
-fn what_is_read_at_a_point_is_in_the_file() {
+fn readings_at_a_point_are_in_the_file() {
     let place = directory();
     let settings = [
         "output.plateau={from=0.5, to=2.5, points=9}",
@@ -267,7 +267,7 @@ fn damage_to_a_warped_field_is_noticed() {
 
 /// Memory is planned for, and refused where there is not enough; classical runs keep no modes.
 #[test]
-fn what_is_kept_is_planned() {
+fn stored_modes_are_planned() {
     let plan = |settings: &[&str]| {
         let job = Job::new(["plan", &case("example1.toml"), "--json"]).set(settings);
         job.succeed().unwrap().json().unwrap()

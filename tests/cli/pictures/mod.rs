@@ -317,7 +317,7 @@ fn planes_go_where_the_data_are() {
 }
 
 #[test]
-fn planes_are_cut_where_asked() {
+fn planes_are_cut_at_the_given_positions() {
     let place = directory();
     // f = the exact solution at the end of no time to speak of: a polynomial that tells every axis.
     let exact = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
@@ -357,7 +357,7 @@ fn planes_are_cut_where_asked() {
 }
 
 #[test]
-fn what_is_missing_is_said() {
+fn missing_values_are_reported() {
     let [place, other, empty] = [directory(), directory(), directory()];
     let at = |place: &tempfile::TempDir| place.path().display().to_string();
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];

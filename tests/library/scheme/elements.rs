@@ -349,7 +349,7 @@ fn inflow_is_that_of_the_ends() {
 /// The same cases with closed ends, without inflow: `S ≤ 0` within its bounds, and of the central
 /// flux, at jumps and slopes of `V` too, `S = 0`. As is that of elements of degree 0.
 #[test]
-fn closed_ends_lose_nothing() {
+fn closed_ends_conserve_the_norm() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(18));
     let mut skew = [0, 0];
     for number in 0..80 {

@@ -31,7 +31,7 @@ fn values_of_delta_sum_to_one_wherever_its_centre_is() {
 }
 
 #[test]
-fn other_widths_are_off_by_what_the_fourier_series_says() {
+fn other_widths_have_the_error_of_the_fourier_series() {
     let mut worst: f64 = 0.0;
     for k in 0..160 {
         let k = 1.0 + 0.0123 * f64::from(k);

@@ -125,7 +125,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
 /// Least squares at a cut-off a tenth below the one that the two-constants theorem allows are no
 /// good, whatever the gap.
 #[test]
-fn cut_off_is_near_what_is_possible() {
+fn cut_off_is_near_the_optimum() {
     for digits in [6, 9, 11] {
         let demand = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
         let (_, window) = Designed::meeting(&demand).expect("possible");
