@@ -95,7 +95,7 @@ class Events:
                 continue
             self.waiting[rank, tag] = count, now + seconds
             self.resume(rank, tag)
-        assert left == 0, "ranks wait for messages that nobody sends"
+        assert left == 0, "ranks wait for messages that no rank sends"
 
 
 class Block:

@@ -234,13 +234,13 @@ def extrapolated(options):
                            "--calibrate",
                            launch=[*options.launch.split(),
                                    str(options.here)])
-            advice, told = planned["advice"], planned["calibration"]
+            advice, predicted = planned["advice"], planned["calibration"]
             memory = sum(arrays(planned).values())
             line += [
                 " × ".join(str(b.value) for b in planned["layout"]["mesh"]["space"]) +
                 f" × {planned['layout']['mesh'].number('groups'):.0f}",
                 mebibytes(memory),
-                short(told.positive("solve_seconds"))
+                short(predicted.positive("solve_seconds"))
             ]
             if mode == "full":
                 # Of each of the three fields.

@@ -48,7 +48,7 @@
 //!
 //! ## As a library
 //!
-//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] tells what it costs, [`solve`] gives a
+//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] predicts its cost, [`solve`] gives a
 //! [`Solution`], and [`run`] is what `phasewarp run` does. All are collective: every rank calls
 //! them.
 //!

@@ -322,7 +322,7 @@ def at_a_time(reader, file, n, dataset):
         if names & {"density"}:
             grid, axes = "space", SPACE[:n]
         else:
-            # A plane (x_a, v_a), told by its axes: those of the tests differ.
+            # A plane (x_a, v_a), identified by its axes: those of the tests differ.
             sizes = [[len(centres[SPACE[a]]), len(centres[VELOCITY[a]])] for a in range(n)]
             fits = [a for a in range(n) if cells[:2] == sizes[a]]
             assert len(fits) == 1, (cells, fits)

@@ -70,7 +70,7 @@ def measure(program, case, settings, ranks):
     for setting in settings:
         words += ["--set", setting]
     place = f"plan --calibrate {' '.join(words)}"
-    told = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")),
+    predicted = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")),
                 place)["calibration"]
     with tempfile.TemporaryDirectory() as folder:
         call(ranks, program, "run", *words, "-o", folder)
@@ -78,7 +78,7 @@ def measure(program, case, settings, ranks):
         with open(path, encoding="utf-8") as file:
             summary = Node(json.load(file), path)
         pair = lambda node: (node.positive("solve_seconds"), node.positive("wall_seconds"))
-        return pair(told), pair(summary), told.positive("took")
+        return pair(predicted), pair(summary), predicted.positive("took")
 
 
 def main():

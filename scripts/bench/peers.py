@@ -91,7 +91,7 @@ def work(modes, method, threads, keep, pipe):
     while (chosen := pipe.recv()) is not None:
         try:
             pipe.send(solve(modes, method, chosen, keep))
-        except Exception as error:  # told to the parent, which ends with it
+        except Exception as error:  # reported to the parent, which ends with it
             pipe.send(f"{type(error).__name__}: {error}")
 
 

@@ -115,7 +115,7 @@ mod tests {
         assert!(refusal.contains(first.text.trim()), "{refusal}");
         drop(first);
         assert!(!directory.join(NAME).exists());
-        // What a killed process leaves is nobody's.
+        // The lock of a killed process is free.
         std::fs::write(directory.join(NAME), "process 1\u{1b}[2J").expect("a file");
         drop(DirectoryLock::take(&directory).expect("a lock"));
         // Who waits gets it as soon as it is free.

@@ -71,7 +71,7 @@ fn process_room(resource: Resource, key: &str) -> u64 {
     limit.saturating_sub(taken)
 }
 
-/// How a version of control groups tells limits and use.
+/// The files in which a version of control groups reports limit and use.
 struct ControlGroupFiles {
     /// Limits; a text that is no number is none.
     limits: &'static [&'static str],

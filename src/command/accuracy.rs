@@ -34,7 +34,7 @@ struct ChosenSetup {
 }
 
 impl ChosenSetup {
-    /// What was chosen for `given`, by what its case `found` has besides.
+    /// The settings chosen for `given`, with the other settings of its case `found`.
     fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
         let settings = found.overrides[given.overrides.len()..].to_vec();
         Self { accuracy, case: checksum_of(given), settings }
@@ -144,14 +144,14 @@ fn with_accuracy(
     };
     if world.group().rank() == 0 {
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
-        let dear = entry.seconds.filter(|seconds| *seconds > LONG_RUN * budget).map(|seconds| {
+        let expensive = entry.seconds.filter(|seconds| *seconds > LONG_RUN * budget).map(|seconds| {
             format!(
                 "a run of it is expected to take {}; with a longer --budget more is tried, which \
                  may find a cheaper one",
                 seconds_text(seconds)
             )
         });
-        for warning in warnings(&case, std::slice::from_ref(entry)).into_iter().chain(dear) {
+        for warning in warnings(&case, std::slice::from_ref(entry)).into_iter().chain(expensive) {
             report(&format!("warning: {warning}"));
         }
     }

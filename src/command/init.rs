@@ -35,7 +35,7 @@ pub fn text(n: usize) -> String {
     let [cells, velocities] = CELLS[n - 1];
     let mut text = format!(
         "# A case of phasewarp: a cloud of particles meets a potential step, in {n} dimension{}.\n\
-         # docs/usage.md lists all keys; `phasewarp schema` tells them to an editor.\n\
+         # docs/usage.md lists all keys; `phasewarp schema` lists them for an editor.\n\
          title = \"A cloud at a step\"\n\n",
         if n == 1 { "" } else { "s" }
     );

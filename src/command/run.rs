@@ -43,8 +43,8 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         stop: machine::stop_flag(),
     };
     if case.method == Method::Schrodingerized {
-        let speaks = world.group().rank() == 0;
-        machine::stop_when_terminated(if speaks { STOP_MESSAGE } else { "" });
+        let prints = world.group().rank() == 0;
+        machine::stop_when_terminated(if prints { STOP_MESSAGE } else { "" });
     }
     let solved = run::run(world, &case, &directory, &options);
     machine::no_more_checkpoints();

@@ -353,7 +353,7 @@ mod tests {
         let mut builder = RowsBuilder::with_capacity(list.len());
         list.iter().for_each(|row| builder.push(row));
         let rows = builder.finish();
-        // Rows 0, 1 and 4 are one; the sign of zero tells 5 from them.
+        // Rows 0, 1 and 4 are one; row 5 differs by the sign of zero.
         assert_eq!((rows.len(), rows.templates()), (6, 4));
         let back = |rows: &Rows| -> Vec<Vec<MatrixEntry>> {
             (0..rows.len())

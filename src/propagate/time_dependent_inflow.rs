@@ -12,7 +12,7 @@
 //! (`A` itself is constant, and the two weights add up to 1.) Schrödingerization of a stage, whose
 //! generator is constant, is exact: what is recovered from the modes is the product of the stages'
 //! real exponentials. So the error of the time steps is that of the same scheme applied to
-//! `f' = A f + b(t)` directly, and one real vector tells how many steps a tolerance takes: they are
+//! `f' = A f + b(t)` directly, and one real vector shows how many steps a tolerance takes: they are
 //! doubled, and from the ratio `q` by which the distance `d` of two runs fell (16 at order 4, less
 //! where the steps are too long or `b` is rough; 16 at most is believed, and 4 until there is a
 //! ratio) the error of the finer of them is `d/(q − 1)`, that of the coarser `d q/(q − 1)`.

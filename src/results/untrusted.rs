@@ -63,7 +63,7 @@ pub(crate) enum Inspection {
     Shapes,
     /// As well the values of a share of them.
     Values(FileShare),
-    /// `result.h5` of a directory: all values, and what pictures need besides.
+    /// `result.h5` of a directory: all values, and further data of the pictures.
     Directory,
     /// Datasets by their names, and values of lists: what a warped field to start from is read of.
     Start,
@@ -150,7 +150,7 @@ fn answer(child: &mut Child) -> Option<InspectionResult> {
             Ok(line) if line.is_empty() => {}
             Ok(line) => return serde_json::from_str(&line).ok(),
             Err(RecvTimeoutError::Disconnected) => {
-                // It is about to end by itself, by the signal that tells why.
+                // It is about to end by itself, by a signal that shows why.
                 let _ = child.wait();
                 return None;
             }

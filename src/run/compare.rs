@@ -309,8 +309,8 @@ fn estimate(
             format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
         });
         summary.doubt = warp.estimate_doubt().map(str::to_owned).or(hidden);
-        let tells = estimate.is_finite() && !summary.hidden_by_round_off;
-        summary.error_estimate_reliable = tells && summary.doubt.is_none();
+        let is_known = estimate.is_finite() && !summary.hidden_by_round_off;
+        summary.error_estimate_reliable = is_known && summary.doubt.is_none();
     }
     warnings
 }

@@ -647,7 +647,7 @@ impl<'a> Study<'a> {
     }
 
     /// The error of the case as its file has it: of the discretisation by its own `scheme`, and of
-    /// its solver; none if it cannot be told. Collective.
+    /// its solver; none if it cannot be estimated. Collective.
     fn given(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<Option<GivenCase>> {
         let shape = self.case.space.elements();
         let start = self.start(scheme);

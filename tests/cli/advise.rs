@@ -113,8 +113,8 @@ fn advice_on_a_smooth_problem_is_right() {
         };
         let error = run(Job::new(words), "advised")?;
         require(error <= epsilon, best, &format!("reaches only {error:e}"))?;
-        let told = number(&best["error"]);
-        require((error / told - 1.0).abs() < 0.02, best, &format!("tells of {error:e}"))?;
+        let predicted = number(&best["error"]);
+        require((error / predicted - 1.0).abs() < 0.02, best, &format!("error {error:e}"))?;
         // Not by far more than it must be.
         require(error >= 0.6 * epsilon, best, &format!("over-solves: {error:e}"))?;
         let shape = numbers(&best["shape"]);
@@ -135,7 +135,7 @@ fn advice_on_a_smooth_problem_is_right() {
     });
 }
 
-/// The relative L1 error of the density that a run with these arguments tells of.
+/// The relative L1 error of the density that a run with these arguments reports.
 fn run_error(words: &[&str], place: &Path) -> Result<f64, String> {
     let summary = Job::new(words.iter().copied()).solve(place)?;
     summary.number("error_density_l1_relative")
@@ -214,7 +214,7 @@ fn accuracies_are_reached_without_an_exact_solution() {
         let job = Job::new(["run", path]).set(&chosen).set(&exact).with(["--force"]);
         let summary = job.solve(place.path())?;
         let error = summary.number("error_density_l1_relative")?;
-        summary.require(error <= 1.3 * accuracy, || format!("{error:e}, told {accuracy:e}"))
+        summary.require(error <= 1.3 * accuracy, || format!("{error:e}, required {accuracy:e}"))
     });
 }
 
@@ -224,9 +224,9 @@ fn accuracies_are_reached_without_an_exact_solution() {
 fn no_law_of_the_upwind_scheme_is_tried_of_another() {
     let job = advise(&case("example1.toml"), "2e-1").set(&["scheme.flux=0.5"]);
     let advised = job.with(["--budget", "5s"]).succeed().unwrap().json().unwrap();
-    let told = advised.to_string();
+    let text = advised.to_string();
     for law in ["hat", "linear", "slopes", "minmod", "van Leer"] {
-        assert!(!told.contains(law), "{law}: {advised:#}");
+        assert!(!text.contains(law), "{law}: {advised:#}");
     }
     assert!(entry(&advised, "Schrödingerized, conservative interface").is_ok(), "{advised:#}");
 }
@@ -340,7 +340,7 @@ fn advice_is_the_same_on_any_ranks() {
         ("example2.toml", "3e-1", &[][..]),
     ];
     check_all(&rows, |(name, accuracy, settings)| {
-        let told = |ranks: usize| {
+        let predicted = |ranks: usize| {
             // So long that the clock ends nothing: alone it takes two seconds. Beside busy
             // processes three ranks wait for each other for a minute.
             let job = advise(&case(name), accuracy).set(settings).with(["--budget", "60s"]);
@@ -359,7 +359,7 @@ fn advice_is_the_same_on_any_ranks() {
             entries.sort_by_key(|e| e["name"].to_string());
             Ok::<_, String>(advised)
         };
-        let (one, three) = (told(1)?, told(3)?);
+        let (one, three) = (predicted(1)?, predicted(3)?);
         require(three == one, &three, "three ranks differ from one")
     });
 }

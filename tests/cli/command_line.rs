@@ -104,7 +104,7 @@ fn every_rank_ends_with_the_code() {
     ];
     check_all(&rows, |line| {
         let job = places.job(line).on(3);
-        let finished = job.telling_codes().run()?;
+        let finished = job.reporting_codes().run()?;
         let said = finished.output.clone() + &finished.others;
         let codes = said.matches("ended with 2").count();
         require(codes == 3, &finished, || format!("{codes} of 3 ranks ended with 2"))?;

@@ -87,14 +87,17 @@ fn datasets_are_those_of_the_document() {
                 || of_axis(documented).is_some_and(|head| of_axis(dataset) == Some(head))
         }
     };
-    let untold: Vec<&String> =
+    let undocumented: Vec<&String> =
         found.iter().filter(|dataset| !named.iter().any(|name| fits(name, dataset))).collect();
     let stale: Vec<&String> = own
         .iter()
         // A group with attributes only.
         .filter(|name| *name != "/timings" && !found.iter().any(|dataset| fits(name, dataset)))
         .collect();
-    assert!(untold.is_empty() && stale.is_empty(), "not told {untold:?}, not there {stale:?}");
+    assert!(
+        undocumented.is_empty() && stale.is_empty(),
+        "not documented {undocumented:?}, not in the file {stale:?}"
+    );
 }
 
 /// However the fields are stored, they are the same, on any ranks; also where a rank has none of
@@ -215,8 +218,8 @@ fn damaged_results_are_found() {
     let found = |bytes: &[u8], ranks: usize, says: &str| {
         std::fs::write(&path, bytes).unwrap();
         let finished = look(ranks).run().unwrap();
-        let told = finished.code == Some(1) && finished.errors.contains(says);
-        assert!(told && finished.others.is_empty(), "{}", finished.report(says));
+        let reported = finished.code == Some(1) && finished.errors.contains(says);
+        assert!(reported && finished.others.is_empty(), "{}", finished.report(says));
     };
     for name in ["/psi", "/density", "/axis/x", "/multivalued/v", "/xdmf/plane_x/phi"] {
         let file = hdf5::File::open(&path).unwrap();

@@ -198,7 +198,7 @@ fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) 
 fn child(ranks: usize) -> ExitCode {
     let world = World::start().expect("MPI starts");
     assert_eq!(world.group().size(), ranks, "ranks started and asked for");
-    let speaks = world.group().rank() == 0;
+    let is_first = world.group().rank() == 0;
     if let Ok(control) = std::env::var(CONTROL) {
         controls::run(&control, &world);
     } else {
@@ -207,7 +207,7 @@ fn child(ranks: usize) -> ExitCode {
             let started = Instant::now();
             (check.expect("a check").run)(&world);
             world.group().barrier();
-            if speaks {
+            if is_first {
                 println!("passed {name}");
                 eprintln!("{name}: {:.2} s", started.elapsed().as_secs_f64());
             }

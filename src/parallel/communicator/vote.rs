@@ -27,7 +27,7 @@ impl Vote {
         Self {
             group: Group { communicator: group.communicator.duplicate() },
             ballots: vec![0; 2],
-            // SAFETY: a constant of the library, which nobody writes.
+            // SAFETY: a constant of the library, which is never written.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },
             posted: false,
         }

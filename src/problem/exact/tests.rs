@@ -358,7 +358,7 @@ fn blocks_are_crossed_as_cell_by_cell() {
     assert_eq!(tracer(&step_down(8, 8)).free, [2, 1, 0, 0, 0, 0, 1, 2]);
 }
 
-/// A case of one axis whose initial formula is 7 and whose inflow formula tells where a particle
+/// A case of one axis whose initial formula is 7 and whose inflow formula shows where a particle
 /// came in.
 fn telltale(v: (f64, f64, usize), potential: &[(&str, &str)]) -> Case {
     case(1, (-1.5, 1.5, 30), v, potential, "7", "10*x + v")

@@ -16,7 +16,7 @@ const GREYS: usize = 32;
 const SHADES: usize = 168;
 /// Shades of a line on paper.
 const BLENDS: usize = 7;
-/// Colours of lines at most; a byte holds the number of every colour, and one besides.
+/// Colours of lines at most; a byte holds the number of every colour, and one more.
 const LINES: usize = 7;
 
 /// Red, green and blue.

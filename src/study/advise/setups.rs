@@ -183,7 +183,7 @@ pub struct AdviceReport {
     /// Whether errors are against the exact solution; otherwise they are by Richardson's
     /// extrapolation.
     pub exact: bool,
-    /// The case as its file has it, if its error could be told.
+    /// The case as its file has it, if its error could be estimated.
     pub given: Option<GivenCase>,
     /// Index in `entries` of the Schrödingerized set-up of least work, estimates left aside.
     pub best: Option<usize>,

@@ -236,7 +236,7 @@ impl<'a> Attempts<'a> {
             scene.warp = case.warp.clone();
         }
         let (expected, error) = self.expect(&scene);
-        // With measured bounds the error is the plan's own; without them the trial tells.
+        // With measured bounds the error is the plan's own; without them it is that of the trial.
         if self.budget.decide(error.is_some() && self.cost.is_measured(&scene)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
             return Ok(TrialOutcome::Refused(reason));

@@ -46,7 +46,7 @@ pub struct Bisection {
 }
 
 impl Bisection {
-    /// The last number at which `holds`. Before each evaluation `is_over` tells whether to stop;
+    /// The last number at which `holds`. Before each evaluation `is_over` decides whether to stop;
     /// both must be the same on all ranks. Collective.
     pub fn last(self, is_over: impl Fn() -> bool, mut holds: impl FnMut(f64) -> bool) -> Located {
         let (mut low, mut high) = (self.low, self.high);

@@ -319,7 +319,7 @@ fn planes_go_where_the_data_are() {
 #[test]
 fn planes_are_cut_at_the_given_positions() {
     let place = directory();
-    // f = the exact solution at the end of no time to speak of: a polynomial that tells every axis.
+    // f = the exact solution after a negligible time: a polynomial that differs along every axis.
     let exact = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
     let job = Job::new(["run", &case("barrier2d.toml")]).set(&[exact, "solver.tolerance=1e-2"]);
     job.solve(place.path()).unwrap();

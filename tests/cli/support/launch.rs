@@ -59,7 +59,7 @@ pub struct Job {
     limit: Duration,
     directory: Option<String>,
     apart: Vec<String>,
-    tells_codes: bool,
+    reports_codes: bool,
     capped: bool,
     blocks: Option<u64>,
     environment: Vec<(String, String)>,
@@ -77,7 +77,7 @@ impl Job {
             limit: Duration::from_secs(300),
             directory: None,
             apart: Vec::new(),
-            tells_codes: false,
+            reports_codes: false,
             capped: false,
             blocks: None,
             environment: Vec::new(),
@@ -133,8 +133,8 @@ impl Job {
 
     /// Each rank prints a line "ended with <exit code>" when its program is over, and mpirun sees
     /// success.
-    pub fn telling_codes(mut self) -> Self {
-        self.tells_codes = true;
+    pub fn reporting_codes(mut self) -> Self {
+        self.reports_codes = true;
         self
     }
 
@@ -199,7 +199,7 @@ impl Job {
             words.push(ranks.to_string());
             words.extend(["--bind-to", "none", "--tag-output"].map(str::to_owned));
         }
-        if self.tells_codes {
+        if self.reports_codes {
             let script = "\"$@\"; echo \"ended with $?\"";
             words.extend(["sh", "-c", script, "sh"].map(str::to_owned));
         }
@@ -317,7 +317,7 @@ impl Job {
             return Err(finished.report("exit code 0 expected"));
         }
         if !finished.others.is_empty() {
-            return Err(finished.report("only rank 0 speaks"));
+            return Err(finished.report("only rank 0 prints"));
         }
         Ok(finished)
     }

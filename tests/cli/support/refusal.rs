@@ -27,7 +27,7 @@ impl Job {
 /// contains all of `says`.
 pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
     require(finished.code == Some(2), finished, || "exit code 2 expected".into())?;
-    require(finished.others.is_empty(), finished, || "only rank 0 speaks".into())?;
+    require(finished.others.is_empty(), finished, || "only rank 0 prints".into())?;
     one_message(&finished.errors, says).map_err(|what| finished.report(&what))?;
     let seconds = finished.seconds;
     require(seconds < SECONDS_TO_REFUSE, finished, || format!("refused after {seconds:.1} s"))
