@@ -405,7 +405,7 @@ impl Propagator for Krylov {
             wavenumber: batch.wavenumbers,
             coefficient: [0.0; LANES],
         };
-        // ‖H − c‖; positive also for H = c.
+        // ‖H − c‖, or 1 if the spectral interval is a point.
         let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
         for (i, w) in self.state.iter_mut().enumerate() {
             *w = initial.state.row(i);

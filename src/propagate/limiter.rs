@@ -214,7 +214,8 @@ impl LimitedTransport {
                         let same = column / nv == first / nv;
                         Some(SourceShare { column: local(column)?, same, weight })
                     });
-                    // Particles that leave the grid through this face are not the inflow there.
+                    // For particles that leave the grid through this face, the value behind it is
+                    // not the inflow.
                     let leaves = (speed > 0.0) == above;
                     let known = speed != 0.0 && !(leaves && row.draw > 0.0);
                     this.add_face(shares, known, row.draw, row.inflow[field]);

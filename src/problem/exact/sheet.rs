@@ -334,7 +334,7 @@ impl Sheets<'_> {
             }
         };
         let mut followed = if density == 0.0 {
-            // The box is empty.
+            // Zero density: the particle need not be traced.
             Followed { point, left: Some(time), exit: None, history: 0, turns: [0; MAX_DIMENSION] }
         } else {
             self.tracer.follow(&point, time)

@@ -91,7 +91,7 @@ fn example_1(x: f64, v: f64) -> f64 {
 #[test]
 fn example_1_of_the_paper_at_all_cell_centres() {
     // On the squares, centres on the diagonal lie on the edge v = x of particles that start at x =
-    // 0, where the formula for f(0) says 1 and the paper's closed form 0.
+    // 0, where the formula for f(0) gives 1 and the paper's closed form 0.
     for (x_cells, v_cells) in [(64, 64), (38, 41), (74, 41), (128, 128)] {
         let case = step_down(x_cells, v_cells);
         let tracer = tracer(&case);

@@ -26,8 +26,8 @@ fn on_register(bits: usize, part: impl FnOnce(&mut Circuit, &[usize])) -> Circui
     circuit
 }
 
-/// What reversible `gates` make of each of the basis states `starts`: all terms of one state, so
-/// that a gate is read once for all of them.
+/// The images of the basis states `starts` under reversible `gates`. They are the terms of one
+/// state, so that each gate is read once for all of them.
 fn images(gates: &[Gate], starts: impl IntoIterator<Item = u128>) -> Vec<u128> {
     let terms = starts.into_iter().map(|start| (start, Complex64::ONE)).collect();
     let ends = SparseState { terms }.after(gates).terms;
@@ -35,7 +35,8 @@ fn images(gates: &[Gate], starts: impl IntoIterator<Item = u128>) -> Vec<u128> {
     ends.into_iter().map(|(end, _)| end).collect()
 }
 
-/// Checks what a reversible circuit makes of every value of its register. Scratch must be clean.
+/// Checks the image of every value of the register under a reversible circuit. Scratch must be
+/// clean.
 fn check_all(circuit: &Circuit, bits: usize, expected: impl Fn(u128) -> u128) {
     for (start, end) in (0..).zip(images(&circuit.gates, 0..1 << bits)) {
         assert_eq!(end, expected(start), "of {start:b}");
@@ -334,7 +335,7 @@ const LARGE_GRIDS: [JumpGrid; 2] = [
     },
 ];
 
-/// Between preparations, particles move as mechanics says: every state.
+/// Between preparations, every state moves as a classical particle.
 #[test]
 fn particles_move_one_to_one() {
     for grid in GRIDS.iter().chain(&LARGE_GRIDS) {
@@ -385,13 +386,14 @@ fn particles_move_one_to_one() {
                 assert_eq!(after, state(to, up, e - rise), "{x} {up} {e}");
             }
         }
-        // Where it is not applied, nothing is.
+        // An operator that is not selected has no effect.
         let resting = || starts().map(|start| start ^ set(&moved, 1));
         assert!(images(moves, resting()).into_iter().eq(resting()));
     }
 }
 
-/// Twice is nothing, on the states that it starts from; under control, nothing or once.
+/// Applied twice it is the identity on its initial states; under control it is applied zero times
+/// or once.
 #[test]
 fn circuits_are_their_own_inverses() {
     for grid in GRIDS {
@@ -521,7 +523,7 @@ fn alpha_is_the_norm() {
     assert!((hadamard / least - 4.0 / 3.0).abs() < 1e-14);
 }
 
-/// The counts are those of the program's text, counted anew.
+/// The counts equal those of the program's text, counted again.
 #[test]
 fn counts_are_those_of_the_text() {
     for grid in GRIDS {

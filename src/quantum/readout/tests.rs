@@ -1,4 +1,4 @@
-//! Overlaps against vectors written out, estimators against what they should say.
+//! Overlaps against explicit vectors, estimators against their expected results.
 
 use super::*;
 use crate::quantum::probability::{Chain, Probabilities};
@@ -44,12 +44,12 @@ fn data() -> (Vec<f64>, Vec<f64>) {
 const RECOVERY: f64 = 0.4;
 const SPACING: f64 = 0.1;
 
-/// `Σ e^{−2p_k}` over so many points from `p◇` on.
+/// `Σ e^{−2p_k}` over `slices` points from `p◇` on.
 fn square(slices: usize) -> f64 {
     (0..slices).map(|k| (-2.0 * (RECOVERY + SPACING * k as f64)).exp()).sum()
 }
 
-/// Of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇` is read.
+/// Probabilities of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇` is read.
 fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabilities {
     let weighted = norm(f.iter().zip(pi).map(|(f, pi)| f * pi.sqrt()));
     let (field, auxiliary) = (norm(f.iter().copied()), 0.7);
@@ -126,7 +126,7 @@ fn overlaps_are_inner_products_of_states() {
     }
 }
 
-/// Of the state at one point, or of all in the window.
+/// Probabilities of the state at one point, or of all points in the window.
 fn overlaps_are_inner_products(slices: usize) {
     let case = case("cells = [[1, 2]]");
     let (f, pi) = data();
@@ -272,12 +272,12 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
             assert!(grown.1.contains(&grown.0), "{grown:?}");
         }
     }
-    // From the enlarged state 1/P times the shots and 1/√P times the evaluations, less what the
-    // weights give.
+    // From the enlarged state, 1/P times the shots and 1/√P times the evaluations, less the gain by
+    // the weights.
     let density = &fine[0].measured;
     let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())) / 6f64.sqrt();
     let shots = number(&density[3].shots) / number(&density[0].shots);
-    // Of the postselected state C_f takes its part.
+    // With the postselected state, C_f takes a part of the shots.
     let with_norm = 1.0 + number(&density[0].overlap) / 2f64.sqrt();
     let expected = (undone / with_norm).powi(2) / p;
     assert!((shots / expected - 1.0).abs() < 1e-2, "{shots} {expected}");
@@ -285,10 +285,10 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     // Half of the accuracy is C_f's.
     let ratio = 2.0 * evaluations * p.sqrt() / undone;
     assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
-    // What the state itself does not allow.
+    // Readouts that the state does not allow.
     let why = |rows: &[ReadoutRow]| rows[0].measured[0].estimate.to_string();
     assert!(why(&at(1e-9)).contains("the state's own error"), "{}", why(&at(1e-9)));
-    // What is too long to be emulated still has its cost.
+    // A measurement that is too long to be emulated still has a cost.
     let long = at(3e-7);
     let hadamard = &long[0].measured[0];
     assert!(hadamard.estimate.to_string().contains("not emulated"), "{hadamard:?}");
@@ -324,7 +324,7 @@ fn bounds_hold_with_the_stated_probability() {
     }
 }
 
-/// Where `P` is small, `C_f` is what a density is not known by; a mean velocity does not need it.
+/// If `P` is small, the error of `C_f` limits the density; a mean velocity does not need it.
 #[test]
 fn a_measured_norm_is_in_the_moments_and_not_in_their_quotients() {
     let (f, pi) = data();

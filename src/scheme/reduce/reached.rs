@@ -274,7 +274,7 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
                 }
             }
         }
-        // With dissipation only, the solution is reached everywhere at once.
+        // Data that are nowhere zero, such as a Gaussian, reach both ends of every plane at once.
         if ends.iter().all(|ends| *ends == [true; 2]) {
             break;
         }

@@ -251,7 +251,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
     }
 }
 
-/// What is read over a window, or at a second point, comes from further on.
+/// A reading over a window, or at a second point, needs a larger interval.
 #[test]
 fn series_reach_as_far_as_readings() {
     for (choice, tolerances) in all_profiles() {
@@ -284,7 +284,7 @@ fn samples_alias() {
             let terms = 4000;
             let alias: Complex64 = (-terms..=terms).map(|m| c(l as i64 + m * points as i64)).sum();
             let error = (sampled.coefficients[l] - alias).norm();
-            // What is left of alpha = 0.2 at the left end, and of the sum over m.
+            // The rest of the profile with alpha = 0.2 at the left end, and of the sum over m.
             let limit = match choice {
                 Choice::Exponential { .. } if choice == exponential("0.2") => 1e-5,
                 Choice::Exponential { .. } => 1e-6,
@@ -315,7 +315,7 @@ fn low_somma_is_as_published() {
             let own = LowSomma::within(c, tolerance).expect("possible");
             let ratio = own.sigma / published.sigma;
             assert!((1.0..1.3).contains(&ratio), "{c} {tolerance}: {ratio}");
-            // Spacing: at most 2 pi over the period that our conditions ask for, and not half of
+            // Spacing: at most 2 pi over the period that our conditions require, and not half of
             // it.
             let decay = 60.0;
             let demand = ProfileRequirements::new(tolerance, 0.0, decay, 0.0);

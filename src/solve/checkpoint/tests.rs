@@ -157,7 +157,7 @@ impl<'a> Rank<'a> {
         }
     }
 
-    /// Writes its file below `directory`, which is what was written.
+    /// Writes its file below `directory`; returns its record.
     fn write(&self, directory: &Path) -> file::Written {
         let points = global_points(self.space, &self.block);
         let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
@@ -266,7 +266,7 @@ fn what_a_mesh_wrote_is_read_on_any_other() {
     }
 }
 
-/// Reads what the ranks of `from` wrote on those of `to`; the sums of all are whole.
+/// Reads the files of the ranks of `from` on those of `to`; the sums of all ranks are complete.
 fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &ProcessMesh) {
     let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
     let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
@@ -307,7 +307,7 @@ fn every_flipped_bit_is_found() {
     }
 }
 
-/// Files of checkpoints whose checksum is right and whose contents are not.
+/// Files of checkpoints with a correct checksum and wrong contents.
 struct DamagedFiles {
     space: PhaseSpace,
     mesh: ProcessMesh,
@@ -317,7 +317,7 @@ struct DamagedFiles {
 }
 
 impl Reader for DamagedFiles {
-    /// A rank, and what is in the place of its file.
+    /// A rank, and the replacement of its file.
     type Input = (usize, Vec<u8>);
     const INPUTS: u64 = 2000;
 

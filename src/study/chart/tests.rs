@@ -128,7 +128,7 @@ fn sentences_name_the_best_method_and_unreached_errors() {
     );
     assert!(text[3].contains("3 trials on 1 rank took 12.0 s"), "{}", text[3]);
     assert!(text[3].contains("fit: 1 (expected to take 21 min"), "{}", text[3]);
-    // The table names what was left out.
+    // The table names the omitted methods.
     let table = Chart { sentences: text, ..chart }.to_string();
     assert!(table.contains("designed: 1 setting, 21 min"), "{table}");
 }
@@ -147,7 +147,7 @@ fn missing_comparisons_are_reported() {
     assert!(text[0].starts_with("The solution is zero"), "{text:?}");
     let why = "Methods are compared on 16 x 14, not on the case's own 64 x 64: it takes too long.";
     assert_eq!(text[1], why);
-    // What was left out could have come closer.
+    // The omitted settings might have had smaller errors.
     let mut finer = made_up(false, [0.0, 0.0], 0);
     finer.status = Status::LeftOut;
     (finer.seconds, finer.error_exact, finer.cells) = (None, None, 10_000);

@@ -10,8 +10,7 @@ fn sum(k: f64, centre: f64) -> f64 {
     (-40..=40).map(|j| delta(h * (j as f64 - centre), k * h) * h).sum()
 }
 
-/// What the Poisson formula gives for it: `Σ_m δ̂(m/h) cos(2πmc)`,
-/// `δ̂(m/h) = sin(2πKm)/(2πKm(1 − 4K²m²))`.
+/// By the Poisson formula: `Σ_m δ̂(m/h) cos(2πmc)`, `δ̂(m/h) = sin(2πKm)/(2πKm(1 − 4K²m²))`.
 fn series(k: f64, centre: f64) -> f64 {
     let term = |m: i32| {
         let y = 2.0 * k * f64::from(m);
@@ -42,7 +41,7 @@ fn other_widths_have_the_error_of_the_fourier_series() {
             worst = worst.max((found - 1.0).abs());
         }
     }
-    // The 6 % that the documentation promises are reached and not exceeded.
+    // The bound of 6 % in the documentation is reached and not exceeded.
     assert!((0.055..0.06).contains(&worst), "{worst}");
 }
 

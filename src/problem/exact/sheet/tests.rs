@@ -176,7 +176,7 @@ fn curve_velocity(curve: &MultivaluedVelocity, x: f64, branch: f64) -> Vec<f64> 
         .collect()
 }
 
-/// A constant force: all fall alike, nothing enters at rest.
+/// A constant force: the same acceleration for all particles, no inflow at rest.
 #[test]
 fn constant_force() {
     let slope = Scene { cells: 10, potential: &[("", "0.5*x")], ..BEAM }.case();
@@ -279,7 +279,7 @@ fn oblique_beam_over_a_step_in_space() {
     let mut total = 0.0;
     for (k, &rho) in found.density.iter().enumerate() {
         let (e, m) = expected[k / 36];
-        // Behind the step nothing enters through the lower end of y and the upper end of z.
+        // Behind the step there is no inflow through the lower end of y and the upper end of z.
         if k / 6 % 6 == 0 || k % 6 == 5 {
             continue;
         }
@@ -298,7 +298,7 @@ fn oblique_beam_over_a_step_in_space() {
     assert!(total < 5e-3, "{total}");
 }
 
-/// Forward and back again, over slopes and jumps, and histories that tell jumps apart.
+/// Forward and back again, over slopes and jumps, with histories that identify the jumps.
 #[test]
 fn the_way_forward_is_the_way_back() {
     let scene = Scene {
@@ -379,7 +379,7 @@ fn periodic_axes_hold_what_copies_side_by_side_hold() {
     assert!(line.branch.last().is_some_and(|b| *b >= 2.0));
 }
 
-/// A periodic axis, or so many copies of it to both sides of the middle one, in a box with ends.
+/// A periodic axis, or copies of it to both sides of the middle one, in a box with ends.
 fn copies_in_a_row(copies: i64) -> Case {
     let length = 1 + 2 * copies;
     let steps = (-copies..=copies)

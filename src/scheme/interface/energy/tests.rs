@@ -72,7 +72,7 @@ impl CoupledFace {
         self.axis.lower.abs().max(self.axis.upper.abs())
     }
 
-    /// What the sums of a trace may be off by: nodes and faces are rounded as the box is, which is
+    /// Allowed error of the sums of a trace: nodes and faces are rounded as the box is, which is
     /// more beside a small element, by the slopes of its polynomials, and near rest.
     fn round_off(&self, node: usize) -> f64 {
         let slope = self.axis.nodes.count().pow(2) as f64;
@@ -89,7 +89,8 @@ impl CoupledFace {
     fn transported(&self, trace: Trace, g: impl Fn(FaceSide, f64) -> f64) -> f64 {
         let coupling = self.trace(trace);
         let inside = coupling.partners.iter().map(|s| s.weight * g(s.side, self.velocity(s.node)));
-        // What keeps the sign of its velocity is on the other side, the rest was reflected.
+        // Particles that keep the sign of their velocity are on the other side; the others were
+        // reflected.
         let up = self.velocity(trace.1) > 0.0;
         let side = |v: f64| if (v > 0.0) == up { trace.0.opposite() } else { trace.0 };
         inside.sum::<f64>() + coupling.beyond.iter().map(|&(v, w)| w * g(side(v), v)).sum::<f64>()
@@ -129,7 +130,7 @@ impl CoupledFace {
         assert!(norm <= 1.0 + round_off, "{name}: norm 1 + {:e}", norm - 1.0);
     }
 
-    /// Rows of `M_in⁻¹B` and of `M_out⁻¹Bᵀ`, with what is beyond: constants and mass.
+    /// Rows of `M_in⁻¹B` and of `M_out⁻¹Bᵀ`, with sources beyond the box: constants and mass.
     fn check_sums(&self, name: &str) {
         for trace in [true, false].into_iter().flat_map(|leave| self.traces(leave)) {
             let sum = self.transported(trace, |_, _| 1.0);
@@ -148,7 +149,8 @@ impl CoupledFace {
         }
     }
 
-    /// What a trace gives is what the others take: `M_in (M_in⁻¹B) = (M_out (M_out⁻¹Bᵀ))ᵀ`.
+    /// The shares that a trace gives are those that the others receive: `M_in (M_in⁻¹B) = (M_out
+    /// (M_out⁻¹Bᵀ))ᵀ`.
     fn check_adjoint(&self, name: &str) {
         let weight = |of: Trace, with: Trace| {
             let shares = self.trace(of).partners.iter();
@@ -270,7 +272,7 @@ fn many_elements() {
     }
 }
 
-/// What is reflected as a whole keeps every polynomial of degree `k`, mirrored.
+/// Total reflection mirrors every polynomial of degree `k` exactly.
 #[test]
 fn a_wall_mirrors_polynomials() {
     for degree in 0..=LARGEST_DEGREE {
@@ -410,7 +412,7 @@ fn an_element_around_zero_is_refused() {
         let refused = check_axis(&axis, "vx").expect_err("v = 0 is inside of an element");
         let refused = refused.to_string();
         assert!(refused.contains("v = 0 must be a face"), "{refused}");
-        // What is advised is taken.
+        // The advised value is accepted.
         let Some((_, advised)) = refused.split_once("The box [") else {
             assert_eq!(elements, 1, "{refused}");
             continue;

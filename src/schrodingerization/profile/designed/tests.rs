@@ -122,8 +122,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     }
 }
 
-/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows are no
-/// good, whatever the gap.
+/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows have a
+/// large error for every gap.
 #[test]
 fn cut_off_is_near_the_optimum() {
     for digits in [6, 9, 11] {
@@ -137,7 +137,7 @@ fn cut_off_is_near_the_optimum() {
     }
 }
 
-/// Of round-off, growth and what is given by hand.
+/// Refusals by round-off, growth and settings by hand.
 #[test]
 fn refused_where_it_is_not_possible() {
     let smallest = |choice, growth| {
@@ -150,7 +150,7 @@ fn refused_where_it_is_not_possible() {
     assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
     assert_eq!(smallest(&ProfileChoice::Designed, f64::INFINITY), None);
     assert_eq!(smallest(&ProfileChoice::Planned, f64::INFINITY), None);
-    // The Gaussian's is smaller, and what is planned goes as far.
+    // The domain of the Gaussian is smaller, and the plan extends as far.
     let gaussian = smallest(&ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
     assert_eq!(smallest(&ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
