@@ -14,7 +14,7 @@
 # chart the trials that both have are compared, since the clock decides how many there are.
 #
 # One line a difference: case, ranks, place, old -> new; at most twelve a run. Then, in the same
-# way, what differs between 1 and 3 ranks, but did not in the reference. The new records stay in
+# way, differences between 1 and 3 ranks that the reference lacks. The new records stay in
 # target/baseline. Exit code 0: nothing differs; 1: something does; 2: the command is wrong.
 #
 # Takes two minutes of processor time. JOBS (2): how many runs at a time. Needs a python3 (3.11)

@@ -27,7 +27,7 @@
 set -euo pipefail
 shopt -s nullglob
 
-# --- what is looked for; each function says nothing and returns whether it was found ---
+# --- what is looked for; each function prints nothing and returns whether it was found ---
 
 have_cargo() {
     command -v cargo >/dev/null 2>&1 || [ -x "${CARGO_HOME:-${HOME:-}/.cargo}/bin/cargo" ]
@@ -230,7 +230,7 @@ set_up_python() {
         "$place/bin/python" "$script" --packages
 }
 
-# set_up_from NAME FILE PIP_ARGUMENT…: target/NAME with what pip installs, anew where FILE has
+# set_up_from NAME FILE PIP_ARGUMENT…: target/NAME with what pip installs, again if FILE has
 # changed since.
 set_up_from() {
     local root place file
@@ -299,7 +299,7 @@ set_up_mpich() {
     printf 'MPICC=mpicc.mpich HDF5_DIR=%q\n' "$(hdf5_of_mpich)"
 }
 
-# --- what was asked for ---
+# --- requested actions ---
 
 case ${1:-} in
 "" | --check) ;;
