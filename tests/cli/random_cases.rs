@@ -89,7 +89,7 @@ fn scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
     for _ in 0..dimension {
-        let cells = if dimension == 1 { [4, 5, 8, 17, 32, 40] } else { [1, 2, 3, 4, 5, 8] };
+        let cells = if dimension == 1 { [4, 5, 8, 17, 32, 40] } else { [1, 2, 3, 4, 5, 6] };
         let (x, width) = (choices.of(&[-1.5, -1.0, -0.3, 0.2]), choices.of(&[0.5, 1.0, 2.0, 3.0]));
         let (v, speeds) =
             (choices.of(&[-1.2, -1.0, -0.5, 0.0, 0.3]), choices.of(&[0.4, 1.0, 2.0, 3.0]));
@@ -142,7 +142,8 @@ fn scene_of_elements(choices: &mut Choices) -> String {
 /// Cells, and on some axes elements, in one to three dimensions, solved by methods of all kinds.
 fn scene_of_methods(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 1, 2, 2, 3]);
-    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 4]][dimension - 1];
+    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3]][dimension - 1];
+    let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4]][dimension - 1];
     let mut text = String::new();
     for _ in 0..dimension {
         let boundary = choices.of(&["inflow", "inflow", "periodic"]);
@@ -151,7 +152,7 @@ fn scene_of_methods(choices: &mut Choices) -> String {
              v = {{ lower = -1.2, upper = 1.2, cells = {} }}\n",
             choices.of(&["0.7", "1"]),
             choices.of(&counts),
-            choices.of(&[2, 4, 6]),
+            choices.of(&velocities),
         );
     }
     let [place, height] = [

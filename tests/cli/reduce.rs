@@ -34,7 +34,9 @@ const ENTERS: &[&str] = &[
 /// Slopes along x, up and down.
 const SLOPES: &[&str] = &[
     "axis.0.x.cells=12",
-    "axis.1.x.cells=5",
+    "axis.1.x.cells=2",
+    "axis.0.v.cells=7",
+    "axis.1.v.cells=5",
     "potential.0.value=0.1*x",
     "potential.1.value=0.2 - 0.1*x^2",
 ];

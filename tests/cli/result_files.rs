@@ -119,8 +119,11 @@ fn same_bits_compressed_and_in_chunks() {
         let mut rows = Vec::new();
         for &ranks in ranks {
             let chunks = format!("output.chunks={shape}");
-            rows.push((ranks, vec!["output.compression=6".to_owned()]));
-            rows.push((ranks, vec![chunks.clone()]));
+            // Either alone on 2 ranks, which every scene has.
+            if ranks == 2 {
+                rows.push((ranks, vec!["output.compression=6".to_owned()]));
+                rows.push((ranks, vec![chunks.clone()]));
+            }
             rows.push((ranks, vec![chunks, "output.compression=1".to_owned()]));
         }
         check_all(&rows, |(ranks, storage)| {

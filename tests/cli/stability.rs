@@ -223,7 +223,7 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
 /// growth at jumps is not applicable; reading, interval and tolerance are as of degree 0.
 #[test]
 fn elements_have_borders_too() {
-    let grid = ["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.degree=2"];
+    let grid = ["axis.0.x.cells=6", "axis.0.v.cells=8", "scheme.degree=2"];
     let only = "cfl,growth,grazing,recovery,interval,step,tolerance";
     let all = found(&stability("example1.toml", only).set(&grid)).unwrap();
     let [kept, theory] = border(&all, "cfl", "SSP-RK3: norm kept").unwrap();

@@ -303,10 +303,11 @@ fn estimate_is_right_or_silent_at_the_edges() {
 #[test]
 fn stages_of_time_round_as_one_exponential() {
     let wave = "inflow.value='0.5 + 0.5*cos(t*3)'";
+    let [x, v, end] = ["axis.0.x.cells=24", "axis.0.v.cells=26", "time.end=4.8"];
     let rows: [(&[&str], f64); 4] = [
         (&["solver.tolerance=1e-10"], 1000.0),
-        (&["solver.tolerance=1e-10", wave], 2000.0),
-        (&["solver.tolerance=1e-11", wave], 4000.0),
+        (&["solver.tolerance=1e-10", wave, x, v, end], 2000.0),
+        (&["solver.tolerance=1e-11", wave, x, v, end], 4000.0),
         (&["solver.tolerance=1e-8", "inflow.value='exp(-vx^2)*(1 + 0.2*sin(9*t))'"], 500.0),
     ];
     check_all(&rows, |(settings, steps)| {

@@ -166,7 +166,7 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
 #[test]
 fn a_batch_in_flight_is_dropped() {
     let slow =
-        ["axis.0.x.cells=700", "axis.0.v.cells=700", "solver.warp.points=64", "exact={f='0'}"];
+        ["axis.0.x.cells=500", "axis.0.v.cells=500", "solver.warp.points=64", "exact={f='0'}"];
     let job = || run().set(&slow).with(["--ranks-x", "1"]);
     let whole = directory();
     let expected = job().on(2).solve(whole.path()).expect("a whole run");
