@@ -71,9 +71,7 @@ pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChec
 
 /// The part of a slab in the checksum of a dataset of this shape.
 pub fn of_slab(shape: &[usize], slab: &Slab, values: &[f64]) -> u64 {
-    let Some(&run) = slab.count.last() else {
-        return 0;
-    };
+    let Some(&run) = slab.count.last() else { return 0 };
     let mut sum: u64 = 0;
     let mut place = slab.start.clone();
     for values in values.chunks_exact(run.max(1)) {

@@ -13,12 +13,11 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
-use crate::results::FileResult;
 use crate::results::dataset::RESULT;
-use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
 use crate::results::readback::{Share, Sums, compare, datasets, differs, numbers, sound, sums_of};
 use crate::results::writer::Outcome;
+use crate::results::{FileResult, file_checksums};
 use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -249,9 +248,7 @@ fn holds_numbers(name: &str) -> bool {
 /// What a warped field to start from is read of: `/w` and axes of at most as many points as `/w`
 /// has along one.
 fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
-    let Some(chunk) = named(file, bytes, "w")? else {
-        return Ok(());
-    };
+    let Some(chunk) = named(file, bytes, "w")? else { return Ok(()) };
     allow(chunk);
     let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
     axes.iter().try_for_each(|name| named(file, bytes, name).map(|_| ()))

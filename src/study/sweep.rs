@@ -137,10 +137,7 @@ impl Sweep {
             }
             sweep.runs.push(run);
         }
-        match refusals.len() == count {
-            true => Err(refusals.swap_remove(0)),
-            false => Ok(sweep),
-        }
+        if refusals.len() == count { Err(refusals.swap_remove(0)) } else { Ok(sweep) }
     }
 
     /// The run of this index, from 0.

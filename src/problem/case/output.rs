@@ -159,9 +159,7 @@ impl OutputTable {
             ("output.fields_every", self.fields_every, true),
         ];
         for (key, every, fields) in intervals {
-            let Some(every) = every else {
-                continue;
-            };
+            let Some(every) = every else { continue };
             if !(every > 0.0 && (end - start) / every <= MOST_TIMES as f64) {
                 let message = format!(
                     "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
@@ -225,9 +223,7 @@ impl OutputTable {
         /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
         const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
         let key = "output.chunks";
-        let Some(List(chunks)) = &self.chunks else {
-            return Ok(None);
-        };
+        let Some(List(chunks)) = &self.chunks else { return Ok(None) };
         let axes = 2 * space.dimension();
         if chunks.len() != axes || chunks.iter().any(|&cells| cells < 1) {
             return file.refuse(key, format!("a list of {axes} whole numbers above 0 expected"));

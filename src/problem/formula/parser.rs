@@ -120,9 +120,7 @@ fn number_length(text: &str) -> usize {
     }
     let mantissa = (text.bytes()).take_while(|b| b.is_ascii_digit() || *b == b'.');
     let mantissa = mantissa.count();
-    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else {
-        return mantissa;
-    };
+    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else { return mantissa };
     let unsigned = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
     match digits(unsigned) {
         0 => mantissa,
@@ -181,9 +179,7 @@ impl<'a> Parser<'a> {
 
     /// `tighter (operator tighter)*` with the operators of `level`.
     fn chain(&mut self, level: usize) -> Result<Node, String> {
-        let Some(operators) = OPERATORS.get(level) else {
-            return self.nested(Self::operand);
-        };
+        let Some(operators) = OPERATORS.get(level) else { return self.nested(Self::operand) };
         let mut first = self.chain(level + 1)?;
         let mut rest: Vec<(Binary, Node)> = Vec::new();
         let mut compared = false;
@@ -204,10 +200,7 @@ impl<'a> Parser<'a> {
                 (_, right) => rest.push((*operator, right)),
             }
         }
-        Ok(match rest.is_empty() {
-            true => first,
-            false => Node::Chain(Box::new(first), rest),
-        })
+        Ok(if rest.is_empty() { first } else { Node::Chain(Box::new(first), rest) })
     }
 
     /// `sign* primary (^ operand)?`

@@ -110,9 +110,7 @@ impl Axis {
     /// Of a cell that stands for others the mean of `v²` over them: the square of its own centre
     /// says less.
     pub fn mean_square(&self) -> Option<f64> {
-        let Part::Merged { .. } = self.part else {
-            return None;
-        };
+        let Part::Merged { .. } = self.part else { return None };
         let whole = self.whole();
         let squares = whole.centres().into_iter().map(|v| v * v);
         if whole.nodes.degree == 0 {
@@ -137,9 +135,7 @@ impl Axis {
 
     /// Whether element `e` of the whole axis was left out because it holds nothing.
     pub fn leaves_out(&self, e: i64) -> bool {
-        let Part::Window { of, .. } = self.part else {
-            return false;
-        };
+        let Part::Window { of, .. } = self.part else { return false };
         let whole = (0..of as i64).contains(&(e + self.first()));
         whole && !(0..self.elements() as i64).contains(&e)
     }

@@ -188,10 +188,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
     let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
-    let exact = match run.has(&format!("{name}{EXACT}")) {
-        true => Some(read(run, EXACT)?),
-        false => None,
-    };
+    let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
     // What is there has the velocities of the box.
     let scale = match component {
         Some(a) => {

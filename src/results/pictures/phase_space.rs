@@ -93,10 +93,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Pane
     let computed: FileResult<Vec<Plane>> =
         runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
     let computed = computed?;
-    let exact = match run.has("exact") {
-        true => Some(run.plane("exact", &[], plane, at)?),
-        false => None,
-    };
+    let exact = if run.has("exact") { Some(run.plane("exact", &[], plane, at)?) } else { None };
     let scale = largest(computed.iter().chain(&exact));
     let spread = ValueSpread::of(computed.iter().chain(&exact));
     let shared = spread.range(scale);

@@ -100,10 +100,7 @@ impl ToleranceErrors {
 fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
     // With very many modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
-    Ok(match modes.is_ok_and(|modes| modes > MOST_MODES) {
-        true => None,
-        false => task.trial(case),
-    })
+    Ok(if modes.is_ok_and(|modes| modes > MOST_MODES) { None } else { task.trial(case) })
 }
 
 /// A sentence on the tolerances that were reached, missed, and not tried.
