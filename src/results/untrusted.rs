@@ -261,6 +261,21 @@ fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>
     dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
 }
 
+/// Opens a file that the user names, once another process has found out what of it can be read.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File> {
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    inspect(path, inspection)?;
+    // HDF5 lists every function that the error passed.
+    File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?".to_owned())
+}
+
 /// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as any
 /// program would.
 ///

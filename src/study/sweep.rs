@@ -8,6 +8,7 @@ pub mod name;
 pub mod table;
 pub mod vary;
 
+use crate::base::checksum::indices;
 use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
 use crate::base::memory;
@@ -143,14 +144,10 @@ impl Sweep {
     /// The run of this index, from 0.
     fn combination(&self, index: usize) -> Result<Run> {
         let SweepRequest { path, text, set, mode, vary, directory } = &self.request;
-        let mut rest = index;
-        let mut chosen: Vec<String> = Vec::new();
-        for Vary { key, values } in vary.iter().rev() {
-            chosen.push(format!("{key}={}", values[rest % values.len()]));
-            rest /= values.len();
-        }
-        let mut overrides: Vec<String> =
-            set.iter().cloned().chain(chosen.into_iter().rev()).collect();
+        let counts: Vec<usize> = vary.iter().map(|vary| vary.values.len()).collect();
+        let chosen = vary.iter().zip(indices(index, &counts));
+        let chosen = chosen.map(|(Vary { key, values }, k)| format!("{key}={}", values[k]));
+        let mut overrides: Vec<String> = set.iter().cloned().chain(chosen).collect();
         let mut tree = case::values(&path.display().to_string(), text, &overrides)?;
         with_absolute_paths(&mut tree, path);
         let values: Vec<Value> = self.keys.iter().map(|key| value_of(&tree, key)).collect();

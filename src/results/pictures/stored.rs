@@ -8,6 +8,7 @@ use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::dataset::RESULT;
+use crate::results::figure;
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
 use crate::results::readback::{PIECE, read_text, text_attribute};
 use crate::results::{FileResult, summary};
@@ -148,6 +149,12 @@ impl Stored {
     pub fn axis(&self, a: usize) -> &Axis {
         let n = self.dimension();
         if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
+    }
+
+    /// The axis number `a` of a panel that shows it whole.
+    pub fn drawn_axis(&self, a: usize) -> figure::Axis {
+        let Axis { lower, upper, .. } = *self.axis(a);
+        figure::Axis::linear(self.names()[a]).within(lower, upper)
     }
 
     /// Title of the case, in one line; its file where it has none.

@@ -24,7 +24,7 @@ use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::panel::{Border, Curve, Findings, PanelResult, PanelTask, Point};
 use crate::study::stability::scene::{assembled, notes};
-use crate::study::stability::search::{Bisection, Located};
+use crate::study::stability::search::{Located, last};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -251,7 +251,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let mut steps = ExplicitSteps::new(&case, &mut found)?;
     let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };
-    let search = |halvings| Bisection { low: 0.25, high, halvings };
+    let between = [0.25, high];
     // Borders first: curves may end early.
     let all = METHODS.map(|(name, integrator)| {
         let is_over = || budget.is_over();
@@ -260,15 +260,15 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         MethodLimits {
             name,
             integrator,
-            kept: search(SHARP).last(is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
+            kept: last(between, SHARP, is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
             what: if of_norm { NORM } else { LARGEST_VALUE },
             kept_by_theory: match integrator {
                 Integrator::ForwardEuler if of_norm => None,
                 _ => Some(1.0 / rate_ratio),
             },
-            calm: search(ROUGH).last(is_over, |cfl| growth(cfl, LONG) < EXPLODED),
+            calm: last(between, ROUGH, is_over, |cfl| growth(cfl, LONG) < EXPLODED),
             // A formula: no budget is needed.
-            calm_bound: search(ROUGH).last(|| false, |cfl| bound(cfl) < EXPLODED),
+            calm_bound: last(between, ROUGH, || false, |cfl| bound(cfl) < EXPLODED),
         }
     });
     let curves = METHODS.map(|(name, integrator)| {
