@@ -16,7 +16,7 @@
 //! So two borders: the last step at which no value ever exceeds the largest
 //! at the start, and the one from which values grow by `EXPLODED`.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
@@ -247,7 +247,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let largest = largest_rate(&found) / found.bounds.rate;
     let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
     if rate_ratio <= 0.0 {
-        return Err("nothing moves: no velocity cell but v = 0".into());
+        return Err(Error::input("nothing moves: no velocity cell but v = 0"));
     }
     let mut steps = ExplicitSteps::new(&case, &mut found)?;
     let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };

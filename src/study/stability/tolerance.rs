@@ -9,7 +9,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::knobs::PROFILES;
 use crate::study::stability::panel::{
-    Border, Curve, Findings, PanelResult, PanelTask, Point, Reason,
+    Border, Curve, Findings, PanelResult, PanelTask, Point, nothing_tried,
 };
 use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
@@ -165,7 +165,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         .map(|errors| Curve::bounded(errors.name, errors.points.into_iter().rev().collect()))
         .collect();
     if curves.is_empty() {
-        return Err(refused.map_or_else(Reason::nothing_tried, Reason));
+        return Err(refused.map_or_else(nothing_tried, Error::Input));
     }
     Ok(Findings {
         shape: case.space.elements(),
