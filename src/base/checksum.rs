@@ -71,9 +71,7 @@ pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChec
 
 /// The part of a slab in the checksum of a dataset of this shape.
 pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
-    let Some(&run) = slab.count.last() else {
-        return 0;
-    };
+    let Some(&run) = slab.count.last() else { return 0 };
     let mut sum: u64 = 0;
     let mut place = slab.start.clone();
     for values in values.chunks_exact(run.max(1)) {
@@ -98,6 +96,14 @@ pub struct DatasetBox {
     pub start: Vec<usize>,
     /// Elements along each axis.
     pub count: Vec<usize>,
+}
+
+/// The index along each axis of the element `number` of an array of these `lengths`, row-major.
+pub fn indices(number: usize, lengths: &[usize]) -> Vec<usize> {
+    let mut rest = number;
+    let mut indices: Vec<usize> = lengths.iter().rev().map(|n| (rest % n, rest /= n).0).collect();
+    indices.reverse();
+    indices
 }
 
 impl DatasetBox {
@@ -129,12 +135,10 @@ impl DatasetBox {
         let before: usize = shape.iter().take(axis).product();
         let shape = shape.to_vec();
         (0..before * parts).map(move |piece| {
-            let (mut rest, part) = (piece / parts, piece % parts);
+            let part = piece % parts;
             let mut slab = Self { start: vec![0; shape.len()], count: shape.clone() };
-            for a in (0..axis).rev() {
-                (slab.start[a], slab.count[a]) = (rest % shape[a], 1);
-                rest /= shape[a];
-            }
+            slab.start[..axis].copy_from_slice(&indices(piece / parts, &shape[..axis]));
+            slab.count[..axis].fill(1);
             if let Some(n) = shape.get(axis) {
                 slab.start[axis] = part * step;
                 slab.count[axis] = step.min(n - part * step);
@@ -177,13 +181,11 @@ mod tests {
                 for slab in DatasetBox::pieces(shape, most) {
                     let mut part = Vec::new();
                     for (i, &value) in all.iter().enumerate() {
-                        let (mut rest, mut inside) = (i, true);
-                        for a in (0..shape.len()).rev() {
-                            let at = rest % shape[a];
-                            rest /= shape[a];
-                            inside &= (slab.start[a]..slab.start[a] + slab.count[a]).contains(&at);
-                        }
-                        if inside {
+                        let place = indices(i, shape);
+                        let within = |(a, at): (usize, &usize)| {
+                            (slab.start[a]..slab.start[a] + slab.count[a]).contains(at)
+                        };
+                        if place.iter().enumerate().all(within) {
                             part.push(value);
                             seen[i] += 1;
                         }

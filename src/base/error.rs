@@ -337,6 +337,11 @@ fn unsuccessful(failed: usize, unfinished: usize, runs: usize) -> String {
 }
 
 impl Error {
+    /// An input error with this message.
+    pub fn input(message: impl Into<String>) -> Self {
+        Self::Input(message.into())
+    }
+
     /// Whether files were given up half-written.
     pub fn leaves_files_open(&self) -> bool {
         match self {

@@ -64,9 +64,7 @@ fn free(root: &Path) -> u64 {
 /// What a limit of this process (`setrlimit`) leaves, where `key` of `/proc/self/status` counts
 /// against it.
 fn process_room(resource: Resource, key: &str) -> u64 {
-    let Some(limit) = getrlimit(resource).current else {
-        return u64::MAX;
-    };
+    let Some(limit) = getrlimit(resource).current else { return u64::MAX };
     let taken = kilobytes(Path::new("/proc/self/status"), key).unwrap_or(0);
     limit.saturating_sub(taken)
 }

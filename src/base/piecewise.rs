@@ -294,10 +294,7 @@ impl<'f> PiecewiseFit<'f> {
 
     fn at(&self, x: f64) -> Result<f64, Failure> {
         let value = (self.function)(x);
-        match value.abs() <= self.largest {
-            true => Ok(value),
-            false => Err(Failure::Unbounded { at: x }),
-        }
+        if value.abs() <= self.largest { Ok(value) } else { Err(Failure::Unbounded { at: x }) }
     }
 
     /// `c_n = (2n + 1)/2 Σ_i w_i f(x_i) P_n(t_i)`.

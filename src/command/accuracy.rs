@@ -1,10 +1,9 @@
 //! Cases with an accuracy in the place of a grid, a degree and a tolerance.
 
-use crate::base::checksum;
-use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::text::seconds_text;
+use crate::base::{checksum, disk};
 use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
 use crate::command::loading::load;
 use crate::parallel::communicator::World;

@@ -2,13 +2,12 @@
 
 use crate::base::version::VERSION;
 use crate::command::values::{
-    RankNumbers, parse_accuracy, parse_bytes, parse_duration, parse_ranks, parse_refinement,
-    parse_wavenumber,
+    RankNumbers, accuracy, bytes, duration, ranks, refinement, wavenumber,
 };
 use crate::quantum::circuit::scene::MOST_BIN_BITS;
 use crate::quantum::circuit::transport::{Levels, ModeWeights};
 use crate::study::stability::panel::PanelName;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand, ValueEnum, value_parser};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -95,15 +94,10 @@ pub struct Changes {
 pub struct AccuracyArgs {
     /// Relative L1 error of the density at the end: grid, degree, flux, interface and tolerance are
     /// chosen by `advise` and printed as --set; not beside a --set of one of them
-    #[arg(
-        long,
-        value_name = "EPSILON",
-        value_parser = parse_accuracy,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "EPSILON", value_parser = accuracy, allow_negative_numbers = true)]
     pub accuracy: Option<f64>,
     /// Time for the trials by which it, or solver.accuracy, is chosen, about; by default 60s
-    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", value_parser = duration)]
     pub budget: Option<Duration>,
 }
 
@@ -114,7 +108,7 @@ pub struct InitArgs {
     #[arg(default_value = "case.toml")]
     pub file: PathBuf,
     /// Space dimensions
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=3))]
+    #[arg(long, default_value_t = 1, value_parser = value_parser!(u8).range(1..=3))]
     pub dimension: u8,
     /// Replace a file of that name
     #[arg(long)]
@@ -192,7 +186,7 @@ pub struct RunArgs {
     #[arg(long)]
     pub force: bool,
     /// Stop with a checkpoint (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
-    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", value_parser = duration)]
     pub walltime: Option<Duration>,
 }
 
@@ -226,7 +220,7 @@ pub struct SweepArgs {
     #[arg(long)]
     pub force: bool,
     /// Stop (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
-    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", value_parser = duration)]
     pub walltime: Option<Duration>,
 }
 
@@ -241,28 +235,19 @@ pub struct PlanArgs {
     pub accuracy: AccuracyArgs,
     /// Number of ranks; by default 1, with --calibrate as many as it is started on. Of many, 1,2,6
     /// or 1..64 for 1, 2, 4, … 64: a table, and which is worth it
-    #[arg(long, value_name = "N[,N...]", value_parser = parse_ranks)]
+    #[arg(long, value_name = "N[,N...]", value_parser = ranks)]
     pub ranks: Option<RankNumbers>,
     /// Blocks along each x-axis; the other ranks split the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
     /// Memory a rank may take, e.g. 4GiB
-    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory_per_rank: Option<u64>,
     /// Memory of a node for its ranks, e.g. 64GiB
-    #[arg(
-        long,
-        value_name = "SIZE",
-        value_parser = parse_bytes,
-        conflicts_with = "memory_per_rank"
-    )]
+    #[arg(long, value_name = "SIZE", value_parser = bytes, conflicts_with = "memory_per_rank")]
     pub memory_per_node: Option<u64>,
     /// Ranks on a node; by default all
-    #[arg(
-        long,
-        value_name = "N",
-        value_parser = clap::value_parser!(u64).range(1..=1_000_000)
-    )]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u64).range(1..=1_000_000))]
     pub ranks_per_node: Option<u64>,
     /// Run a few steps on the ranks this is started on, and predict the time of the run
     #[arg(long)]
@@ -301,12 +286,12 @@ pub struct AdviseArgs {
         long,
         value_name = "EPSILON",
         default_value = "1e-2",
-        value_parser = parse_accuracy,
+        value_parser = accuracy,
         allow_negative_numbers = true
     )]
     pub accuracy: f64,
     /// Time for all trials, about
-    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
     /// As JSON
     #[arg(long)]
@@ -359,16 +344,16 @@ pub struct MovieArgs {
     #[arg(
         long,
         value_name = "N",
-        default_value = "10",
-        value_parser = clap::value_parser!(u16).range(1..=50)
+        default_value_t = 10,
+        value_parser = value_parser!(u16).range(1..=50)
     )]
     pub fps: u16,
     /// Only every N-th time; the last one always
     #[arg(
         long,
         value_name = "N",
-        default_value = "1",
-        value_parser = clap::value_parser!(u32).range(1..=10_000)
+        default_value_t = 1,
+        value_parser = value_parser!(u32).range(1..=10_000)
     )]
     pub every: u32,
     /// Replace movies of another case, or what phasewarp did not write
@@ -386,7 +371,7 @@ pub struct ChartArgs {
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// About how long it may take: 60s, 10m
-    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
 }
 
@@ -418,7 +403,7 @@ pub struct QuantumArgs {
         value_name = "QUBITS",
         num_args = 0..=1,
         default_missing_value = "2",
-        value_parser = clap::value_parser!(u8).range(0..=8)
+        value_parser = value_parser!(u8).range(0..=8)
     )]
     pub complete: Option<u8>,
 }
@@ -431,11 +416,7 @@ pub struct CircuitArgs {
     pub export: ExportArgs,
     /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
     /// fewest that need no rounding
-    #[arg(
-        long,
-        value_name = "B",
-        value_parser = clap::value_parser!(u8).range(0..=MOST_BIN_BITS as i64)
-    )]
+    #[arg(long, value_name = "B", value_parser = value_parser!(u8).range(0..=MOST_BIN_BITS as i64))]
     pub sub_bins: Option<u8>,
     /// The uniform register of levels: of all values of its qubits, by Hadamard gates, or of as
     /// many as needed, by rotations, with the least alpha
@@ -446,12 +427,7 @@ pub struct CircuitArgs {
     #[arg(long, value_enum, default_value = "sum", conflicts_with = "wavenumber")]
     pub mode_weights: ModeWeights,
     /// H of one mode with this wavenumber, instead of all modes in a register
-    #[arg(
-        long,
-        value_name = "MU",
-        value_parser = parse_wavenumber,
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "MU", value_parser = wavenumber, allow_negative_numbers = true)]
     pub wavenumber: Option<f64>,
     /// Simulate so many columns of the block and compare them with H
     #[arg(long, value_name = "COLUMNS", default_value_t = 0)]
@@ -476,7 +452,7 @@ pub struct ResourcesArgs {
     #[arg(
         long,
         value_name = "EPSILON",
-        value_parser = parse_accuracy,
+        value_parser = accuracy,
         allow_negative_numbers = true,
         conflicts_with = "optimise"
     )]
@@ -496,7 +472,7 @@ pub struct StabilityArgs {
     #[arg(long, value_name = "PANEL[,PANEL...]", value_enum, value_delimiter = ',')]
     pub only: Vec<PanelName>,
     /// About how long it may take: 60s, 5m
-    #[arg(long, value_name = "TIME", value_parser = parse_duration, default_value = "60s")]
+    #[arg(long, value_name = "TIME", value_parser = duration, default_value = "60s")]
     pub budget: Duration,
 }
 
@@ -507,11 +483,7 @@ pub struct SpectrumArgs {
     #[command(flatten)]
     pub case: CaseArgs,
     /// Most Lanczos steps; fewer suffice where both ends of the spectrum are found before
-    #[arg(
-        long,
-        default_value_t = 5000,
-        value_parser = clap::value_parser!(u64).range(2..=1_000_000)
-    )]
+    #[arg(long, default_value_t = 5000, value_parser = value_parser!(u64).range(2..=1_000_000))]
     pub steps: u64,
     /// Multiplies the cells of every axis: one table row for each number
     #[arg(
@@ -519,7 +491,7 @@ pub struct SpectrumArgs {
         value_name = "N[,N...]",
         value_delimiter = ',',
         default_value = "1",
-        value_parser = parse_refinement
+        value_parser = refinement
     )]
     pub refine: Vec<usize>,
     /// As JSON

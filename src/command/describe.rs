@@ -4,8 +4,7 @@ use crate::base::text::{
     OF_ALGORITHM, OF_GRID, on_one_line, place, rounded, sentence, short, word,
 };
 use crate::matrix::bounds::Bounds;
-use crate::problem::case;
-use crate::problem::case::{Case, Data, Integrator, Method};
+use crate::problem::case::{self, Case, Data, Integrator, Method};
 use crate::problem::grid::axis_names;
 
 /// The case in lines: axes, formulas, method, what was reduced, cells and rates.

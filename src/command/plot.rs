@@ -10,10 +10,9 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, Owner};
 use crate::results::dataset::RESULT;
-use crate::results::pictures;
-use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
+use crate::results::pictures::{self, Album};
 use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
 use crate::results::table_file::with_tables_known;
@@ -59,9 +58,7 @@ impl PictureDirectory {
     pub fn new(run: &Stored, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
         let own = of_run.join(pictures::FOLDER);
-        let Some(output) = output else {
-            return Self { directory: own, of_run, owner: None };
-        };
+        let Some(output) = output else { return Self { directory: own, of_run, owner: None } };
         let directory = output.to_owned();
         if is_same(output, &own) || is_same(output, &of_run) {
             return Self { directory, of_run, owner: None };

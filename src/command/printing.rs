@@ -21,10 +21,7 @@ pub fn print_unwrapped(world: &World, text: &str) {
 
 /// Prints on the first rank, as JSON or for people.
 pub fn print_as<T: Serialize + Display>(world: &World, found: &T, json: bool) {
-    match json {
-        true => print_json(world, found),
-        false => print(world, &found.to_string()),
-    }
+    if json { print_json(world, found) } else { print(world, &found.to_string()) }
 }
 
 /// Prints JSON on the first rank.

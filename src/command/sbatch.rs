@@ -71,9 +71,7 @@ struct JobScript {
 /// # Errors
 /// [`Error::Input`].
 pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
-    let Some(file) = &args.sbatch else {
-        return Ok(());
-    };
+    let Some(file) = &args.sbatch else { return Ok(()) };
     if load(world, &args.case)?.accuracy.is_some() {
         let what = "a run by solver.accuracy cannot be resumed; give --accuracy, whose choice is \
                     written as --set, and a case without it";
@@ -93,9 +91,7 @@ pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
 /// # Errors
 /// [`Error::Input`] for a name that is no text; [`Error::Output`].
 pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Result<()> {
-    let Some(file) = &args.sbatch else {
-        return Ok(());
-    };
+    let Some(file) = &args.sbatch else { return Ok(()) };
     world.group().on_first_rank(|| {
         let script = JobScript::new(args, file, case, needs)?;
         disk::write(file, script.to_string().as_bytes())?;

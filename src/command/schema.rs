@@ -17,9 +17,10 @@ const DOCUMENT: &str = include_str!("../../docs/usage.md");
 /// # Errors
 /// None.
 pub fn execute(world: &World, args: &SchemaArgs) -> Result<()> {
-    match args.markdown {
-        true => print_unwrapped(world, &page()),
-        false => print_json(world, &schema()),
+    if args.markdown {
+        print_unwrapped(world, &page())
+    } else {
+        print_json(world, &schema())
     }
     Ok(())
 }
@@ -161,9 +162,7 @@ fn descriptions() -> BTreeMap<String, String> {
     for line in section.unwrap_or_default().lines().filter(|line| line.starts_with("| `")) {
         let line = line.replace("\\|", BAR);
         let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-        let [names, default, meaning] = cells[..] else {
-            continue;
-        };
+        let [names, default, meaning] = cells[..] else { continue };
         let mut text = plain(meaning);
         if !default.is_empty() {
             text += &format!(" (default: {})", plain(default));

@@ -3,8 +3,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
-use crate::base::text::seconds_text;
-use crate::base::text::{bytes_text, rounded};
+use crate::base::text::{bytes_text, rounded, seconds_text};
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json};
@@ -16,8 +15,7 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum;
-use crate::solve::spectrum::{Extremes, SpectrumEnd};
+use crate::solve::spectrum::{self, Extremes, SpectrumEnd};
 use crate::study::grids::refined;
 use serde::Serialize;
 use std::time::Instant;
@@ -72,9 +70,10 @@ pub struct GridSpectrum {
 pub fn execute(world: &World, args: &SpectrumArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let found = measure(world, &case, &args.refine, args.steps as usize)?;
-    match args.json {
-        true => print_json(world, &found),
-        false => print(world, &table(&found)),
+    if args.json {
+        print_json(world, &found)
+    } else {
+        print(world, &table(&found))
     }
     Ok(())
 }

@@ -1,9 +1,8 @@
 //! `phasewarp sweep`: a case with every combination of values.
 
-use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::machine;
+use crate::base::{disk, machine};
 use crate::command::cli::{Mode, SweepArgs};
 use crate::command::loading::{default_directory_of, load_text};
 use crate::command::printing::{print, print_unwrapped};

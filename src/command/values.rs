@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// A number between 0 and 1.
-pub fn parse_accuracy(text: &str) -> Result<f64, String> {
+pub fn accuracy(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(epsilon) if epsilon > 0.0 && epsilon < 1.0 => Ok(epsilon),
         _ => Err("a number above 0 and below 1 expected".into()),
@@ -11,7 +11,7 @@ pub fn parse_accuracy(text: &str) -> Result<f64, String> {
 }
 
 /// A finite number.
-pub fn parse_wavenumber(text: &str) -> Result<f64, String> {
+pub fn wavenumber(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(mu) if f64::is_finite(mu) => Ok(mu),
         _ => Err("a finite number expected".into()),
@@ -28,7 +28,7 @@ pub enum RankNumbers {
 }
 
 /// A number of ranks, or many, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B.
-pub fn parse_ranks(text: &str) -> Result<RankNumbers, String> {
+pub fn ranks(text: &str) -> Result<RankNumbers, String> {
     const MOST: usize = 1_000_000;
     let number = |word: &str| match word.trim().parse() {
         Ok(n @ 1..=MOST) => Ok(n),
@@ -60,7 +60,7 @@ pub fn parse_ranks(text: &str) -> Result<RankNumbers, String> {
 }
 
 /// A whole number from 1 to 64.
-pub fn parse_refinement(text: &str) -> Result<usize, String> {
+pub fn refinement(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(n @ 1..=64) => Ok(n),
         _ => Err("a whole number from 1 to 64 expected".into()),
@@ -68,7 +68,7 @@ pub fn parse_refinement(text: &str) -> Result<usize, String> {
 }
 
 /// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM:SS`.
-pub fn parse_duration(text: &str) -> Result<Duration, String> {
+pub fn duration(text: &str) -> Result<Duration, String> {
     let text = text.trim();
     let seconds = if text.contains(':') { clock_seconds(text)? } else { seconds(text)? };
     if !(seconds.is_finite() && seconds > 0.0) {
@@ -128,7 +128,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Bytes of `4GiB`, `500MB`, `4G`, `1e9`.
 ///
 /// `bytesize` takes `4G` for 4 GB; here it is 4 GiB, as Slurm's `--mem`.
-pub fn parse_bytes(text: &str) -> Result<u64, String> {
+pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn numbers_of_ranks() {
-        for (text, ranks) in [
+        for (text, expected) in [
             ("2,2", vec![2]),
             ("4..4", vec![4]),
             ("4, 1,2,4", vec![1, 2, 4]),
@@ -174,11 +174,11 @@ mod tests {
             ("3..20", vec![3, 6, 12]),
             ("1..4,6,48..100", vec![1, 2, 4, 6, 48, 96]),
         ] {
-            assert_eq!(parse_ranks(text), Ok(RankNumbers::Many(ranks)));
+            assert_eq!(ranks(text), Ok(RankNumbers::Many(expected)));
         }
-        assert_eq!(parse_ranks(" 64 "), Ok(RankNumbers::One(64)));
+        assert_eq!(ranks(" 64 "), Ok(RankNumbers::One(64)));
         for text in ["", "0", "1,", "1...4", "4..1", "0..4", "1..", "1000001", "-1", "1,x", "1 2"] {
-            assert!(parse_ranks(text).is_err(), "{text}");
+            assert!(ranks(text).is_err(), "{text}");
         }
     }
 
@@ -200,29 +200,29 @@ mod tests {
             ("1:30:00", 5400.0),
             ("2-01:00:05", 176_405.0),
         ] {
-            assert_eq!(parse_duration(text), Ok(Duration::from_secs_f64(seconds)));
+            assert_eq!(duration(text), Ok(Duration::from_secs_f64(seconds)));
         }
         for text in [
             "", "0", "-5", "m", "1:2:3:4", "1:-2", "nan", "inf", "1e400", "5 weeks", "1-5",
             "+3:0x1",
         ] {
-            assert!(parse_duration(text).is_err(), "{text}");
+            assert!(duration(text).is_err(), "{text}");
         }
     }
 
     #[test]
     fn sizes() {
-        for (text, bytes) in [
+        for (text, expected) in [
             ("4GiB", 4 << 30),
             ("4G", 4 << 30),
             ("500 MB", 500_000_000),
             ("1e9B", 1_000_000_000),
             ("12k", 12_288),
         ] {
-            assert_eq!(parse_bytes(text), Ok(bytes));
+            assert_eq!(bytes(text), Ok(expected));
         }
         for text in ["", "GiB", "256", "1e9", "4 parsecs", "-1GB", "nan"] {
-            assert!(parse_bytes(text).is_err(), "{text}");
+            assert!(bytes(text).is_err(), "{text}");
         }
     }
 }

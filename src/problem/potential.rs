@@ -129,10 +129,7 @@ impl PotentialValues<'_> {
             _ => drop.abs(),
         };
         let scale = at_lower.abs().max(behind.abs()).max(drop);
-        match jump.abs() <= KINK * scale {
-            true => [0.0, slope],
-            false => [jump, slope],
-        }
+        if jump.abs() <= KINK * scale { [0.0, slope] } else { [jump, slope] }
     }
 
     /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from

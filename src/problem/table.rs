@@ -221,13 +221,10 @@ impl Table {
 
 /// The coordinates of the value of this number: `x = 1, v = 0.5`.
 fn place_text(axes: &[TableAxis], number: usize) -> String {
-    let mut rest = number;
-    let mut places = Vec::new();
-    for TableAxis { name, points, .. } in axes.iter().rev() {
-        places.insert(0, format!("{name} = {}", points[rest % points.len()]));
-        rest /= points.len();
-    }
-    places.join(", ")
+    let lengths: Vec<usize> = axes.iter().map(|axis| axis.points.len()).collect();
+    let places = axes.iter().zip(checksum::indices(number, &lengths));
+    let places = places.map(|(axis, at)| format!("{} = {}", axis.name, axis.points[at]));
+    places.collect::<Vec<_>>().join(", ")
 }
 
 /// Refuses a table with more than [`MOST_VALUES`].

@@ -115,10 +115,7 @@ impl<'a> Sheet<'a> {
             0 => MARGIN,
             lines => MARGIN + 2.0 + TITLE_LINE * lines as f64,
         };
-        let below = match caption.is_empty() {
-            true => 0.0,
-            false => 8.0 + LINE * caption.len() as f64,
-        };
+        let below = if caption.is_empty() { 0.0 } else { 8.0 + LINE * caption.len() as f64 };
         let height = top + rows as f64 * (ABOVE + figure.frame[1] + BELOW) + below + MARGIN;
         let size = [width.ceil(), height.ceil()];
         Self { figure, frames, title, caption, columns, left, size, top }

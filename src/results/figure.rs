@@ -205,6 +205,11 @@ impl Panel {
         self.with(Layer::Vertical { label, at })
     }
 
+    /// With lines across at each of these places of the horizontal axis, without labels.
+    pub fn verticals(self, places: &[f64]) -> Self {
+        places.iter().fold(self, |panel, at| panel.vertical("", *at))
+    }
+
     /// With a line across at `at` of the vertical axis.
     pub fn horizontal(self, label: impl Into<String>, at: f64) -> Self {
         let label = label.into();

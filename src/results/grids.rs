@@ -113,9 +113,7 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
     let file = File::create(path)?;
     for name in GRIDS {
         let times = times(steps, name);
-        let Some((_, first)) = times.first() else {
-            continue;
-        };
+        let Some((_, first)) = times.first() else { continue };
         let group = file.create_group(name)?;
         let mesh = UnstructuredGrid::new(first);
         table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;

@@ -98,9 +98,7 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) ->
     let times: Vec<Vec<Field<'_>>> = with_fields(results)
         .map(|e| fields::fields(&results.case.data, e.fields.iter().map(Vec::as_slice)))
         .collect();
-    let Some(first) = times.first() else {
-        return Ok(());
-    };
+    let Some(first) = times.first() else { return Ok(()) };
     for (k, field) in first.iter().enumerate() {
         let kind = field.kind;
         let at = |time: usize, component: usize| {

@@ -405,9 +405,7 @@ impl Ledger {
     /// The outflow in all, then by end, some ends a line.
     fn ends_lines(&self) -> Vec<String> {
         const ENDS_A_LINE: usize = 4;
-        let Some(left) = self.mass.left_estimate else {
-            return Vec::new();
-        };
+        let Some(left) = self.mass.left_estimate else { return Vec::new() };
         let passes = |end: &&BoxEnd| end.outflow + end.outflow_at_jumps != 0.0;
         let part = |end: &BoxEnd| {
             let share = self.share(end.outflow + end.outflow_at_jumps).unwrap_or(0.0);

@@ -1,8 +1,7 @@
 //! Whether a file holds what was written: every dataset is read and its checksum compared with the
 //! one it carries.
 
-use crate::base::checksum;
-use crate::base::checksum::DatasetBox;
+use crate::base::checksum::{self, DatasetBox};
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
@@ -141,10 +140,7 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     };
     let shape = dataset.shape();
     let (all, there) = (bytes(&shape), dataset.storage_size());
-    let most = match filters.is_empty() {
-        true => there,
-        false => there.saturating_mul(MOST_DEFLATED),
-    };
+    let most = if filters.is_empty() { there } else { there.saturating_mul(MOST_DEFLATED) };
     if all > most || there > file_bytes.saturating_add(size as u64) {
         return Err(error(format!(
             "its shape is {shape:?}, and {there} bytes of it are there, in a file of {file_bytes}"

@@ -23,8 +23,7 @@
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
 //! gets its name.
 
-use crate::base::disk::require_room;
-use crate::base::disk::{self, failure};
+use crate::base::disk::{self, failure, require_room};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
@@ -36,9 +35,9 @@ use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::numbers as readout_numbers;
 use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, DatasetLayout, POINT};
-use crate::results::views::Step;
+use crate::results::views::{self, Step};
 use crate::results::writer::{Hdf5Result, Writer, attribute, text};
-use crate::results::{averages, grids, history, readback, views};
+use crate::results::{averages, grids, history, readback};
 use std::path::Path;
 
 /// Writes `directory/result.h5`; returns the grids and datasets to be shown. Collective over

@@ -35,14 +35,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> 
 }
 
 fn look(path: &Path, case: &Case) -> FileResult<Origin> {
-    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
-    if !found.is_file() {
-        return Err("is no file".to_owned());
-    }
-    std::fs::File::open(path).map_err(|e| e.to_string())?;
-    untrusted::inspect(path, Inspection::Shapes)?;
-    // HDF5 lists every function that the error passed.
-    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let file = untrusted::open_given(path, Inspection::Shapes)?;
     let program = text_attribute(&file, "program").unwrap_or_default();
     if !program.starts_with("phasewarp ") {
         return Err("is no result of phasewarp, which is expected".to_owned());

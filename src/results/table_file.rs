@@ -9,7 +9,6 @@ use crate::problem::table::{Table, TableAxis, check_size};
 use crate::results::FileResult;
 use crate::results::readback::numbers;
 use crate::results::untrusted::{self, Inspection};
-use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -139,10 +138,7 @@ fn of_hdf5(file: &TableFile) -> FileResult<Table> {
     let places = |name: &str| [format!("axis/{name}"), name.to_owned()];
     let names = axes.iter().flat_map(|(_, names)| names.iter().flat_map(|name| places(name)));
     let names: Vec<String> = [file.dataset.clone()].into_iter().chain(names).collect();
-    // What can be read at all is found out by another process.
-    std::fs::File::open(&file.path).map_err(|e| e.to_string())?;
-    untrusted::inspect(&file.path, Inspection::Table(names))?;
-    let opened = File::open(&file.path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let opened = untrusted::open_given(&file.path, Inspection::Table(names))?;
     let dataset = opened.dataset(&file.dataset);
     let dataset = dataset.map_err(|_| format!("holds no dataset /{}", file.dataset))?;
     let shape = dataset.shape();

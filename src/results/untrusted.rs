@@ -13,14 +13,13 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
-use crate::results::FileResult;
 use crate::results::dataset::RESULT;
-use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
 use crate::results::readback::{
     ChecksumParts, FileShare, compare, datasets, differs, numbers, sound, sums_of,
 };
 use crate::results::writer::Hdf5Result;
+use crate::results::{FileResult, file_checksums};
 use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -251,9 +250,7 @@ fn holds_numbers(name: &str) -> bool {
 /// What a warped field to start from is read of: `/w` and axes of at most as many points as `/w`
 /// has along one.
 fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
-    let Some(chunk) = named(file, bytes, "w")? else {
-        return Ok(());
-    };
+    let Some(chunk) = named(file, bytes, "w")? else { return Ok(()) };
     allow(chunk);
     let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
     axes.iter().try_for_each(|name| named(file, bytes, name).map(|_| ()))
@@ -264,6 +261,21 @@ fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
 fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
     let dataset = file.dataset(name).ok();
     dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
+}
+
+/// Opens a file that the user names, once another process has found out what of it can be read.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File> {
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    inspect(path, inspection)?;
+    // HDF5 lists every function that the error passed.
+    File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?".to_owned())
 }
 
 /// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as any

@@ -357,14 +357,7 @@ impl PlanePart {
             }
             stride *= length;
         }
-        Self {
-            cells: match crossed {
-                true => results.share[a].clone(),
-                false => 0..0,
-            },
-            base,
-            strides,
-        }
+        Self { cells: if crossed { results.share[a].clone() } else { 0..0 }, base, strides }
     }
 
     /// Values of a field, x_a fastest.

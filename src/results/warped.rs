@@ -14,8 +14,7 @@
 pub mod given;
 pub mod spread;
 
-use crate::base::disk::failure;
-use crate::base::disk::require_room;
+use crate::base::disk::{failure, require_room};
 use crate::base::error::Result;
 use crate::problem::case::{Case, Storage};
 use crate::problem::grid::axis_names;

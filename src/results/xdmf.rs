@@ -90,9 +90,7 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
 /// Where the numbers of a view are, which are so many along each axis.
 fn values(view: &View, counts: &str) -> String {
     let place = format!("result.h5:{}", view.dataset);
-    let Some(moment) = &view.moment else {
-        return item(counts, "Float", "HDF", &place);
-    };
+    let Some(moment) = &view.moment else { return item(counts, "Float", "HDF", &place) };
     let list =
         |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
     let rank = moment.shape.len();

@@ -22,8 +22,7 @@ pub mod timing;
 
 use crate::base::error::Result;
 use crate::base::stopwatch::Stopwatch;
-use crate::base::text::counted;
-use crate::base::text::seconds_text;
+use crate::base::text::{counted, seconds_text};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::moments;
 use crate::parallel::communicator::World;

@@ -69,10 +69,7 @@ impl WorkKind {
     /// Growth of a unit's time per cell with the cells, relative to a small grid: that of sparse
     /// factors.
     fn growth(self, cells: f64) -> f64 {
-        match self.solves {
-            true => (cells / 1024.0).sqrt(),
-            false => 1.0,
-        }
+        if self.solves { (cells / 1024.0).sqrt() } else { 1.0 }
     }
 }
 
@@ -278,9 +275,7 @@ impl CostModel {
 /// the steps of a comparison grow with the cells of an axis.
 fn overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
     let ends = known.first_key_value().zip(known.last_key_value());
-    let Some(((&few, &little), (&many, &much))) = ends else {
-        return OVERHEAD * cells;
-    };
+    let Some(((&few, &little), (&many, &much))) = ends else { return OVERHEAD * cells };
     let (few, many) = (few as f64, many as f64);
     let fixed = match many > few {
         true => little - (much - little) / (many - few) * few,

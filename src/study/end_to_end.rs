@@ -19,6 +19,7 @@
 //! Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀` over all `v`,
 //! with a reversible trace, compute and uncompute, in each evaluation (a model).
 
+use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::base::table::ColumnValues;
 use crate::matrix::bounds::Bounds;
@@ -79,6 +80,24 @@ pub struct QuantumMethod {
     pub toffoli: LabelledNumber,
     /// Physical qubits, of a model of the surface code.
     pub physical_qubits: LabelledNumber,
+}
+
+impl QuantumMethod {
+    /// Without a grid, and with no number for this reason.
+    fn unavailable(name: &'static str, why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
+        Self {
+            name,
+            grids: Vec::new(),
+            errors: Vec::new(),
+            order: None,
+            probability: none(),
+            evolutions: none(),
+            cost: None,
+            toffoli: none(),
+            physical_qubits: none(),
+        }
+    }
 }
 
 /// A classical method.
@@ -163,6 +182,7 @@ impl MeasuredScheme {
 }
 
 /// The density at a point, by tracing characteristics.
+#[derive(Default)]
 struct TracedDensity {
     density: f64,
     traces: usize,
@@ -191,21 +211,14 @@ impl TracedDensity {
     fn by_quadrature(case: &Case, tracer: &Tracer<'_>, point: &[f64; 6], accuracy: f64) -> Self {
         let started = Instant::now();
         let n = case.space.dimension();
-        let mut found =
-            Self { density: f64::NAN, traces: 0, seconds: 0.0, largest: 0.0, crossings: 0 };
+        let mut found = Self { density: f64::NAN, ..Self::default() };
         let (mut agreed, mut each) = (0, 16usize);
         while agreed < 2 && each.pow(n as u32) <= MOST_TRACES {
             let count = each.pow(n as u32);
-            let mut sum = 0.0;
+            let (mut sum, lengths) = (0.0, vec![each; n]);
             for k in 0..count {
-                let mut rest = k;
-                let part: Vec<f64> = (0..n)
-                    .map(|_| {
-                        let j = rest % each;
-                        rest /= each;
-                        (j as f64 + 0.5) / each as f64
-                    })
-                    .collect();
+                let part = indices(k, &lengths).into_iter().rev();
+                let part: Vec<f64> = part.map(|j| (j as f64 + 0.5) / each as f64).collect();
                 let value = tracer.value(&velocity_point(case, point, &part), case.end);
                 found.largest = found.largest.max(value.abs());
                 sum += value;
@@ -251,8 +264,7 @@ impl TracedDensity {
                     density: velocity_volume(case) * mean,
                     traces,
                     seconds: started.elapsed().as_secs_f64(),
-                    largest: 0.0,
-                    crossings: 0,
+                    ..Self::default()
                 };
             }
         }
@@ -284,11 +296,11 @@ impl EndToEnd {
         let task = DensityTask { world, exact: &exact, accuracy, density: traced.density.abs() };
         let upwind = classical(&scheme_of(case), Integrator::Exponential, Limiter::None);
         let upwind_found = MeasuredScheme::new(world, &upwind, &exact)?;
-        let mut quantum = vec![
+        let quantum = vec![
             task.way("Schrödingerization, dissipative", Ok(scheme_of(case)), Some(&upwind_found)),
             task.way("one mode, unitary", unitary_of(case), None),
+            task.over_characteristics(case, &traced),
         ];
-        quantum.push(task.over_characteristics(case, &traced));
         let mut stepping = vec![("time stepping, exponential", upwind_found)];
         if !case.is_galerkin() && !case.varies() {
             let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
@@ -322,19 +334,13 @@ impl EndToEnd {
 /// Where the density is asked for: at the first cell of `[readout]`, or where the exact one is
 /// largest. Collective.
 fn point_of_task(world: &World, case: &Case, exact: &Exact) -> Result<[f64; 6]> {
-    let n = case.space.dimension();
     let cell: Vec<usize> = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
         Some(cell) => cell.clone(),
         None => {
             let density = exact_density(&world.group(), case, exact)?;
             let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-            let mut rest = largest.map_or(0, |(index, _)| index);
-            let mut cell = vec![0; n];
-            for a in (0..n).rev() {
-                cell[a] = rest % case.space.x[a].cells;
-                rest /= case.space.x[a].cells;
-            }
-            cell
+            let cells: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
+            indices(largest.map_or(0, |(index, _)| index), &cells)
         }
     };
     let mut point = [0.0; 6];
@@ -401,20 +407,7 @@ impl DensityTask<'_> {
         known: Option<&MeasuredScheme>,
     ) -> QuantumMethod {
         let found = scheme.and_then(|scheme| self.priced(name, &scheme, known));
-        found.unwrap_or_else(|why| {
-            let none = || LabelledNumber::unavailable(&why.to_string());
-            QuantumMethod {
-                name,
-                grids: Vec::new(),
-                errors: Vec::new(),
-                order: None,
-                probability: none(),
-                evolutions: none(),
-                cost: None,
-                toffoli: none(),
-                physical_qubits: none(),
-            }
-        })
+        found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why.to_string()))
     }
 
     /// The quantum method by `scheme` on the grid that it needs. Collective.
@@ -527,15 +520,13 @@ impl DensityTask<'_> {
         let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
         let evolutions = LabelledNumber::bound(preparations(register));
         QuantumMethod {
-            name: "reversible characteristics",
-            grids: Vec::new(),
-            errors: Vec::new(),
-            order: None,
             probability: LabelledNumber::exact(1.0),
             toffoli: evolutions.times(&trace),
-            physical_qubits: LabelledNumber::unavailable("no circuit of a trace is compiled"),
             evolutions,
-            cost: None,
+            ..QuantumMethod::unavailable(
+                "reversible characteristics",
+                "no circuit of a trace is compiled",
+            )
         }
     }
 }

@@ -80,10 +80,7 @@ pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
     let axes = case.space.x.iter_mut().chain(&mut case.space.v);
     for (k, axis) in axes.enumerate() {
         let nodes = if k < n { Nodes::of_space(degree) } else { Nodes::of_velocity(degree) };
-        let elements = match merged[k] {
-            true => axis.elements(),
-            false => axis.cells.div_ceil(nodes.count()),
-        };
+        let elements = if merged[k] { axis.elements() } else { axis.cells.div_ceil(nodes.count()) };
         *axis = Axis { cells: elements * nodes.count(), nodes, ..axis.clone() };
     }
     let grids = Grids::new(&case).with_merged(merged.to_vec());

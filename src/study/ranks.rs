@@ -7,8 +7,7 @@
 //! a block; what all ranks share by their number; the rest stays.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::time_text;
-use crate::base::text::{bytes_text, counted, shortened};
+use crate::base::text::{bytes_text, counted, shortened, time_text};
 use crate::plan::Plan;
 use crate::plan::advice::MachineNode;
 use crate::problem::case::Case;

@@ -30,7 +30,7 @@ pub mod scene;
 pub mod search;
 pub mod tolerance;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_potential};
@@ -112,12 +112,12 @@ pub fn measure(
         let left = wanted.len() - done;
         budget.share(if spec.cheap && left > 1 { 2 } else { 1 }, left);
         let found = match budget.is_over() {
-            true => Err("the budget is used up".into()),
+            true => Err(Error::input("the budget is used up")),
             false => (spec.measure)(&PanelTask { world, case: &swept, budget: &budget }),
         };
         match found {
             Ok(found) => panels.push(spec.panel(found)),
-            Err(reason) => left_out.push(LeftOut { name: spec.name, reason: reason.0 }),
+            Err(reason) => left_out.push(LeftOut { name: spec.name, reason: reason.to_string() }),
         }
     }
     panels.sort_by_key(|panel| panel.name);

@@ -8,6 +8,7 @@ pub mod name;
 pub mod table;
 pub mod vary;
 
+use crate::base::checksum::indices;
 use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
 use crate::base::memory;
@@ -137,23 +138,16 @@ impl Sweep {
             }
             sweep.runs.push(run);
         }
-        match refusals.len() == count {
-            true => Err(refusals.swap_remove(0)),
-            false => Ok(sweep),
-        }
+        if refusals.len() == count { Err(refusals.swap_remove(0)) } else { Ok(sweep) }
     }
 
     /// The run of this index, from 0.
     fn combination(&self, index: usize) -> Result<SweepRun> {
         let SweepRequest { path, text, set, mode, vary, directory } = &self.request;
-        let mut rest = index;
-        let mut chosen: Vec<String> = Vec::new();
-        for Vary { key, values } in vary.iter().rev() {
-            chosen.push(format!("{key}={}", values[rest % values.len()]));
-            rest /= values.len();
-        }
-        let mut overrides: Vec<String> =
-            set.iter().cloned().chain(chosen.into_iter().rev()).collect();
+        let counts: Vec<usize> = vary.iter().map(|vary| vary.values.len()).collect();
+        let chosen = vary.iter().zip(indices(index, &counts));
+        let chosen = chosen.map(|(Vary { key, values }, k)| format!("{key}={}", values[k]));
+        let mut overrides: Vec<String> = set.iter().cloned().chain(chosen).collect();
         let mut tree = case::values(&path.display().to_string(), text, &overrides)?;
         with_absolute_paths(&mut tree, path);
         let values: Vec<Value> = self.keys.iter().map(|key| value_of(&tree, key)).collect();

@@ -49,9 +49,7 @@ impl Alpha {
     /// [`of`](Self::of).
     pub(crate) fn read(file: &CaseFile<'_>, given: Option<&Formula>) -> Result<Self> {
         let key = "solver.warp.alpha";
-        let Some(Formula(text)) = given else {
-            return Ok(Self::Constant(DEFAULT_ALPHA));
-        };
+        let Some(Formula(text)) = given else { return Ok(Self::Constant(DEFAULT_ALPHA)) };
         let alpha = file.formula(key, text, &NAMES)?;
         Self::of(&alpha).or_else(|message| file.refuse(key, message))
     }

@@ -63,9 +63,7 @@ impl<'s> ConstantSearch<'s, '_> {
             let message = format!("it depends on itself: {}", around.join(" -> "));
             return self.file.refuse(&key, message);
         }
-        let Some(Formula(text)) = self.table.get(name) else {
-            return Ok(());
-        };
+        let Some(Formula(text)) = self.table.get(name) else { return Ok(()) };
         self.path.push(name);
         for word in words(text) {
             if let Some((needed, _)) = self.table.get_key_value(word) {

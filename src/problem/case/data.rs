@@ -317,9 +317,7 @@ impl FileTable {
         if let Some(dataset) = &self.dataset {
             dataset.trim_start_matches('/').clone_into(&mut found.dataset);
         }
-        let Some(axes) = &self.axes else {
-            return Ok(found);
-        };
+        let Some(axes) = &self.axes else { return Ok(found) };
         let key = format!("{}.axes", of.key());
         let known = found.all_axes_text();
         let mut positions = Vec::new();
@@ -581,9 +579,7 @@ fn path_of(
     path: Option<&String>,
     example: &str,
 ) -> Result<Option<PathBuf>> {
-    let Some(path) = path else {
-        return Ok(None);
-    };
+    let Some(path) = path else { return Ok(None) };
     if path.is_empty() {
         return file.refuse(key, format!("the path of a file expected, such as \"{example}\""));
     }

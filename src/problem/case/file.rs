@@ -175,9 +175,7 @@ impl<'t> CaseFile<'t> {
                 _ => (0, None),
             };
             found.value = below.map(|value| value.get_ref());
-            let Some(value) = below else {
-                return found;
-            };
+            let Some(value) = below else { return found };
             // A mistake in a table points at its heading.
             found.span = match value.get_ref() {
                 DeValue::Table(_) => found.key.clone(),
@@ -232,10 +230,7 @@ impl<'t> CaseFile<'t> {
         range: RangeInclusive<f64>,
         message: impl FnOnce() -> String,
     ) -> Result<f64> {
-        match range.contains(&value) {
-            true => Ok(value),
-            false => self.refuse(key, message()),
-        }
+        if range.contains(&value) { Ok(value) } else { self.refuse(key, message()) }
     }
 
     /// `count`, if it is at least `least`.
@@ -359,9 +354,7 @@ fn begins_with(rest: &str, key: &str) -> bool {
 fn text_value<'t>(text: &'t str, span: &Range<usize>) -> DeValue<'t> {
     let list = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let entries = list.map(entries_of).filter(|entries| entries.iter().all(|e| !e.is_empty()));
-    let Some(entries) = entries else {
-        return DeValue::String(text.into());
-    };
+    let Some(entries) = entries else { return DeValue::String(text.into()) };
     let entry = |text: &&'t str| match DeValue::parse(text) {
         Ok(value) => marked(value.into_inner(), span),
         Err(_) => Spanned::new(span.clone(), DeValue::String((*text).into())),

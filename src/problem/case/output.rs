@@ -81,10 +81,10 @@ impl Storage {
 }
 
 /// `[output]`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct OutputTable {
-    recovery_points: i64,
+    recovery_points: Option<i64>,
     pub warped_field: bool,
     plateau: Option<PlateauTable>,
     moments_every: Option<f64>,
@@ -96,34 +96,14 @@ pub struct OutputTable {
     pub positive: bool,
     compression: i64,
     chunks: Option<List<i64>>,
-    xdmf: bool,
-}
-
-impl Default for OutputTable {
-    fn default() -> Self {
-        Self {
-            recovery_points: 2,
-            warped_field: false,
-            plateau: None,
-            moments_every: None,
-            moment_times: List::default(),
-            field_times: List::default(),
-            fields_every: None,
-            delta_width: DeltaWidth::default(),
-            expand: false,
-            positive: false,
-            compression: 0,
-            chunks: None,
-            xdmf: true,
-        }
-    }
+    xdmf: Option<bool>,
 }
 
 impl OutputTable {
     /// `recovery_points`.
     pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
         let key = "output.recovery_points";
-        match file.count(key, self.recovery_points, 1)? {
+        match file.count(key, self.recovery_points.unwrap_or(2), 1)? {
             points @ 1..=2 => Ok(points),
             _ => file.refuse(key, "must be 1, or 2 for the error estimate"),
         }
@@ -160,9 +140,7 @@ impl OutputTable {
             ("output.fields_every", self.fields_every, true),
         ];
         for (key, every, fields) in intervals {
-            let Some(every) = every else {
-                continue;
-            };
+            let Some(every) = every else { continue };
             if !(every > 0.0 && (end - start) / every <= MOST_TIMES as f64) {
                 let message = format!(
                     "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
@@ -203,7 +181,7 @@ impl OutputTable {
         Ok(Storage {
             compression: self.compression(file)?,
             chunks: self.chunks(file, space)?,
-            xdmf: self.xdmf,
+            xdmf: self.xdmf.unwrap_or(true),
         })
     }
 
@@ -226,9 +204,7 @@ impl OutputTable {
         /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
         const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
         let key = "output.chunks";
-        let Some(List(chunks)) = &self.chunks else {
-            return Ok(None);
-        };
+        let Some(List(chunks)) = &self.chunks else { return Ok(None) };
         let axes = 2 * space.dimension();
         if chunks.len() != axes || chunks.iter().any(|&cells| cells < 1) {
             return file.refuse(key, format!("a list of {axes} whole numbers above 0 expected"));
@@ -253,17 +229,10 @@ impl OutputTable {
 
 /// `output.plateau`.
 #[derive(Debug, Deserialize)]
-#[serde(default)]
 struct PlateauTable {
     from: Option<f64>,
     to: Option<f64>,
-    points: i64,
-}
-
-impl Default for PlateauTable {
-    fn default() -> Self {
-        Self { from: None, to: None, points: 9 }
-    }
+    points: Option<i64>,
 }
 
 impl PlateauTable {
@@ -273,7 +242,7 @@ impl PlateauTable {
         /// Farther than this from 0, `e^p` overflows or vanishes.
         const HIGHEST: f64 = 300.0;
         let key = "output.plateau.points";
-        let points = file.count(key, self.points, 2)?;
+        let points = file.count(key, self.points.unwrap_or(9), 2)?;
         if points > MOST_POINTS {
             return file.refuse(key, format!("must be at most {MOST_POINTS}"));
         }

@@ -268,9 +268,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
 
     /// A table with keys of any names.
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        let DeValue::Table(table) = self.value else {
-            return self.wrong("a table");
-        };
+        let DeValue::Table(table) = self.value else { return self.wrong("a table") };
         let entries = table.iter().map(|(name, value)| {
             let name = name.get_ref().as_ref();
             (name, self.below(name, value))

@@ -39,20 +39,14 @@ pub enum MeasurementEffort {
 
 /// `[readout]`.
 #[derive(Debug, Deserialize)]
-#[serde(default)]
 pub struct ReadoutTable {
     cells: Option<List<List<f64>>>,
     points: Option<List<List<f64>>>,
-    shots: i64,
-    evaluations: i64,
+    shots: Option<i64>,
+    evaluations: Option<i64>,
     accuracy: Option<f64>,
+    #[serde(default)]
     seed: i64,
-}
-
-impl Default for ReadoutTable {
-    fn default() -> Self {
-        Self { cells: None, points: None, shots: 10_000, evaluations: 256, accuracy: None, seed: 0 }
-    }
 }
 
 impl ReadoutTable {
@@ -86,7 +80,7 @@ impl ReadoutTable {
 
     fn shots(&self, file: &CaseFile<'_>) -> Result<u64> {
         let key = "readout.shots";
-        let shots = file.count(key, self.shots, 1)?;
+        let shots = file.count(key, self.shots.unwrap_or(10_000), 1)?;
         if shots as f64 > MOST_SHOTS {
             return file.refuse(key, format!("must be at most {MOST_SHOTS:e}"));
         }
@@ -95,7 +89,7 @@ impl ReadoutTable {
 
     fn evaluations(&self, file: &CaseFile<'_>) -> Result<u64> {
         let key = "readout.evaluations";
-        let evaluations = file.count(key, self.evaluations, 2)?;
+        let evaluations = file.count(key, self.evaluations.unwrap_or(256), 2)?;
         if !evaluations.is_power_of_two() || evaluations as f64 > MOST_EVALUATIONS {
             let message = format!(
                 "values of a register of qubits: a power of two, at most {MOST_EVALUATIONS:e}"

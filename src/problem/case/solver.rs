@@ -183,11 +183,11 @@ impl SchemeTable {
 }
 
 /// `[solver]`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SolverTable {
     pub method: Method,
-    tolerance: f64,
+    tolerance: Option<f64>,
     accuracy: Option<f64>,
     pub verify: bool,
     pub strict: bool,
@@ -197,30 +197,15 @@ pub struct SolverTable {
     pub reduce: Allowed,
 }
 
-impl Default for SolverTable {
-    fn default() -> Self {
-        Self {
-            method: Method::default(),
-            tolerance: 1e-6,
-            accuracy: None,
-            verify: false,
-            strict: false,
-            warp: WarpTable::default(),
-            propagator: Propagation::default(),
-            classical: ClassicalTable::default(),
-            reduce: Allowed::all(true),
-        }
-    }
-}
-
 impl SolverTable {
     /// `tolerance`.
     pub fn tolerance(&self, file: &CaseFile<'_>) -> Result<f64> {
-        if !(self.tolerance > 0.0 && self.tolerance <= LARGEST_TOLERANCE) {
+        let tolerance = self.tolerance.unwrap_or(1e-6);
+        if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
             let message = format!("must be above 0 and at most {LARGEST_TOLERANCE}");
             return file.refuse("solver.tolerance", message);
         }
-        Ok(self.tolerance)
+        Ok(tolerance)
     }
 
     /// `accuracy`.
@@ -264,27 +249,22 @@ impl Propagation {
 }
 
 /// `[solver.classical]`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct ClassicalTable {
     pub integrator: Integrator,
-    cfl: f64,
-}
-
-impl Default for ClassicalTable {
-    fn default() -> Self {
-        Self { integrator: Integrator::default(), cfl: DEFAULT_CFL }
-    }
+    cfl: Option<f64>,
 }
 
 impl ClassicalTable {
     /// `cfl`.
     pub fn cfl(&self, file: &CaseFile<'_>) -> Result<f64> {
-        if !(self.cfl > 0.0 && self.cfl <= 1.0) {
+        let cfl = self.cfl.unwrap_or(DEFAULT_CFL);
+        if !(cfl > 0.0 && cfl <= 1.0) {
             let message = "must be above 0 and at most 1, where forward Euler stops being stable";
             return file.refuse("solver.classical.cfl", message);
         }
-        Ok(self.cfl)
+        Ok(cfl)
     }
 }
 
@@ -316,23 +296,17 @@ impl Allowed {
 }
 
 /// `[checkpoint]`.
-#[derive(Debug, Deserialize)]
-#[serde(default)]
+#[derive(Debug, Default, Deserialize)]
 pub struct CheckpointTable {
-    minutes: f64,
-}
-
-impl Default for CheckpointTable {
-    fn default() -> Self {
-        Self { minutes: 30.0 }
-    }
+    minutes: Option<f64>,
 }
 
 impl CheckpointTable {
     /// How often a checkpoint is made; `None` for never by the clock.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Option<Duration>> {
         const YEAR: f64 = 525_600.0;
-        let minutes = file.within("checkpoint.minutes", self.minutes, 0.0..=YEAR, || {
+        let minutes = self.minutes.unwrap_or(30.0);
+        let minutes = file.within("checkpoint.minutes", minutes, 0.0..=YEAR, || {
             format!("must be from 0 (no checkpoints by the clock) to {YEAR}")
         })?;
         Ok((minutes > 0.0).then(|| Duration::from_secs_f64(60.0 * minutes)))

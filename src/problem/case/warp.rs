@@ -333,9 +333,7 @@ impl WarpTable {
         /// Largest magnitude of a point in `p`.
         const MOST_P: f64 = 1e9;
         let key = "solver.warp.interval";
-        let Some(List(ends)) = &self.interval else {
-            return Ok(None);
-        };
+        let Some(List(ends)) = &self.interval else { return Ok(None) };
         let &[lower, upper] = ends.as_slice() else {
             return file.refuse(key, "a list of two numbers, [L, R], expected");
         };
@@ -359,9 +357,7 @@ impl WarpTable {
     fn points(&self, file: &CaseFile<'_>) -> Result<Option<usize>> {
         const MOST_POINTS: usize = 2 * MOST_MODES - 2;
         let key = "solver.warp.points";
-        let Some(points) = self.points else {
-            return Ok(None);
-        };
+        let Some(points) = self.points else { return Ok(None) };
         let points = file.count(key, points, 2)?;
         if !points.is_multiple_of(2) || points > MOST_POINTS {
             let message = format!("must be even, and at most {MOST_POINTS}");
@@ -375,9 +371,7 @@ impl WarpTable {
         /// For larger `p◇`, `e^{p◇}` overflows.
         const HIGHEST: f64 = 300.0;
         let key = "solver.warp.recovery";
-        let Some(point) = self.recovery else {
-            return Ok(None);
-        };
+        let Some(point) = self.recovery else { return Ok(None) };
         file.within(key, point, 0.0..=HIGHEST, || format!("must be between 0 and {HIGHEST}"))?;
         match interval {
             Some([_, upper]) if point >= upper => {

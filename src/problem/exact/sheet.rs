@@ -179,9 +179,7 @@ struct Sheets<'a> {
 /// [`Error::Formula`](crate::base::error::Error::Formula) where `V`, `density` or `velocity` is not
 /// finite.
 pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
-    let Data::Measure { velocity, .. } = &case.data else {
-        return Ok(None);
-    };
+    let Data::Measure { velocity, .. } = &case.data else { return Ok(None) };
     let n = case.space.dimension();
     let cells = case.space.space_cells();
     let mut sheets = Sheets {

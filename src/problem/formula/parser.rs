@@ -125,9 +125,7 @@ fn number_length(text: &str) -> usize {
     }
     let mantissa = (text.bytes()).take_while(|b| b.is_ascii_digit() || *b == b'.');
     let mantissa = mantissa.count();
-    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else {
-        return mantissa;
-    };
+    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else { return mantissa };
     let unsigned = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
     match digits(unsigned) {
         0 => mantissa,
@@ -189,9 +187,7 @@ impl<'a> Parser<'a> {
 
     /// `tighter (operator tighter)*` with the operators of `level`.
     fn chain(&mut self, level: usize) -> Result<FormulaNode, String> {
-        let Some(operators) = OPERATORS.get(level) else {
-            return self.nested(Self::operand);
-        };
+        let Some(operators) = OPERATORS.get(level) else { return self.nested(Self::operand) };
         let mut first = self.chain(level + 1)?;
         let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
@@ -212,10 +208,7 @@ impl<'a> Parser<'a> {
                 (_, right) => rest.push((*operator, right)),
             }
         }
-        Ok(match rest.is_empty() {
-            true => first,
-            false => FormulaNode::Chain(Box::new(first), rest),
-        })
+        Ok(if rest.is_empty() { first } else { FormulaNode::Chain(Box::new(first), rest) })
     }
 
     /// `sign* primary (^ operand)?`

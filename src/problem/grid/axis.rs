@@ -110,9 +110,7 @@ impl Axis {
     /// For a cell that represents others, the mean of `v²` over them, not the square of its own
     /// centre.
     pub fn mean_square(&self) -> Option<f64> {
-        let AxisPart::Merged { .. } = self.part else {
-            return None;
-        };
+        let AxisPart::Merged { .. } = self.part else { return None };
         let whole = self.whole();
         let squares = whole.centres().into_iter().map(|v| v * v);
         if whole.nodes.degree == 0 {
@@ -137,9 +135,7 @@ impl Axis {
 
     /// Whether element `e` of the whole axis was left out because its values are zero.
     pub fn leaves_out(&self, e: i64) -> bool {
-        let AxisPart::Window { of, .. } = self.part else {
-            return false;
-        };
+        let AxisPart::Window { of, .. } = self.part else { return false };
         let whole = (0..of as i64).contains(&(e + self.first()));
         whole && !(0..self.elements() as i64).contains(&e)
     }

@@ -57,9 +57,7 @@ pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
 fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
     if periodic {
         // Begun at a change, and closed.
-        let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else {
-            return Vec::new();
-        };
+        let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else { return Vec::new() };
         line.rotate_left(change + 1);
     }
     let mut runs: Vec<[usize; 2]> = Vec::new();

@@ -41,9 +41,7 @@ pub fn oblique_edges(case: &Case) -> Vec<ObliqueEdge> {
         for a in (0..n).filter(|&a| element[a] + 1 < lines.axes[a].cells) {
             let mut next = centre;
             next[a] = lines.axes[a].centre(element[a] as i64 + 1);
-            let (Some(own), Some(other)) = (at(&centre), at(&next)) else {
-                continue;
-            };
+            let (Some(own), Some(other)) = (at(&centre), at(&next)) else { continue };
             let key = own.min(other);
             if own == other || found[key].is_some() || edges[key] >= MOST_EDGES {
                 continue;
@@ -112,10 +110,7 @@ impl Edge<'_> {
         }
         for _ in 0..40 {
             let middle = 0.5 * (inside + outside);
-            match at(middle) == Some(self.sides[0]) {
-                true => inside = middle,
-                false => outside = middle,
-            }
+            if at(middle) == Some(self.sides[0]) { inside = middle } else { outside = middle }
         }
         Some(inside)
     }

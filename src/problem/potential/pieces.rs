@@ -10,9 +10,7 @@ pub(super) fn region<'r>(
     point: &[f64; 6],
 ) -> std::result::Result<usize, &'r Expression> {
     for (index, region) in regions.iter().enumerate() {
-        let Some(condition) = &region.condition else {
-            return Ok(index);
-        };
+        let Some(condition) = &region.condition else { return Ok(index) };
         match condition.holds(point) {
             Some(true) => return Ok(index),
             Some(false) => {}

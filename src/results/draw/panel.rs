@@ -82,10 +82,7 @@ impl<'a> PanelFrame<'a> {
     /// Room left of the frame in points.
     pub fn room_left(&self) -> f64 {
         let labels = self.y.labels().map(|label| text::width(label, SMALL));
-        let described = match self.panel.y.label.is_empty() {
-            true => 4.0,
-            false => 20.0,
-        };
+        let described = if self.panel.y.label.is_empty() { 4.0 } else { 20.0 };
         labels.fold(0.0, f64::max) + described + 10.0
     }
 
@@ -189,10 +186,7 @@ impl<'a> PanelFrame<'a> {
 
 /// The colours of a map.
 pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
-    match map.differences {
-        true => diverging,
-        false => sequential,
-    }
+    if map.differences { diverging } else { sequential }
 }
 
 /// The colour bar of a map: a chart of its own, as high as the map's.

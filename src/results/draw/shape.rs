@@ -97,9 +97,7 @@ pub fn picture<DB: DrawingBackend>(
 /// A marker.
 pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: PixelPoint, style: &Style) -> Drawn {
     const R: f64 = 3.6 * PIXELS;
-    let Some(marker) = style.marker else {
-        return Ok(());
-    };
+    let Some(marker) = style.marker else { return Ok(()) };
     let at = |[dx, dy]: PixelPoint| [x + R * dx, y + R * dy];
     let outline = |width: f64| Style { width, dash: 0, ..*style };
     let stroke = |ends: [PixelPoint; 2]| line(area, &ends.map(at), &outline(1.6));

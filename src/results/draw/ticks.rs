@@ -160,10 +160,7 @@ fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
         }
     }
     let labels = all.iter().filter(|tick| tick.label.is_some()).count();
-    match few && labels < 2 && lower < upper {
-        true => linear([lower, upper], wanted),
-        false => all,
-    }
+    if few && labels < 2 && lower < upper { linear([lower, upper], wanted) } else { all }
 }
 
 /// `10⁻³`; `1` and `10` as they are.

@@ -128,10 +128,7 @@ impl Style {
 
 /// The colour at `fraction` in [0, 1] of a map's colour bar; [`NOTHING`] for NaN.
 fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
-    match fraction.is_nan() {
-        true => NOTHING,
-        false => DerivedColorMap::new(colours).get_color(fraction),
-    }
+    if fraction.is_nan() { NOTHING } else { DerivedColorMap::new(colours).get_color(fraction) }
 }
 
 /// The colour at `fraction` in [0, 1] of a heat map's colour bar; [`NOTHING`] for NaN.

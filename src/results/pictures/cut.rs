@@ -1,6 +1,6 @@
 //! Where planes cut the axes that they do not run along.
 
-use crate::base::checksum::DatasetBox;
+use crate::base::checksum::{DatasetBox, indices};
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::results::FileResult;
@@ -133,7 +133,7 @@ impl Cut {
 fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> bool) -> Vec<usize> {
     let cells = || {
         (density.iter().enumerate())
-            .map(|(place, value)| (split(place, lengths), *value))
+            .map(|(place, value)| (indices(place, lengths), *value))
             .filter(|(cell, _)| allowed(cell))
     };
     let largest = cells().fold(0.0, |largest: f64, (_, value)| largest.max(value));
@@ -149,22 +149,6 @@ fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> boo
     let places = good.map(|(cell, _)| (away(&cell), cell));
     let nearest = places.min_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)));
     nearest.map_or_else(|| lengths.iter().map(|n| n / 2).collect(), |(_, cell)| cell)
-}
-
-/// The index of each axis of the cell number `place`, the last axis fastest.
-fn split(place: usize, lengths: &[usize]) -> Vec<usize> {
-    let mut rest = place;
-    let mut cell: Vec<usize> = lengths
-        .iter()
-        .rev()
-        .map(|n| {
-            let at = rest % n;
-            rest /= n;
-            at
-        })
-        .collect();
-    cell.reverse();
-    cell
 }
 
 /// The velocity cell in the space cell `at` with the largest `|f|` at these times together; of
@@ -210,6 +194,6 @@ mod tests {
         assert_eq!(densest(&density, &[4, 5], |cell| cell[0] != 2), [0, 3]);
         // Beside the middle of an even number of cells.
         assert_eq!(densest(&[0.0, 1.0, 0.0, 1.0], &[4], all), [3]);
-        assert_eq!(split(13, &[4, 5]), [2, 3]);
+        assert_eq!(indices(13, &[4, 5]), [2, 3]);
     }
 }

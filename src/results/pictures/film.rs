@@ -97,8 +97,7 @@ impl<'a> Film<'a> {
             caption += " Lines in grey: where V jumps.";
         }
         for (a, faces) in self.scene.faces.iter().enumerate() {
-            let panel = self.field(at, a)?;
-            panels.push(faces.iter().fold(panel, |panel, x| panel.vertical("", *x)));
+            panels.push(self.field(at, a)?.verticals(faces));
             caption += &closing(run, a, faces);
         }
         caption += self.cut.sentence(run);
@@ -128,10 +127,7 @@ impl<'a> Film<'a> {
             return Ok(self.map(plane, title("f"), field, self.scales.fields[a]));
         }
         if n == 1 && run.space.degree() > 0 {
-            let [x, v] = plane.map(|a| {
-                let axis = run.axis(a);
-                PlotAxis::linear(run.names()[a]).within(axis.lower, axis.upper)
-            });
+            let [x, v] = plane.map(|a| run.drawn_axis(a));
             return Ok(Panel::new("zeros of ψ", x, v).points("", Style::of(0), surface(run, at)?));
         }
         if n == 1 && run.case.is_ok() {
@@ -154,8 +150,7 @@ impl<'a> Film<'a> {
             let margin = (0.05 * (upper - lower)).max(least);
             axis = axis.within(lower - margin, upper + margin);
         }
-        let x = self.run.axis(0);
-        let mut panel = Panel::new("density", PlotAxis::linear("x").within(x.lower, x.upper), axis);
+        let mut panel = Panel::new("density", self.run.drawn_axis(0), axis);
         let exact = self.has_exact();
         if exact {
             let points = self.run.line(&self.run.moment(at, "density_exact")?);
@@ -163,8 +158,7 @@ impl<'a> Film<'a> {
         }
         let points = self.run.line(&self.run.moment(at, "density")?);
         let label = if exact { "computed" } else { "" };
-        panel = panel.line(label, Style::of(0).plain(), points);
-        Ok(self.scene.faces[0].iter().fold(panel, |panel, x| panel.vertical("", *x)))
+        Ok(panel.line(label, Style::of(0).plain(), points).verticals(&self.scene.faces[0]))
     }
 
     /// In more dimensions the density on every plane of two space axes, then the exact ones: in two

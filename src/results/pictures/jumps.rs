@@ -7,15 +7,11 @@ use crate::results::pictures::stored::Stored;
 /// (as of [`Cut`](crate::results::pictures::cut::Cut)); none where the case is not understood. The
 /// closing face of a periodic axis is there twice, at both ends.
 pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
-    let Ok(case) = &run.case else {
-        return Vec::new();
-    };
+    let Ok(case) = &run.case else { return Vec::new() };
     let n = run.dimension();
     let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
     ranges[a] = 0..run.axis(a).cells;
-    let Ok(potential) = Potential::new(case, &ranges) else {
-        return Vec::new();
-    };
+    let Ok(potential) = Potential::new(case, &ranges) else { return Vec::new() };
     let mut cell = cut[..n].to_vec();
     let mut found = Vec::new();
     // Below the first cell there is a jump only where the axis closes.
@@ -48,9 +44,7 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> 
     // V jumps between elements; it is kept at the first cell of each.
     let lengths = plane.map(|a| run.axis(a).elements());
     let nodes = plane.map(|a| run.axis(a).nodes.count());
-    let Ok(case) = &run.case else {
-        return Vec::new();
-    };
+    let Ok(case) = &run.case else { return Vec::new() };
     if lengths[0] * lengths[1] > MOST {
         return Vec::new();
     }
@@ -59,9 +53,7 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> 
     for a in plane {
         ranges[a] = 0..run.axis(a).cells;
     }
-    let Ok(potential) = Potential::new(case, &ranges) else {
-        return Vec::new();
-    };
+    let Ok(potential) = Potential::new(case, &ranges) else { return Vec::new() };
     let mut points = Vec::new();
     let mut cell = cut[..n].to_vec();
     for i in 0..lengths[0] {

@@ -1,7 +1,6 @@
 //! Density, momentum and mean velocity.
 
 use crate::base::text::short;
-use crate::problem::grid;
 use crate::results::FileResult;
 use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
@@ -28,18 +27,33 @@ fn least_density(run: &Stored, largest: f64) -> f64 {
     largest.max(mean) * estimate.max(ROUND_OFF)
 }
 
-/// A mean velocity without what is round-off over round-off, by the `density` there.
-fn blank_thin(velocity: &mut [f64], density: &[f64], least_density: f64) {
-    for (velocity, density) in velocity.iter_mut().zip(density) {
-        if density.abs() <= least_density {
-            *velocity = f64::NAN;
-        }
-    }
+/// Whether mean velocities are drawn as momentum over density: of elements the ratio of two
+/// polynomials is drawn, not one through the nodes' ratios.
+fn draws_ratio(run: &Stored) -> bool {
+    run.space.degree() > 0 && !run.has_averaged_moments()
 }
 
-/// A mean velocity; NaN beyond the velocities of `axis`, where the density is an oscillation.
-fn within_box(velocity: f64, axis: &grid::Axis) -> f64 {
-    if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
+/// Mean velocities along axis `a` from `values`, momenta where [`draws_ratio`]: NaN beyond the
+/// velocities of the box, where the density is an oscillation, and where the `density` is round-off
+/// over round-off.
+fn to_velocities<'a>(
+    run: &Stored,
+    a: usize,
+    values: impl Iterator<Item = &'a mut f64>,
+    density: &[f64],
+) {
+    let finite = density.iter().filter(|density| density.is_finite());
+    let least = least_density(run, finite.fold(0.0, |most, density| density.abs().max(most)));
+    let axis = run.axis(run.dimension() + a);
+    for (value, density) in values.zip(density) {
+        if draws_ratio(run) {
+            let ratio = *value / density;
+            *value = if (axis.lower..=axis.upper).contains(&ratio) { ratio } else { f64::NAN };
+        }
+        if density.abs() <= least {
+            *value = f64::NAN;
+        }
+    }
 }
 
 /// Ends of the names of datasets: of computed moments, and of exact ones.
@@ -52,20 +66,9 @@ fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     if name != "velocity" {
         return read(name);
     }
-    let density = read("density")?;
-    // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
-    let elements = run.space.degree() > 0 && !run.has_averaged_moments();
-    let mut points = read(if elements { "momentum" } else { name })?;
-    let most = density.iter().fold(0.0f64, |m, d| m.max(d[1].abs()));
-    let least_density = least_density(run, most);
-    for (point, [_, density]) in points.iter_mut().zip(density) {
-        if elements {
-            point[1] = within_box(point[1] / density, run.axis(1));
-        }
-        if density.abs() <= least_density {
-            point[1] = f64::NAN;
-        }
-    }
+    let density: Vec<f64> = read("density")?.iter().map(|point| point[1]).collect();
+    let mut points = read(if draws_ratio(run) { "momentum" } else { name })?;
+    to_velocities(run, 0, points.iter_mut().map(|point| &mut point[1]), &density);
     Ok(points)
 }
 
@@ -104,10 +107,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         }
         let points = listed(run, name, COMPUTED)?;
         panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
-        for &at in &faces {
-            panel = panel.vertical("", at);
-        }
-        panels.push(panel);
+        panels.push(panel.verticals(&faces));
     }
     let what = match (exact, run.has("phi")) {
         (false, _) => "",
@@ -162,19 +162,8 @@ fn moment(
         return read(shown.name, component);
     }
     let density = read("density", None)?;
-    // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
-    let mut found = match run.space.degree() == 0 || run.has_averaged_moments() {
-        true => read(shown.name, component)?,
-        false => {
-            let mut plane = read("momentum", component)?;
-            let axis = run.axis(run.dimension() + component.unwrap_or(0));
-            for (value, density) in plane.values.iter_mut().zip(&density.values) {
-                *value = within_box(*value / density, axis);
-            }
-            plane
-        }
-    };
-    blank_thin(&mut found.values, &density.values, least_density(run, largest([&density])));
+    let mut found = read(if draws_ratio(run) { "momentum" } else { shown.name }, component)?;
+    to_velocities(run, component.unwrap_or(0), found.values.iter_mut(), &density.values);
     Ok(found)
 }
 
@@ -188,10 +177,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
     let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
-    let exact = match run.has(&format!("{name}{EXACT}")) {
-        true => Some(read(run, EXACT)?),
-        false => None,
-    };
+    let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
     // What is there has the velocities of the box.
     let scale = match component {
         Some(a) => {

@@ -5,7 +5,7 @@ use crate::matrix::observables::level_sets::concentrate;
 use crate::matrix::observables::surface::for_each_zero;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Figure, Panel, PlotAxis};
+use crate::results::figure::{Figure, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
 use crate::results::pictures::maps::{
@@ -45,8 +45,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
                 panel.title = format!("{} at {place}", panel.title);
             }
         }
-        let marked = |panel| faces.iter().fold(panel, |panel: Panel, &at| panel.vertical("", at));
-        panels.extend(row.into_iter().map(marked));
+        panels.extend(row.into_iter().map(|panel| panel.verticals(&faces)));
     }
     let row = (panels.len() / n).max(1);
     let columns = match row {
@@ -93,10 +92,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Pane
     let computed: FileResult<Vec<Plane>> =
         runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
     let computed = computed?;
-    let exact = match run.has("exact") {
-        true => Some(run.plane("exact", &[], plane, at)?),
-        false => None,
-    };
+    let exact = if run.has("exact") { Some(run.plane("exact", &[], plane, at)?) } else { None };
     let scale = largest(computed.iter().chain(&exact));
     let spread = ValueSpread::of(computed.iter().chain(&exact));
     let shared = spread.range(scale);
@@ -129,10 +125,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
     let at = &cut.cells[..];
     let mut panels = Vec::new();
     if n == 1 {
-        let [x, v] = plane.map(|a| {
-            let axis = run.axis(a);
-            PlotAxis::linear(run.names()[a]).within(axis.lower, axis.upper)
-        });
+        let [x, v] = plane.map(|a| run.drawn_axis(a));
         if run.has("multivalued") {
             let exact = Panel::new("exact velocity", x.clone(), v.clone());
             panels.push(exact.line("", Style::of(0).plain(), branches(run)?));

@@ -171,9 +171,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 /// # Errors
 /// What the files lack.
 pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
-    let Some(modes) = PlannedModes::of(run)? else {
-        return Ok(None);
-    };
+    let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let Some(kind) = &modes.kind else {
         // The warped field came from a file, and need not be e^{−p} f.
         return Ok(None);
@@ -198,9 +196,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
 /// # Errors
 /// What the files lack.
 pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
-    let Some(modes) = PlannedModes::of(run)? else {
-        return Ok(None);
-    };
+    let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let count = modes.series.modes();
     let every = count.div_ceil(MOST);
     let shown: Vec<usize> = (0..count).step_by(every).collect();

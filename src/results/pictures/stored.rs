@@ -7,12 +7,11 @@ use crate::parallel::files::read_slab;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
-use crate::results::FileResult;
 use crate::results::dataset::RESULT;
+use crate::results::figure;
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
-use crate::results::readback::PIECE;
-use crate::results::readback::{read_text, text_attribute};
-use crate::results::summary;
+use crate::results::readback::{PIECE, read_text, text_attribute};
+use crate::results::{FileResult, summary};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
@@ -150,6 +149,12 @@ impl Stored {
     pub fn axis(&self, a: usize) -> &Axis {
         let n = self.dimension();
         if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
+    }
+
+    /// The axis number `a` of a panel that shows it whole.
+    pub fn drawn_axis(&self, a: usize) -> figure::PlotAxis {
+        let Axis { lower, upper, .. } = *self.axis(a);
+        figure::PlotAxis::linear(self.names()[a]).within(lower, upper)
     }
 
     /// Title of the case, in one line; its file where it has none.
@@ -303,9 +308,7 @@ impl Stored {
         let parts = fine[0] / meshes[0].elements();
         let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
         for lines in ends.chunks(together) {
-            let (Some(lowest), Some(highest)) = (lines.first(), lines.last()) else {
-                continue;
-            };
+            let (Some(lowest), Some(highest)) = (lines.first(), lines.last()) else { continue };
             // The elements that hold these lines.
             let elements = [lowest[0] / parts, highest[1].div_ceil(parts)];
             let nodes = meshes[0].nodes();

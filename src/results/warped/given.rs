@@ -273,14 +273,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
 fn look(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
-    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
-    if !found.is_file() {
-        return Err("is no file".to_owned());
-    }
-    std::fs::File::open(path).map_err(|e| e.to_string())?;
-    untrusted::inspect(path, Inspection::Start)?;
-    // HDF5 lists every function that the error passed.
-    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let file = untrusted::open_given(path, Inspection::Start)?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());
     if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {

@@ -277,9 +277,7 @@ impl GridSearch<'_, '_> {
     }
 
     fn grid_near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
-        let Some(found) = self.error_on(&known.shape, &known.order)? else {
-            return Ok(None);
-        };
+        let Some(found) = self.error_on(&known.shape, &known.order)? else { return Ok(None) };
         let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
             self.beyond(&Level { shape: known.shape.clone(), error: found.error }, &mut result)?;
@@ -380,9 +378,7 @@ impl GridSearch<'_, '_> {
             if cells(&shape) >= cells(&fine.shape) {
                 break;
             }
-            let Some(found) = self.error_on(&shape, &result.order)? else {
-                break;
-            };
+            let Some(found) = self.error_on(&shape, &result.order)? else { break };
             if found.error <= wanted {
                 (result.shape, result.error, result.known) = (shape, found.error, found.known);
                 break;
@@ -399,9 +395,7 @@ impl GridSearch<'_, '_> {
         for _ in 0..MOST_CANDIDATES {
             result.shape = self.grids().scaled(&finest.shape, scale);
             (result.error, result.known) = (self.wanted, Evidence::Extrapolated);
-            let Some(found) = self.error_on(&result.shape, &result.order)? else {
-                break;
-            };
+            let Some(found) = self.error_on(&result.shape, &result.order)? else { break };
             (result.error, result.known) = (found.error, found.known);
             if found.error <= self.wanted {
                 break;
@@ -424,9 +418,7 @@ impl GridSearch<'_, '_> {
                     if cells(&shape) >= cells(&result.shape) {
                         break;
                     }
-                    let Some(found) = self.error_on(&shape, &result.order)? else {
-                        break;
-                    };
+                    let Some(found) = self.error_on(&shape, &result.order)? else { break };
                     if found.error > self.wanted {
                         break;
                     }

@@ -1,7 +1,6 @@
 //! Advice as text.
 
-use crate::base::text::seconds_text;
-use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, counted, quoted};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, counted, quoted, seconds_text};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::order::Order;

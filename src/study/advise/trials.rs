@@ -4,8 +4,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Exact, Limiter};
-use crate::problem::grid::averaged;
-use crate::problem::grid::{Axis, AxisPart};
+use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
@@ -279,9 +278,7 @@ impl<'a> Trials<'a> {
         density: &[f64],
         shape: &[usize],
     ) -> Result<Option<f64>> {
-        let Some(exact) = &self.exact else {
-            return Ok(None);
-        };
+        let Some(exact) = &self.exact else { return Ok(None) };
         if !self.exact_densities.contains_key(shape) {
             let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
             self.budget.count(self.updates_to_compare(scheme, shape));

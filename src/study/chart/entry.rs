@@ -170,10 +170,7 @@ impl Entry {
         let likely = window.into_iter().chain(slice).fold(0.0, f64::max);
         let until = applications.map(|n| n as f64 / likely);
         let until = until.filter(|n| modes && n.is_finite());
-        let by = match window.is_some_and(|p| p == likely) {
-            true => "window",
-            false => "slice",
-        };
+        let by = if window.is_some_and(|p| p == likely) { "window" } else { "slice" };
         Self {
             modes: modes.then_some(summary.modes),
             applications,

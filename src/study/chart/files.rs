@@ -1,8 +1,8 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
 use crate::base::error::Result;
-use crate::base::table::{Column, in_pieces};
-use crate::base::text::{counted, csv_field};
+use crate::base::table::{self, Column, ColumnValues, in_pieces};
+use crate::base::text::{counted, plain};
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
@@ -30,25 +30,18 @@ fn field(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
-        Value::Array(list) => list.iter().map(field_text).collect::<Vec<_>>().join("; "),
+        Value::Array(list) => list.iter().map(plain).collect::<Vec<_>>().join("; "),
         other => other.to_string(),
     };
-    csv_field(&text.replace(['\n', '\r'], " "))
-}
-
-fn field_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+    text.replace(['\n', '\r'], " ")
 }
 
 /// `chart.csv`: a line of names, then one a trial.
 pub fn csv(entries: &[Entry]) -> String {
-    let mut text = COLUMNS.join(",") + "\n";
-    for entry in entries {
-        let row = serde_json::to_value(entry).unwrap_or_default();
-        let fields: Vec<String> = COLUMNS.iter().map(|name| field(&row[*name])).collect();
-        text += &(fields.join(",") + "\n");
-    }
-    text
+    let rows = entries.iter().map(|entry| serde_json::to_value(entry).unwrap_or_default());
+    let rows: Vec<Value> = rows.collect();
+    let cells = |name: &str| rows.iter().map(|row| field(&row[name]).into()).collect::<Vec<_>>();
+    table::csv(&COLUMNS.map(|name| ColumnValues::new(name, cells(name))))
 }
 
 impl Chart {

@@ -175,10 +175,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
 fn diagonal(entries: &[&Entry]) -> Vec<[f64; 2]> {
     let reached = entries.iter().filter(|e| planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
-    match all.is_empty() {
-        true => Vec::new(),
-        false => ends(&all).map(|end| [end, end]).into(),
-    }
+    if all.is_empty() { Vec::new() } else { ends(&all).map(|end| [end, end]).into() }
 }
 
 /// Seconds: propagators of the first profile, classical steps, the paper's set-up.
@@ -232,10 +229,7 @@ fn memory_axis(entries: &[&Entry]) -> PlotAxis {
     let all: Vec<f64> =
         (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64)).collect();
     let [least, most] = ends(&all);
-    match most > 10.0 * least {
-        true => PlotAxis::log(label),
-        false => PlotAxis::linear(label),
-    }
+    if most > 10.0 * least { PlotAxis::log(label) } else { PlotAxis::linear(label) }
 }
 
 /// Error to the exact solution against seconds and memory, each method over the grids.

@@ -1,7 +1,6 @@
 //! Which method to take at which accuracy, in sentences that follow from the trials.
 
-use crate::base::text::time_text;
-use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence};
+use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence, time_text};
 use crate::problem::case::Method;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::result::Chart;
@@ -242,14 +241,8 @@ fn left_out_there(chart: &Chart, closest: &Entry) -> String {
 pub fn expected(entries: &[&Entry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
     let [least, most] = ends(&all).map(time_text);
-    let bound = match entries.iter().any(|e| e.expected_at_least) {
-        true => "at least ",
-        false => "",
-    };
-    match least == most {
-        true => format!("{bound}{least}"),
-        false => format!("{bound}{least} to {most}"),
-    }
+    let bound = if entries.iter().any(|e| e.expected_at_least) { "at least " } else { "" };
+    if least == most { format!("{bound}{least}") } else { format!("{bound}{least} to {most}") }
 }
 
 /// The least and the largest.

@@ -16,7 +16,7 @@
 //! So two borders: the last step at which no value ever exceeds the largest
 //! at the start, and the one from which values grow by `EXPLODED`.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
@@ -24,7 +24,7 @@ use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::scene::{assembled, notes};
-use crate::study::stability::search::{Bisection, Located};
+use crate::study::stability::search::{Located, last};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -247,11 +247,11 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let largest = largest_rate(&found) / found.bounds.rate;
     let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
     if rate_ratio <= 0.0 {
-        return Err("nothing moves: no velocity cell but v = 0".into());
+        return Err(Error::input("nothing moves: no velocity cell but v = 0"));
     }
     let mut steps = ExplicitSteps::new(&case, &mut found)?;
     let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };
-    let search = |halvings| Bisection { low: 0.25, high, halvings };
+    let between = [0.25, high];
     // Borders first: curves may end early.
     let all = METHODS.map(|(name, integrator)| {
         let is_over = || budget.is_over();
@@ -260,15 +260,15 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         MethodLimits {
             name,
             integrator,
-            kept: search(SHARP).last(is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
+            kept: last(between, SHARP, is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
             what: if of_norm { NORM } else { LARGEST_VALUE },
             kept_by_theory: match integrator {
                 Integrator::ForwardEuler if of_norm => None,
                 _ => Some(1.0 / rate_ratio),
             },
-            calm: search(ROUGH).last(is_over, |cfl| growth(cfl, LONG) < EXPLODED),
+            calm: last(between, ROUGH, is_over, |cfl| growth(cfl, LONG) < EXPLODED),
             // A formula: no budget is needed.
-            calm_bound: search(ROUGH).last(|| false, |cfl| bound(cfl) < EXPLODED),
+            calm_bound: last(between, ROUGH, || false, |cfl| bound(cfl) < EXPLODED),
         }
     });
     let curves = METHODS.map(|(name, integrator)| {

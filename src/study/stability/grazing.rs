@@ -25,7 +25,7 @@
 //! theory, which takes no matrix, refined by golden section, and `λ⁺` is measured there.
 
 use crate::base::bisect::bisect;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::for_each_cell;
@@ -185,7 +185,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
-        return Err("V does not jump: no particle grazes a threshold".into());
+        return Err(Error::input("V does not jump: no particle grazes a threshold"));
     }
     let case = Treatment { interface: Interface::Hat, weights: false }.of(&coarse);
     let jumps = all_jumps(&case)?;

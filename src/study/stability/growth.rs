@@ -1,12 +1,12 @@
 //! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
@@ -108,7 +108,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
-        return Err(why.into());
+        return Err(Error::input(why));
     }
     let treatments = Treatment::all();
     let mut curves: Vec<Curve> = (treatments.iter())
@@ -138,7 +138,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         }
     }
     if curves.iter().all(|c| c.points.is_empty()) {
-        return Err(Reason::nothing_tried());
+        return Err(nothing_tried());
     }
     let sentences: Vec<String> = curves.iter().map(sentence).collect();
     let verdict = format!(

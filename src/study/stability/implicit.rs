@@ -1,11 +1,10 @@
 //! The step of the implicit methods: Crank–Nicolson is of second order, backward Euler of first.
 
+use crate::base::error::Error;
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::grids::coarsened;
 use crate::study::knobs::implicit_propagators;
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
 
@@ -143,7 +142,7 @@ impl ImplicitSteps {
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if task.case.varies() {
         let why = "what enters depends on time: modes are stepped by a commutator-free scheme";
-        return Err(why.into());
+        return Err(Error::input(why));
     }
     let mut case = coarsened(task.case, CELLS);
     (case.tolerance, case.verify) = (TOLERANCE, true);
@@ -155,7 +154,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
         let none = || "no step could be tried within the budget".to_owned();
-        return Err(Reason(refused.unwrap_or_else(none)));
+        return Err(Error::Input(refused.unwrap_or_else(none)));
     }
     let mut notes = notes(task.case, &case);
     notes.extend(all.iter().filter_map(|steps| {

@@ -7,7 +7,7 @@
 //! of the field times `‖f(T)‖/‖ũ(0)‖`. Both together lose the factor `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`, by
 //! which round-off and truncation errors appear in the field.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
@@ -86,10 +86,12 @@ impl LossCurves {
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let PanelTask { world, case: whole, .. } = *task;
     if !whole.enters() {
-        return Err("nothing enters".into());
+        return Err(Error::input("nothing enters"));
     }
     if whole.varies() {
-        return Err("what enters depends on time: its couplings are planned step by step".into());
+        return Err(Error::input(
+            "what enters depends on time: its couplings are planned step by step",
+        ));
     }
     let case = coarsened(whole, CELLS);
     let with = |delta: Delta| {
@@ -101,7 +103,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
-        return Err("what enters is zero on this grid".into());
+        return Err(Error::input("what enters is zero on this grid"));
     }
     let chosen = Loss::of(&mut planned, case.duration())?.total();
     let (mut notes, mut curves) = (notes(whole, &case), LossCurves::default());

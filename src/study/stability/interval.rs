@@ -1,7 +1,7 @@
 //! The interval: how long it must be in `p`.
 
 use crate::base::bisect::bisect;
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Coefficients, LARGEST_TOLERANCE, ProfileChoice};
 use crate::schrodingerization::profile::gaussian::Gaussian;
 use crate::schrodingerization::profile::series::Series;
@@ -176,7 +176,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         notes.push("curves end where the budget did".to_owned());
     }
     if errors.left.is_empty() && errors.right.is_empty() {
-        return Err("intervals that are long enough take too long here".into());
+        return Err(Error::input("intervals that are long enough take too long here"));
     }
     if errors.skipped > 0 {
         let skipped = errors.skipped;

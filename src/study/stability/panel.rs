@@ -19,27 +19,9 @@ pub struct PanelTask<'a> {
     pub budget: &'a Budget,
 }
 
-/// Why a case does not have a panel, in words.
-#[derive(Debug)]
-pub struct Reason(pub String);
-
-impl Reason {
-    /// The reason that the budget ended before anything was tried.
-    pub fn nothing_tried() -> Self {
-        "nothing could be tried within the budget".into()
-    }
-}
-
-impl From<&str> for Reason {
-    fn from(reason: &str) -> Self {
-        Self(reason.to_owned())
-    }
-}
-
-impl From<Error> for Reason {
-    fn from(error: Error) -> Self {
-        Self(error.to_string())
-    }
+/// The reason that the budget ended before anything was tried.
+pub fn nothing_tried() -> Error {
+    Error::input("nothing could be tried within the budget")
 }
 
 /// The contents of a panel. Its name, title and axes are in the table of panels.
@@ -57,7 +39,7 @@ pub struct Findings {
 }
 
 /// The contents of a panel, or why a case does not have it.
-pub type PanelResult = std::result::Result<Findings, Reason>;
+pub type PanelResult = Result<Findings>;
 
 impl PanelTask<'_> {
     /// Whether the time of the panel is over: `notes` then say so. Collective.

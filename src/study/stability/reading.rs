@@ -13,12 +13,12 @@
 //! interval; of the truncated series; and round-off. (`K` does not commute with `S` and mixes the
 //! components; they stay within the same bounds.)
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
-use crate::study::stability::panel::{CurvePoint, Reason};
+use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
 use crate::study::stability::scene::LANCZOS;
 
@@ -112,12 +112,11 @@ pub fn plateau(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) ->
 ///
 /// # Errors
 /// Where what enters depends on time.
-pub fn refuse_varying(case: &Case) -> std::result::Result<(), Reason> {
-    match case.varies() {
-        true => Err(
-            "what enters depends on time: its modes have couplings that change from step to step"
-                .into(),
-        ),
-        false => Ok(()),
+pub fn refuse_varying(case: &Case) -> Result<()> {
+    if !case.varies() {
+        return Ok(());
     }
+    Err(Error::input(
+        "what enters depends on time: its modes have couplings that change from step to step",
+    ))
 }

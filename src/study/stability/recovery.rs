@@ -7,7 +7,7 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
@@ -138,7 +138,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         all.extend(read(task, name, &case, &mut notes)?);
     }
     if all.is_empty() {
-        return Err(Reason::nothing_tried());
+        return Err(nothing_tried());
     }
     let verdicts: String = all.iter().map(Readings::verdict).collect();
     Ok(Findings {

@@ -1,9 +1,8 @@
 //! A stability map as a table, as CSV, as JSON and as a figure.
 
 use crate::base::error::Result;
-use crate::results::figure;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Figure, PlotAxis};
+use crate::results::figure::{self, Figure, PlotAxis};
 use crate::study::files::StudyFiles;
 use crate::study::grids::shape_text;
 use crate::study::stability::panel::{

@@ -1,13 +1,12 @@
 //! The cases of a sweep, and their growth.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::problem::potential::overlooked;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
-use crate::study::stability::panel::Reason;
 use crate::study::trial::{final_fields_only, ranks};
 
 /// Most Lanczos steps.
@@ -50,11 +49,12 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
 ///
 /// # Errors
 /// Of elements, and with partial reflection.
-pub fn refuse_elements(case: &Case) -> std::result::Result<(), Reason> {
+pub fn refuse_elements(case: &Case) -> Result<()> {
     match case.is_galerkin() {
-        true => Err("not applicable: S <= 0 by construction with elements or partial reflection, \
-                     on any grid and at any jump, and there are no weights to compare"
-            .into()),
+        true => Err(Error::input(
+            "not applicable: S <= 0 by construction with elements or partial reflection, \
+                     on any grid and at any jump, and there are no weights to compare",
+        )),
         false => Ok(()),
     }
 }

@@ -1,5 +1,7 @@
 //! The search for a border by halving an interval.
 
+use crate::base::bisect::bisect;
+
 /// The place of a border.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Located {
@@ -34,42 +36,28 @@ impl std::fmt::Display for Located {
     }
 }
 
-/// An interval to search.
-#[derive(Clone, Copy, Debug)]
-pub struct Bisection {
-    /// The lower end, at which the condition should hold.
-    pub low: f64,
-    /// The upper end, at which it should not hold.
-    pub high: f64,
-    /// Number of halvings.
-    pub halvings: usize,
-}
-
-impl Bisection {
-    /// The last number at which `holds`. Before each evaluation `is_over` decides whether to stop;
-    /// both must be the same on all ranks. Collective.
-    pub fn last(self, is_over: impl Fn() -> bool, mut holds: impl FnMut(f64) -> bool) -> Located {
-        let (mut low, mut high) = (self.low, self.high);
-        if is_over() {
-            return Located::Unknown;
-        }
-        if !holds(low) {
-            return Located::Below(low);
-        }
-        if holds(high) {
-            return Located::Beyond(high);
-        }
-        for _ in 0..self.halvings {
-            if is_over() {
-                return Located::Unknown;
-            }
-            let middle = 0.5 * (low + high);
-            if holds(middle) {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Located::At(0.5 * (low + high))
+/// The last number of `[low, high]`, halved so many times, at which `holds`; it should hold at the
+/// lower end, and not at the upper one. Before each evaluation `is_over` tells whether to stop;
+/// both must be the same on all ranks. Collective.
+pub fn last(
+    [low, high]: [f64; 2],
+    halvings: usize,
+    is_over: impl Fn() -> bool,
+    mut holds: impl FnMut(f64) -> bool,
+) -> Located {
+    if is_over() {
+        return Located::Unknown;
     }
+    if !holds(low) {
+        return Located::Below(low);
+    }
+    if holds(high) {
+        return Located::Beyond(high);
+    }
+    let mut over = false;
+    let [low, high] = bisect(low, high, halvings, |middle| {
+        over = over || is_over();
+        over || holds(middle)
+    });
+    if over { Located::Unknown } else { Located::At(0.5 * (low + high)) }
 }

@@ -9,7 +9,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::knobs::PROFILES;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, Reason,
+    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
@@ -100,10 +100,7 @@ impl ToleranceErrors {
 fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
     // With very many modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
-    Ok(match modes.is_ok_and(|modes| modes > MOST_MODES) {
-        true => None,
-        false => task.trial(case),
-    })
+    Ok(if modes.is_ok_and(|modes| modes > MOST_MODES) { None } else { task.trial(case) })
 }
 
 /// A sentence on the tolerances that were reached, missed, and not tried.
@@ -168,7 +165,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         .map(|errors| Curve::bounded(errors.name, errors.points.into_iter().rev().collect()))
         .collect();
     if curves.is_empty() {
-        return Err(refused.map_or_else(Reason::nothing_tried, Reason));
+        return Err(refused.map_or_else(nothing_tried, Error::Input));
     }
     Ok(Findings {
         shape: case.space.elements(),
