@@ -17,7 +17,7 @@
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
 //! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
-//! [`figure::Figure`].
+//! [`labelled_number::LabelledNumber`].
 //!
 //! Uses: solve, and every room below. Paper: sections 3.2 (sparse access and cost) and 7 (recovery
 //! and readout), appendix on column sparsity.

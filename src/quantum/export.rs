@@ -15,7 +15,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `description.json` | case, registers, `p_k`, `T`, norms, probabilities ([`ExportDescription`]) |
+//! | `description.json` | case, registers, `p_k`, `T`, norms, probability ([`ExportDescription`]) |
 //! | `initial.npy`, `initial_modes.npy` | `w(0)` and `w̃(0)`, complex |
 //! | `final_modes.npy`, `final.npy` | `w̃(T)` and `w(T)` as this program finds them, complex |
 //! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |

@@ -63,7 +63,7 @@ pub(super) struct StartObserved {
 }
 
 /// What was found about the error of the fields.
-pub(super) struct Compared {
+pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
     /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
     estimated: [Option<f64>; 2],
@@ -76,7 +76,7 @@ pub(super) struct Computed {
     pub exact: ExactRun,
     pub checkpointing: Option<Checkpointing>,
     pub start: StartObserved,
-    pub compared: Compared,
+    pub compared: FieldErrors,
     pub results: Expanded,
 }
 
@@ -181,7 +181,7 @@ impl<'a> Driver<'a> {
         &mut self,
         planned: &mut PlannedRun,
         solution: &SolvedFields,
-    ) -> Result<Compared> {
+    ) -> Result<FieldErrors> {
         let (prepared, log, summary) = (&mut planned.prepared, &mut self.log, &mut self.summary);
         compare::refuse_not_finite(prepared, solution)?;
         for warning in compare::compare(prepared, solution, summary) {
@@ -194,7 +194,7 @@ impl<'a> Driver<'a> {
         summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
         let plateau = compare::plateau(prepared, solution);
         let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
-        Ok(Compared { plateau, estimated })
+        Ok(FieldErrors { plateau, estimated })
     }
 
     /// Step 9: fields and moments on the grid of the results, and their distance to the exact

@@ -13,10 +13,10 @@
 //! - Modes `l < 0` go always. Data and `A` are real: `w_{−l}` is the conjugate of `w_l`.
 //!
 //! An axis keeps its place: it has one cell as long as all of them
-//! ([`AxisPart::Merged`](crate::problem::grid::Part)), so that mass and momentum are right, or is a
-//! window of the case's cells ([`AxisPart::Window`](crate::problem::grid::Part)), whose centres have
-//! the same bits. Results are put back onto the case's velocities, zero where none were kept, and
-//! with `output.expand` onto all of its grid.
+//! ([`AxisPart::Merged`](crate::problem::grid::AxisPart)), so that mass and momentum are right, or
+//! is a window of the case's cells ([`AxisPart::Window`](crate::problem::grid::AxisPart)), whose
+//! centres have the same bits. Results are put back onto the case's velocities, zero where none
+//! were kept, and with `output.expand` onto all of its grid.
 //!
 //! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and
 //! their error another one. They keep the grid.

@@ -1,8 +1,9 @@
 //! Where methods fail: borders found by running up to and beyond them, each beside its theory.
 //!
-//! A [`StabilityPanel`](panel::Panel) varies one thing and measures another; its points have values by
-//! theory where there is a theory. A [`Border`](panel::Border) is where the method begins to fail,
-//! measured and by theory. Grids are coarsened so that a sweep takes seconds, which the notes say.
+//! A [`StabilityPanel`](panel::StabilityPanel) varies one thing and measures another; its points
+//! have values by theory where there is a theory. A [`Border`](panel::Border) is where the method
+//! begins to fail, measured and by theory. Grids are coarsened so that a sweep takes seconds, which
+//! the notes say.
 //!
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|

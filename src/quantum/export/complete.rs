@@ -109,8 +109,8 @@ impl Complete {
     /// The circuit of a task.
     ///
     /// # Errors
-    /// As [`scene::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than [`MOST_QUBITS`]
-    /// qubits, and what has no circuit of this kind.
+    /// As [`scene::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than
+    /// [`MOST_QUBITS`] qubits, and what has no circuit of this kind.
     pub fn new(task: &CompleteCircuitInput<'_>) -> Result<Self> {
         let CompleteCircuitInput { case, registers, grid, reading, .. } = task;
         let wrong = |what: String| Error::Input(format!("{}: --complete: {what}", case.name));

@@ -49,7 +49,8 @@ fn square(slices: usize) -> f64 {
     (0..slices).map(|k| (-2.0 * (RECOVERY + SPACING * k as f64)).exp()).sum()
 }
 
-/// Probabilities of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇` is read.
+/// Probabilities of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇`
+/// is read.
 fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabilities {
     let weighted = norm(f.iter().zip(pi).map(|(f, pi)| f * pi.sqrt()));
     let (field, auxiliary) = (norm(f.iter().copied()), 0.7);

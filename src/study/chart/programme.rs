@@ -83,8 +83,8 @@ pub struct Programme {
 
 impl Programme {
     /// For a case on `space`. Finer grids have all its faces; coarser ones have nearly half and a
-    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` decides whether
-    /// a coarser grid shows `V` as the case's own does.
+    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` decides
+    /// whether a coarser grid shows `V` as the case's own does.
     pub fn new(
         space: &PhaseSpace,
         near: &Grids,
