@@ -2,7 +2,7 @@
 
 use crate::quantum::circuit::gates::Counts;
 use crate::quantum::circuit::transport::{Levels, Modes, Transport};
-use crate::quantum::phases::{MOST_STEPS, Phases};
+use crate::quantum::phases::Phases;
 use crate::quantum::walk;
 use serde::Serialize;
 use std::fmt;
@@ -98,8 +98,10 @@ pub struct Description {
     pub controlled: Counts,
     /// The evolution that calls the controlled circuit.
     pub evolution: Evolution,
-    /// Its rotations; none of more than [`MOST_STEPS`] steps.
+    /// Its rotations; none where `no_sequence` says why.
     pub sequence: Option<Sequence>,
+    /// Why there are no rotations.
+    pub no_sequence: Option<String>,
     /// What was simulated.
     pub check: Option<Check>,
 }
@@ -132,9 +134,10 @@ impl fmt::Display for Description {
         let bins = 1u64 << transport.bin_bits;
         writeln!(
             f,
-            "jumps of V: {}; bins of a level of dv^2/2: {bins}; rounded by at most {:.1e} levels, \
-             which changes A by at most {:.1e}",
+            "jumps of V: {}; forces: {}; bins of a level of dv^2/2: {bins}; rounded by at most \
+             {:.1e} levels, which changes A by at most {:.1e}",
             transport.axes.iter().map(|axis| axis.jumps.len()).sum::<usize>(),
+            transport.forces.len(),
             self.rounded,
             self.change
         )?;
@@ -180,8 +183,8 @@ impl fmt::Display for Description {
             )?,
             None => write!(
                 f,
-                "\nno rotations of the evolution are computed: {} steps, {MOST_STEPS} at most",
-                evolution.steps
+                "\nno rotations of the evolution are computed: {}",
+                self.no_sequence.as_deref().unwrap_or_default()
             )?,
         }
         if let Some(Check { columns, difference }) = self.check {

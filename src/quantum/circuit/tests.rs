@@ -175,7 +175,7 @@ impl Grid {
             jumps: jumps.collect(),
             rate: 0.5 * WIDTH / DX,
         };
-        Transport { axes: vec![axis], bin_bits: self.bin_bits }
+        Transport { axes: vec![axis], forces: Vec::new(), bin_bits: self.bin_bits }
     }
 
     /// `A` by the program's conservative law, at states of the circuit.
