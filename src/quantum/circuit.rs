@@ -84,7 +84,7 @@ pub struct Compiled {
     /// What it is.
     pub description: Description,
     /// The rotations of the evolution, or why there are none.
-    pub phases: Result<Phases, NoPhases>,
+    pub phases: std::result::Result<Phases, NoPhases>,
 }
 
 /// Names of all files but the description.

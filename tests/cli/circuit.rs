@@ -203,8 +203,8 @@ fn the_block_is_the_exported_hamiltonian() {
         ("unitary_advection.toml", &[STEP, MODES, &["scheme.degree=0", "scheme.flux=1"]], &[]),
         // Forces.
         ("harmonic_step.toml", &[STEP, PARABOLA, MODES], &[]),
-        ("harmonic_step.toml", &[STEP, PARABOLA, MODES], &["--mode-weights", "rotations"]),
-        ("slope_jump.toml", &[STEP, SLOPES, MODES], &["--levels", "uniform"]),
+        ("harmonic_step.toml", &[STEP, PARABOLA, MODES], &["--levels", "uniform"]),
+        ("slope_jump.toml", &[STEP, SLOPES, MODES], &[]),
         ("slope_jump.toml", &[STEP, SLOPES, CLOSED], &[]),
         ("barrier2d.toml", &[PLANE, BOWL, MODES], &["--sub-bins", "1"]),
     ];
