@@ -49,7 +49,7 @@ pub enum Command {
     /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
     ExportMatrix(ExportArgs),
     /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
-    /// jumps of V, no forces
+    /// jumps of V, forces
     ExportCircuit(CircuitArgs),
     /// What the case takes on a quantum computer: sparsity, queries, qubits; only --accuracy solves
     Resources(ResourcesArgs),

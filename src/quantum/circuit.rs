@@ -1,10 +1,11 @@
-//! The block encoding of `H` as gates: the conservative interface, jumps of `V`.
+//! The block encoding of `H` as gates: the conservative interface, jumps of `V`, forces.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`scene`] | which cases have a circuit; from a case to whole numbers |
 //! | [`transport`] | these whole numbers, modes and levels |
 //! | [`interface`] | the block encoding, with its mathematics |
+//! | [`force`] | its terms of forces |
 //! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
 //! | [`evolution`] | `e^{−iHT}` by calls of it |
@@ -28,6 +29,7 @@
 pub mod arithmetic;
 pub mod description;
 pub mod evolution;
+pub mod force;
 pub mod formats;
 pub mod gates;
 pub mod interface;
@@ -48,7 +50,7 @@ use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
-use crate::quantum::phases::Phases;
+use crate::quantum::phases::{NoPhases, Phases};
 use crate::quantum::resources::Record;
 use crate::solve::prepared::Prepared;
 use num_complex::Complex64;
@@ -79,10 +81,10 @@ pub struct CircuitChoice {
 pub struct CompiledCircuit {
     /// The circuit.
     pub circuit: Circuit,
-    /// Its description.
+    /// What it is.
     pub description: CircuitDescription,
-    /// The rotations of the evolution; none of a long one.
-    pub phases: Option<Phases>,
+    /// The rotations of the evolution, or why there are none.
+    pub phases: std::result::Result<Phases, NoPhases>,
 }
 
 /// Names of all files but the description.
@@ -151,7 +153,8 @@ impl CompiledCircuit {
                 controlled,
                 evolution,
                 transport,
-                sequence: phases.as_ref().map(RotationSequence::of),
+                sequence: phases.as_ref().ok().map(RotationSequence::of),
+                no_sequence: phases.as_ref().err().map(NoPhases::to_string),
                 check: None,
             },
             circuit,
@@ -232,7 +235,7 @@ impl CompiledCircuit {
             "description": description,
             "registers": circuit.registers,
             "gates": circuit.gates,
-            "phases": phases.as_ref().map(|phases| &phases.angles),
+            "phases": phases.as_ref().ok().map(|phases| &phases.angles),
         });
         for (name, value) in [
             ("circuit.json", &whole),

@@ -1,8 +1,9 @@
 //! The rotations of generalised quantum signal processing for `e^{−iτH}`.
 //!
 //! **Series.** On the unit circle `e^{iτ sin θ} = Σ_k J_k(τ) y^k`, `y = e^{iθ}` (Jacobi and Anger).
-//! The walk of `H = cos φ` has the eigenvalues `z = e^{±iφ}`, so that `y = −iz` makes `e^{−iτH}` of
-//! it. All coefficients are real. With `t = 2 Σ_{k>K} |J_k|`, and what keeps `|P|` below 1 where
+//! The walk `(1 − 2Π)G` of `H = cos φ` has the eigenvalues `z = −e^{±iφ}` (see
+//! [`evolution`](crate::quantum::circuit::evolution)), so that `y = iz` makes `e^{−iτH}` of it. All
+//! coefficients are real. With `t = 2 Σ_{k>K} |J_k|`, and what keeps `|P|` below 1 where
 //! that is round-off, and `c = 1/(1 + t)`
 //!
 //! ```text
@@ -24,6 +25,7 @@ use crate::propagate::bessel::bessel_series;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use std::f64::consts::TAU;
+use std::fmt;
 
 /// Most steps `2K` of a sequence whose rotations are computed: they take some seconds.
 pub const MOST_STEPS: usize = 1 << 16;
@@ -45,6 +47,27 @@ pub struct Phases {
     pub bound: f64,
     /// `2θ_0, …, 2θ_{2K}`: angles of `ry`.
     pub angles: Vec<f64>,
+}
+
+/// Why no rotations are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoPhases {
+    /// More than [`MOST_STEPS`] steps: so many.
+    TooManySteps(usize),
+    /// The complementary polynomial is not found to round-off on [`MOST_POINTS`] points.
+    NoComplement,
+}
+
+impl fmt::Display for NoPhases {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooManySteps(steps) => write!(f, "{steps} steps, {MOST_STEPS} at most"),
+            Self::NoComplement => write!(
+                f,
+                "the complementary polynomial is not found to round-off on {MOST_POINTS} points"
+            ),
+        }
+    }
 }
 
 /// The series, cut at `K`.
@@ -129,11 +152,13 @@ impl CutSeries {
 }
 
 impl Phases {
-    /// Of `e^{−iτH}` in `2K` steps, `K = degree`; none of more than [`MOST_STEPS`], or where the
-    /// complement is not found to round-off.
-    pub fn new(tau: f64, degree: usize) -> Option<Self> {
+    /// Of `e^{−iτH}` in `2K` steps, `K = degree`.
+    ///
+    /// # Errors
+    /// [`NoPhases`].
+    pub fn new(tau: f64, degree: usize) -> Result<Self, NoPhases> {
         if 2 * degree > MOST_STEPS {
-            return None;
+            return Err(NoPhases::TooManySteps(2 * degree));
         }
         let series = CutSeries::new(tau, degree);
         let mut points = (32 * (degree + 1)).max(2 * series.bessel.len()).next_power_of_two();
@@ -144,11 +169,11 @@ impl Phases {
             }
             points *= 2;
             if points > MOST_POINTS {
-                return None;
+                return Err(NoPhases::NoComplement);
             }
         };
         let angles = angles(series.polynomial(), complement);
-        Some(Self { tau, degree, scale: series.scale(), bound: 2.0 * series.rest, angles })
+        Ok(Self { tau, degree, scale: series.scale(), bound: 2.0 * series.rest, angles })
     }
 
     /// `P` and `Q` at `y`: the product of all steps on the first state of the qubit.
@@ -202,7 +227,7 @@ mod tests {
 
     fn phases(tau: f64, tail: f64) -> Phases {
         let degree = degree(&mut Vec::new(), tau, tail);
-        Phases::new(tau, degree).unwrap_or_else(|| panic!("{tau} {tail}: no phases"))
+        Phases::new(tau, degree).unwrap_or_else(|why| panic!("{tau} {tail}: {why}"))
     }
 
     /// Coefficients of both polynomials, multiplied out.
@@ -254,6 +279,7 @@ mod tests {
         assert!(phases.difference(16) < 2e-12, "{:e}", phases.difference(16));
         phases.angles[4000] += 1e-6;
         assert!(phases.difference(16) > 1e-9);
-        assert_eq!(Phases::new(1.0, MOST_STEPS), None);
+        let most = 2 * MOST_STEPS;
+        assert_eq!(Phases::new(1.0, MOST_STEPS), Err(NoPhases::TooManySteps(most)));
     }
 }

@@ -72,6 +72,13 @@ const SPACE: &[&str] = &[
     "solver.tolerance=1e-2",
 ];
 
+/// A parabola with a step of 1.25 levels: four slopes, of both signs. Two slopes with a jump.
+const PARABOLA: &[&str] = &["axis.0.x.lower=-0.75", "axis.0.x.upper=1.25"];
+const SLOPES: &[&str] = &["axis.0.x.lower=-1", "axis.0.x.upper=1"];
+/// A slope in a plane without jumps, along both axes.
+const BOWL: &[&str] = &["potential.0.where=x < 9", "potential.0.value=x^2/2 + 0.3*x*y"];
+const CLOSED: &[&str] = &["scheme.flux=0", "scheme.ends=closed", "solver.tolerance=0.1"];
+
 fn export(command: &str, name: &str, settings: &[&str], place: &Path) -> Job {
     let place = place.display().to_string();
     Job::new([command, &case(name), "-o", &place]).set(settings)
@@ -194,6 +201,12 @@ fn the_block_is_the_exported_hamiltonian() {
         ("example1.toml", &[STEP, MODES, &["axis.0.x.boundary=periodic"]], &["--sub-bins", "3"]),
         ("barrier2d.toml", &[PLANE, MODES], &[]),
         ("unitary_advection.toml", &[STEP, MODES, &["scheme.degree=0", "scheme.flux=1"]], &[]),
+        // Forces.
+        ("harmonic_step.toml", &[STEP, PARABOLA, MODES], &[]),
+        ("harmonic_step.toml", &[STEP, PARABOLA, MODES], &["--levels", "uniform"]),
+        ("slope_jump.toml", &[STEP, SLOPES, MODES], &[]),
+        ("slope_jump.toml", &[STEP, SLOPES, CLOSED], &[]),
+        ("barrier2d.toml", &[PLANE, BOWL, MODES], &["--sub-bins", "1"]),
     ];
     check_all(rows, |(name, settings, options)| {
         let settings = settings.concat();
@@ -331,7 +344,7 @@ fn what_has_no_circuit_is_refused() {
         ("example1.toml", &[FLAT, "inflow.value=0.3"], &["inflow.value"]),
         ("example1.toml", &[FLAT, "axis.0.v.cells=33"], &["vx has 33 cells", "even"]),
         ("example1.toml", &[FLAT, "axis.0.v.upper=2"], &["from -1.5 to 2"]),
-        ("harmonic_step.toml", &[FLAT], &["dV/dx", "forces"]),
+        ("harmonic_step.toml", &[FLAT, "axis.0.x.cells=8192"], &["dV/dx", "13 bits", "2^12"]),
         ("partial_reflection.toml", &["scheme.degree=0"], &["potential.reflection"]),
         ("unitary_advection.toml", &[], &["scheme.degree", "degree 0"]),
         ("barrier2d.toml", &[FLAT], &["vx has 9 cells", "even"]),

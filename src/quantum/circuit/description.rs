@@ -2,7 +2,7 @@
 
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
-use crate::quantum::phases::{MOST_STEPS, Phases};
+use crate::quantum::phases::Phases;
 use crate::quantum::walk;
 use serde::Serialize;
 use std::fmt;
@@ -98,9 +98,11 @@ pub struct CircuitDescription {
     pub controlled: GateCounts,
     /// The evolution that calls the controlled circuit.
     pub evolution: EvolutionDescription,
-    /// Its rotations; none of more than [`MOST_STEPS`] steps.
+    /// Its rotations; none where `no_sequence` says why.
     pub sequence: Option<RotationSequence>,
-    /// The simulated check.
+    /// Why there are no rotations.
+    pub no_sequence: Option<String>,
+    /// What was simulated.
     pub check: Option<Check>,
 }
 
@@ -132,9 +134,10 @@ impl fmt::Display for CircuitDescription {
         let bins = 1u64 << transport.bin_bits;
         writeln!(
             f,
-            "jumps of V: {}; bins of a level of dv^2/2: {bins}; rounded by at most {:.1e} levels, \
-             which changes A by at most {:.1e}",
+            "jumps of V: {}; forces: {}; bins of a level of dv^2/2: {bins}; rounded by at most \
+             {:.1e} levels, which changes A by at most {:.1e}",
             transport.axes.iter().map(|axis| axis.jumps.len()).sum::<usize>(),
+            transport.forces.len(),
             self.rounded,
             self.change
         )?;
@@ -181,8 +184,8 @@ impl fmt::Display for CircuitDescription {
             )?,
             None => write!(
                 f,
-                "\nno rotations of the evolution are computed: {} steps, {MOST_STEPS} at most",
-                evolution.steps
+                "\nno rotations of the evolution are computed: {}",
+                self.no_sequence.as_deref().unwrap_or_default()
             )?,
         }
         if let Some(Check { columns, difference }) = self.check {

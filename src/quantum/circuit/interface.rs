@@ -33,6 +33,10 @@
 //! the axis with the most. A jump may hold on a part of a face only: on boxes of the other axes'
 //! bits.
 //!
+//! **Forces** are terms of the same kind, with weights of their own ([`force`]).
+//!
+//! [`force`]: crate::quantum::circuit::force
+//!
 //! The circuit is its own inverse on the states that it starts from.
 
 use crate::quantum::circuit::arithmetic::{Literal, equals};
@@ -59,8 +63,14 @@ impl CaseTransport {
     /// `α`: the block of the circuit is `H/α`.
     pub fn alpha(&self, modes: CircuitModes, levels: Levels) -> f64 {
         let [diagonal, moved] = modes.weights();
-        let rate: f64 = self.axes.iter().map(|axis| axis.rate).sum();
-        rate * self.level_values(levels) as f64 * (diagonal + moved)
+        self.rates(levels).iter().sum::<f64>() * (diagonal + moved)
+    }
+
+    /// Weights of the terms: `v₁M/Δx` of the axes, `d_max` of the forces.
+    fn rates(&self, levels: Levels) -> Vec<f64> {
+        let values = self.level_values(levels) as f64;
+        let axes = self.axes.iter().map(|axis| axis.rate * values);
+        axes.chain(self.forces.iter().map(|force| force.rate)).collect()
     }
 
     /// The number of the state `(x1..xn, v1..vn)`, without the modes; velocities are centred in
@@ -96,8 +106,7 @@ impl CaseTransport {
         c.comment("prepare the weights of the sum, and uniform levels");
         let first = c.gates.len();
         wires.prepare(c, modes, self.level_values(levels));
-        let rates: Vec<f64> = self.axes.iter().map(|axis| axis.rate).collect();
-        wires.choose(c, &rates);
+        wires.terms.choose(c, &self.rates(levels));
         let prepared = c.gates[first..].to_vec();
         wires.phases(c, modes);
         wires.where_moving(c, |c, moving| {
@@ -105,6 +114,10 @@ impl CaseTransport {
                 if axis.rate != 0.0 {
                     axis.apply(c, wires, along, moving);
                 }
+            }
+            for (term, force) in (self.axes.len()..).zip(&self.forces) {
+                let chosen = wires.terms.chosen(term);
+                force.apply(c, wires, &wires.along[force.axis], (&chosen, moving));
             }
         });
         c.push(match wires.control {

@@ -4,6 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
+use crate::quantum::circuit::force::{Force, Table};
 use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, PotentialJump, bits_of};
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
@@ -67,12 +68,12 @@ struct JumpFaces {
 /// Refuses cases that the circuit does not support, before it is assembled.
 ///
 /// # Errors
-/// [`Error::Input`] with the key, the value and what is supported.
+/// [`Error::Input`] with the key, the value and what would do; as [`Force::new`].
 pub fn refuse(case: &Case) -> Result<()> {
     let unknown = unknown_choice(case).or_else(|| unknown_grid(&case.space));
-    match unknown.map_or_else(|| sloped(case), |what| Ok(Some(what)))? {
+    match unknown {
         Some(what) => Err(Error::Input(format!("{}: {what}", case.name))),
-        None => Ok(()),
+        None => forces(case, &Potential::whole(case)?).map(drop),
     }
 }
 
@@ -125,32 +126,6 @@ fn unknown_grid(space: &PhaseSpace) -> Option<String> {
     })
 }
 
-/// The first slope of `V`, which the circuit does not have, and what would do.
-fn sloped(case: &Case) -> Result<Option<String>> {
-    let space = &case.space;
-    let n = space.dimension();
-    let names = axis_names(n);
-    let potential = Potential::whole(case)?;
-    let mut steep = None;
-    for_each_cell(&ranges(case), |i| {
-        let slopes = &potential.slopes(i)[..n];
-        if let Some(a) = slopes.iter().position(|&slope| slope != 0.0) {
-            steep.get_or_insert((*i, a, slopes[a]));
-        }
-    });
-    Ok(steep.map(|(i, a, slope)| {
-        let centres = space.x.iter().zip(i).map(|(x, i)| x.centre(i as i64));
-        let place: Vec<String> =
-            names.iter().zip(centres).map(|(name, x)| format!("{name} = {x}")).collect();
-        format!(
-            "dV/d{} = {slope:.6} at {}; the circuit has jumps of V and no forces: potential.value \
-             constant in each region",
-            names[a],
-            place.join(", ")
-        )
-    }))
-}
-
 /// All space cells.
 fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
     case.space.x.iter().map(|x| 0..x.cells).collect()
@@ -160,16 +135,16 @@ impl CircuitCase {
     /// The scene of a case that [`refuse`] lets pass, with these bins.
     ///
     /// # Errors
-    /// [`Error::Input`] where none do.
+    /// [`Error::Input`] where none do, and as [`Force::new`].
     pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();
         let faces: Vec<Vec<JumpFaces>> = (0..n).map(|a| faces(case, &potential, a)).collect();
         let fits = |&bits: &usize| faces.iter().flatten().all(|f| f.height.off(bits) == 0.0);
+        let forces = forces(case, &potential)?;
         let of = |bin_bits: usize| {
-            let axes = Vec::new();
-            let mut scene =
-                Self { rounded: 0.0, change: 0.0, transport: CaseTransport { axes, bin_bits } };
+            let transport = CaseTransport { axes: Vec::new(), forces: forces.clone(), bin_bits };
+            let mut scene = Self { rounded: 0.0, change: 0.0, transport };
             for (a, faces) in faces.iter().enumerate() {
                 scene.add_axis(case, a, faces);
             }
@@ -228,6 +203,24 @@ impl CircuitCase {
     }
 }
 
+/// The forces of a case.
+fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
+    let (space, n) = (&case.space, case.space.dimension());
+    // Of all axes.
+    let places = bits_of_others(case, n);
+    let mut found = Vec::new();
+    for axis in 0..n {
+        let mut speeds = vec![None; 1 << places.bits];
+        for_each_cell(&ranges(case), |i| {
+            let speed = -potential.slopes(i)[axis] / space.v[axis].width();
+            speeds[number_of_others(case, n, i)] = Some(speed);
+        });
+        let table = Table { name: &case.name, axis, bits: places.bits, speeds };
+        found.extend(Force::new(&table, |wanted, free| boxes(wanted, free, places.bits))?);
+    }
+    Ok(found)
+}
+
 /// The numbers of the bits of the space axes but one.
 struct Others {
     bits: usize,
@@ -235,7 +228,8 @@ struct Others {
     padding: Vec<usize>,
 }
 
-/// The number of `cell` in the bits of the space axes but `a`, the last axis lowest.
+/// The number of `cell` in the bits of the space axes but `a`, if there is an axis `a`; the last
+/// axis lowest.
 fn number_of_others(case: &Case, a: usize, cell: &[usize]) -> usize {
     let others = case.space.x.iter().zip(cell).enumerate().filter(|(b, _)| *b != a);
     others.fold(0, |number, (_, (x, i))| number << bits_of(x.cells) | i)

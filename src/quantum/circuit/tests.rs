@@ -178,7 +178,7 @@ impl JumpGrid {
             jumps: jumps.collect(),
             rate: 0.5 * WIDTH / DX,
         };
-        CaseTransport { axes: vec![axis], bin_bits: self.bin_bits }
+        CaseTransport { axes: vec![axis], forces: Vec::new(), bin_bits: self.bin_bits }
     }
 
     /// `A` by the program's conservative law, at states of the circuit.

@@ -1,5 +1,6 @@
 //! The transport of a case in whole numbers, and which modes and levels a circuit takes.
 
+use crate::quantum::circuit::force::Force;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
@@ -35,6 +36,8 @@ pub struct AxisTransport {
 pub struct CaseTransport {
     /// The transport along each axis.
     pub axes: Vec<AxisTransport>,
+    /// Forces, at most one an axis.
+    pub forces: Vec<Force>,
     /// `b`: each level is divided into `2^b` bins.
     pub bin_bits: usize,
 }

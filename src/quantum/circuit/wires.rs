@@ -1,6 +1,7 @@
 //! The registers of the block encoding, and what acts on the weights of its sum.
 
 use crate::quantum::circuit::arithmetic::{Literal, angle_of};
+use crate::quantum::circuit::force::Force;
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
 use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, CircuitModes, bits_of};
 
@@ -39,8 +40,10 @@ impl WeightedSum {
 
 /// The registers of an axis.
 pub(in crate::quantum) struct Along {
-    /// The speed, and the sign above it.
-    velocity: Vec<Qubit>,
+    /// The speed, and the sign above it: the number of the velocity cell.
+    pub velocity: Vec<Qubit>,
+    /// Velocity cells of either sign.
+    pub speeds: usize,
     /// The cell.
     pub space: Vec<Qubit>,
     /// The cells along the other space axes, the last one lowest.
@@ -61,23 +64,23 @@ struct Common<'a> {
     bins: &'a [Qubit],
     level: &'a [Qubit],
     above: Option<Qubit>,
-    axis: &'a [Qubit],
+    terms: &'a Terms,
 }
 
 impl Along {
     /// The registers of axis `a` with this `velocity`.
-    fn new(a: usize, velocity: Vec<Qubit>, common: &Common<'_>) -> Self {
-        let Common { spaces, bins, level, above, axis } = common;
+    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &Common<'_>) -> Self {
+        let Common { spaces, bins, level, above, terms } = common;
         let speed = &velocity[..velocity.len() - 1];
         let energy = [&level[..velocity.len()], speed].concat();
         let others = (0..spaces.len()).rev().filter(|b| *b != a);
-        let own = a.checked_sub(1).map(|a| (axis[a], true));
         Self {
             space: spaces[a].clone(),
             others: others.flat_map(|b| spaces[b].clone()).collect(),
             kinetic: [bins, &energy[..2 * speed.len()], above.as_slice()].concat(),
             spare: level[velocity.len()..].to_vec(),
-            chosen: own.into_iter().chain(axis[a..].iter().map(|&q| (q, false))).collect(),
+            chosen: terms.chosen(a),
+            speeds,
             energy,
             velocity,
         }
@@ -94,6 +97,29 @@ impl Along {
     }
 }
 
+/// The qubits that choose a term of the sum over axes and forces.
+pub(in crate::quantum) struct Terms(Vec<Qubit>);
+
+impl Terms {
+    /// What says that this term is chosen: its own qubit, which the first one does not have, and
+    /// none of the later ones.
+    pub fn chosen(&self, term: usize) -> Vec<Literal> {
+        let own = term.checked_sub(1).map(|a| (self.0[a], true));
+        own.into_iter().chain(self.0[term..].iter().map(|&q| (q, false))).collect()
+    }
+
+    /// Weights of the terms.
+    pub fn choose(&self, c: &mut Circuit, rates: &[f64]) {
+        for (a, &q) in self.0.iter().enumerate() {
+            let before: f64 = rates[..=a].iter().sum();
+            let all = before + rates[a + 1];
+            if all > 0.0 {
+                c.push(Gate::Ry(angle_of(before / all), q));
+            }
+        }
+    }
+}
+
 /// The registers of a circuit.
 pub(in crate::quantum) struct Wires {
     modes: Vec<Qubit>,
@@ -107,11 +133,18 @@ pub(in crate::quantum) struct Wires {
     pub no_level: Qubit,
     /// 1 where a particle leaves the box in space; none if that has no ends.
     pub end: Option<Qubit>,
+    /// All bits of space cells, the last axis lowest.
+    pub space: Vec<Qubit>,
+    /// Where a force is weaker than the largest one, the block is less than 1 by it; none if all
+    /// are equal.
+    pub weaker: Option<Qubit>,
+    /// 1 where a force pushes a particle out of the velocity box; none without forces.
+    pub end_of_velocity: Option<Qubit>,
     /// 1 where an energy is above the velocity box, if a register has room for one.
     pub outside: Option<Qubit>,
     sum: WeightedSum,
-    /// Choose an axis, but the first.
-    axis: Vec<Qubit>,
+    /// Choose a term: an axis or a force.
+    pub terms: Terms,
     /// 1 for `T†`.
     pub reversed: Qubit,
     /// 1 where the circuit is applied; none if always.
@@ -156,14 +189,25 @@ impl Wires {
         let end = flag("end", axes.iter().any(|axis| !axis.periodic));
         let rest = |axis: &AxisTransport| jumps(axis) && !axis.speeds.is_power_of_two();
         let outside = flag("outside", axes.iter().any(rest));
+        let forces = &transport.forces;
+        let end_of_velocity = flag("end_of_velocity", !forces.is_empty());
+        let varies = |force: &Force| force.shares.iter().any(|&share| share < 1.0);
+        let weaker = flag("weaker", forces.iter().any(varies));
         let sum = WeightedSum::new(c, modes);
-        let axis = c.register("axis", axes.len() - 1, RegisterRole::Block);
+        let name = if forces.is_empty() { "axis" } else { "term" };
+        let terms = Terms(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let common = Common { spaces: &spaces, bins: &bins, level: &level, above, axis: &axis };
-        let along = velocities.into_iter().enumerate();
+        let common = Common { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
+        let along = velocities.into_iter().zip(axes).enumerate();
+        let along =
+            along.map(|(a, (velocity, axis))| Along::new(a, axis.speeds, velocity, &common));
+        let along = along.collect();
         Self {
             modes: warped,
-            along: along.map(|(a, velocity)| Along::new(a, velocity, &common)).collect(),
+            along,
+            space: spaces.iter().rev().flatten().copied().collect(),
+            weaker,
+            end_of_velocity,
             no_level: no_level.unwrap_or_default(),
             end,
             outside,
@@ -171,19 +215,8 @@ impl Wires {
             reversed,
             bins,
             level,
-            axis,
+            terms,
             control: control.first().copied(),
-        }
-    }
-
-    /// Weights of the axes.
-    pub fn choose(&self, c: &mut Circuit, rates: &[f64]) {
-        for (a, &q) in self.axis.iter().enumerate() {
-            let before: f64 = rates[..=a].iter().sum();
-            let all = before + rates[a + 1];
-            if all > 0.0 {
-                c.push(Gate::Ry(angle_of(before / all), q));
-            }
         }
     }
 

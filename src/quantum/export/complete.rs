@@ -132,7 +132,7 @@ impl Complete {
         // The field is a part of the state.
         let tail = 0.5 * case.tolerance * reading.in_block.sqrt();
         let phases = Phases::new(tau, degree(&mut Vec::new(), tau, tail));
-        let phases = phases.ok_or_else(|| wrong(format!("too many steps: tau = {tau:.1}")))?;
+        let phases = phases.map_err(|why| wrong(format!("tau = {tau:.1}: {why}")))?;
         let start = StatePreparation::new(task);
         let mut builder = CircuitBuilder::new(task, &transport, modes, &start);
         let qubits = builder.circuit.qubits();

@@ -1,0 +1,288 @@
+//! Forces: shifts in velocity, with a coefficient by space cell.
+//!
+//! Along velocity axis `a` the scheme of degree 0 has `A^v = −d_max(D − T)`, where
+//! `d_i = −∂_a V(x_i)/Δv` is the number of velocity cells that a particle crosses in a unit of time,
+//!
+//! ```text
+//! d_max = max_i |d_i|,   D = diag(|d_i|/d_max),   T = D S^{sgn d_i},
+//! ```
+//!
+//! and `S` shifts velocities by one cell and loses what leaves the box. `D` depends on `x` only, so
+//! that it commutes with `S`, and `A^v` is a term of the same kind as a transport: with `T†` the
+//! opposite shift. The sum of `H` chooses it with weight `d_max`.
+//!
+//! **Coefficient.** `⟨0|R Z R†|0⟩ = cos θ` for `R = ry(θ)`; `θ_i = arccos(|d_i|/d_max)` is
+//! loaded by a uniformly controlled rotation of the bits of space on which it depends. There are
+//! none if `|d_i|` is constant. `Z` acts where this term is chosen, so that the rotations need no
+//! control, and `R Z R†` is its own inverse.
+
+use crate::base::error::{Error, Result};
+use crate::quantum::circuit::arithmetic::{Literal, equals};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use crate::quantum::circuit::wires::{Along, Wires};
+use serde::Serialize;
+
+/// Most bits of a table of coefficients.
+pub const MOST_TABLE_BITS: usize = 12;
+/// Relative differences of coefficients that are round-off: slopes are differences of `V`.
+const ROUND_OFF: f64 = 1e-13;
+
+/// The force along an axis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Force {
+    /// The axis.
+    pub axis: usize,
+    /// `d_max`.
+    pub rate: f64,
+    /// The bits of the space register on which the coefficient depends, of several axes the last
+    /// one lowest.
+    pub bits: Vec<usize>,
+    /// `|d_i|/d_max` by the values of these bits.
+    pub shares: Vec<f64>,
+    /// Where particles are pushed to lower velocities: bits of the space register and their values.
+    pub down: Vec<Vec<(usize, bool)>>,
+}
+
+/// Forces of a case by the number of its space cell.
+pub(super) struct Table<'a> {
+    /// Of the case.
+    pub name: &'a str,
+    pub axis: usize,
+    /// Bits of the number of a space cell.
+    pub bits: usize,
+    /// `d_i`; none of numbers that are no cells.
+    pub speeds: Vec<Option<f64>>,
+}
+
+impl Force {
+    /// The force of a table; none where nothing is pushed. `boxes` makes boxes of the numbers in
+    /// its first argument, and of any of those in its second.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.
+    pub(super) fn new(
+        table: &Table<'_>,
+        boxes: impl Fn(&[usize], &[usize]) -> Vec<Vec<(usize, bool)>>,
+    ) -> Result<Option<Self>> {
+        let Table { name, axis, bits, speeds } = table;
+        let rate = speeds.iter().flatten().fold(0.0, |most: f64, d| most.max(d.abs()));
+        if rate == 0.0 {
+            return Ok(None);
+        }
+        let near_one = |share: f64| if 1.0 - share <= ROUND_OFF { 1.0 } else { share };
+        let share = |d: Option<f64>| d.map(|d| near_one(d.abs() / rate));
+        let mut shares: Vec<Option<f64>> = speeds.iter().map(|&d| share(d)).collect();
+        let mut depends: Vec<usize> = (0..*bits).collect();
+        // From the highest bit down, so that those below keep their places.
+        for bit in (0..*bits).rev() {
+            if let Some(without) = without_bit(&shares, bit) {
+                shares = without;
+                depends.remove(bit);
+            }
+        }
+        if depends.len() > MOST_TABLE_BITS {
+            return Err(Error::Input(format!(
+                "{name}: dV/dx depends on {} bits of the numbers of cells along axis {}; the circuit \
+                 loads it from a table of at most 2^{MOST_TABLE_BITS} numbers: fewer cells, or a V \
+                 of few slopes",
+                depends.len(),
+                axis + 1
+            )));
+        }
+        let of = |wanted: &dyn Fn(f64) -> bool| -> Vec<usize> {
+            let places = speeds.iter().enumerate();
+            places.filter(|(_, d)| wanted(d.unwrap_or(0.0))).map(|(place, _)| place).collect()
+        };
+        Ok(Some(Self {
+            axis: *axis,
+            rate,
+            bits: depends,
+            shares: shares.into_iter().map(|share| share.unwrap_or(1.0)).collect(),
+            down: boxes(&of(&|d| d < 0.0), &of(&|d| d == 0.0)),
+        }))
+    }
+
+    /// The term of this force, where it is chosen: `T` or `T†` where `moving` holds, else `D`.
+    pub(super) fn apply(
+        &self,
+        c: &mut Circuit,
+        wires: &Wires,
+        along: &Along,
+        term: (&[Literal], Literal),
+    ) {
+        let (chosen, moving) = term;
+        let chosen = wires.given(chosen);
+        if let Some(flag) = wires.weaker.filter(|_| self.shares.iter().any(|&share| share < 1.0)) {
+            c.comment("the strength of the force at this cell");
+            let controls: Vec<Qubit> = self.bits.iter().map(|&bit| wires.space[bit]).collect();
+            let angles: Vec<f64> = self.shares.iter().map(|share| -share.acos()).collect();
+            c.within(
+                |c| c.rotate(Gate::Ry, &controls, flag, &angles),
+                |c| c.where_all(&chosen, |c, all| c.push(Gate::Cz(all, flag))),
+            );
+        }
+        c.comment("shift the velocity by one cell");
+        let moved: Vec<Literal> = std::iter::once(moving).chain(chosen).collect();
+        c.where_all(&moved, |c, moved| self.shift(c, wires, along, moved));
+    }
+
+    /// Up by one cell where `moved` holds, or down: in the complement, in which that is up.
+    fn shift(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
+        let v = &along.velocity;
+        let half = 1usize << (v.len() - 1);
+        let down = c.take(1)[0];
+        let direction = |c: &mut Circuit| {
+            c.push(Gate::Cx(wires.reversed, down));
+            for part in &self.down {
+                let literals: Vec<Literal> =
+                    part.iter().map(|&(bit, value)| (wires.space[bit], value)).collect();
+                match literals.len() {
+                    0 => c.push(Gate::X(down)),
+                    _ => c.where_all(&literals, |c, all| c.push(Gate::Cx(all, down))),
+                }
+            }
+            c.flip_if(down, v);
+        };
+        c.within(direction, |c| {
+            // The last cell of the box; and the place from which the inverse comes back to its
+            // first one.
+            let mut ends = vec![half + along.speeds - 1];
+            ends.extend((along.speeds != half).then(|| half - along.speeds - 1));
+            if let Some(end) = wires.end_of_velocity {
+                for place in ends {
+                    let here: Vec<Literal> =
+                        std::iter::once((moved, true)).chain(equals(v, place)).collect();
+                    c.where_all(&here, |c, here| c.push(Gate::Cx(here, end)));
+                }
+            }
+            c.add_bit(moved, v);
+        });
+        c.give_back(&[down]);
+    }
+}
+
+/// The table without a bit on which it does not depend; none if it does.
+fn without_bit(shares: &[Option<f64>], bit: usize) -> Option<Vec<Option<f64>>> {
+    let mask = 1 << bit;
+    let places = (0..shares.len()).filter(|place| place & mask == 0);
+    let merged = places.map(|place| match (shares[place], shares[place | mask]) {
+        (Some(a), Some(b)) if (a - b).abs() > ROUND_OFF => None,
+        (a, b) => Some(a.or(b)),
+    });
+    merged.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantum::circuit::simulate::{SparseState, block_column};
+    use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, CircuitModes, Levels};
+    use num_complex::Complex64;
+    use std::collections::HashMap;
+
+    /// A ring of cells in space without jumps, and `d` of each.
+    struct Ring {
+        speeds: usize,
+        d: &'static [f64],
+    }
+
+    const RINGS: &[Ring] = &[
+        Ring { speeds: 4, d: &[0.7, 0.7, 0.7, 0.7] },
+        Ring { speeds: 2, d: &[-0.3, -0.3, 0.0, 0.0] },
+        Ring { speeds: 3, d: &[0.5, -1.5, -0.5, 1.5] },
+        Ring { speeds: 1, d: &[0.25, 0.0, -2.0] },
+        Ring { speeds: 5, d: &[1.0, 2.0, 3.0, -3.0, -2.0, -1.0] },
+        Ring { speeds: 3, d: &[0.0, 0.0, 0.0, -4.0, 0.0, 0.0, 0.0, 0.0] },
+        // Equal but for round-off.
+        Ring { speeds: 2, d: &[0.3, 0.3 + 5e-16, 0.1 * 3.0, -0.3] },
+    ];
+    const RATE: f64 = 0.25;
+
+    impl Ring {
+        /// Without boxes: each number of its own.
+        fn transport(&self) -> CaseTransport {
+            let cells = self.d.len();
+            let bits = cells.next_power_of_two().trailing_zeros() as usize;
+            let speeds = (0..1 << bits).map(|i| self.d.get(i).copied()).collect();
+            let table = Table { name: "ring", axis: 0, bits, speeds };
+            let one = |place: &usize| (0..bits).map(|bit| (bit, place >> bit & 1 == 1)).collect();
+            let force = Force::new(&table, |wanted, _| wanted.iter().map(one).collect());
+            let axis = AxisTransport {
+                cells,
+                periodic: true,
+                speeds: self.speeds,
+                jumps: Vec::new(),
+                rate: RATE,
+            };
+            let forces = force.expect("a small table").into_iter().collect();
+            CaseTransport { axes: vec![axis], forces, bin_bits: 0 }
+        }
+
+        /// `A`, by cells.
+        fn entries(&self) -> Vec<([usize; 2], [usize; 2], f64)> {
+            let (cells, velocities) = (self.d.len(), 2 * self.speeds);
+            let mut found = Vec::new();
+            for x in 0..cells {
+                for v in 0..velocities {
+                    let speed = (2 * v + 1) as f64 - velocities as f64;
+                    let behind = if speed > 0.0 { x + cells - 1 } else { x + 1 } % cells;
+                    let rate = RATE * speed.abs();
+                    found.push(([x, v], [behind, v], rate));
+                    found.push(([x, v], [x, v], -rate - self.d[x].abs()));
+                    let source = if self.d[x] > 0.0 { v.checked_sub(1) } else { Some(v + 1) };
+                    if let Some(source) = source.filter(|&w| w < velocities) {
+                        found.push(([x, v], [x, source], self.d[x].abs()));
+                    }
+                }
+            }
+            found
+        }
+    }
+
+    /// All columns of the block are those of `H/α`; twice is nothing.
+    #[test]
+    fn forces_are_blocks() {
+        for (ring, mu) in RINGS.iter().flat_map(|r| [0.0, 2.3, -0.6].map(|mu| (r, mu))) {
+            let transport = ring.transport();
+            let mut h: HashMap<(usize, usize), Complex64> = HashMap::new();
+            for (row, column, a) in ring.entries() {
+                let [i, j] = [row, column].map(|cell| transport.state(&cell));
+                *h.entry((i, j)).or_default() += 0.5 * a * Complex64::new(mu, 1.0);
+                *h.entry((j, i)).or_default() += 0.5 * a * Complex64::new(mu, -1.0);
+            }
+            for levels in [Levels::Hadamard, Levels::Uniform] {
+                let modes = CircuitModes::One(mu);
+                let alpha = transport.alpha(modes, levels);
+                let circuit = transport.encode(modes, levels, false);
+                let all = (0..ring.d.len()).flat_map(|x| (0..2 * ring.speeds).map(move |v| [x, v]));
+                for column in all.map(|cell| transport.state(&cell)) {
+                    let mut left = h.clone();
+                    left.retain(|place, _| place.1 == column);
+                    for (row, value) in block_column(&circuit, column) {
+                        let entry = left.remove(&(row, column)).unwrap_or_default();
+                        assert!((alpha * value - entry).norm() < 1e-12, "{row} {column}");
+                    }
+                    assert!(left.values().all(|entry| entry.norm() < 1e-12), "{left:?}");
+                    let start = SparseState::basis(column as u128);
+                    let twice = start.after(&circuit.gates).after(&circuit.gates);
+                    let same = twice.terms.iter().find(|term| term.0 == column as u128);
+                    assert!(same.is_some_and(|term| (term.1 - 1.0).norm() < 1e-12));
+                }
+            }
+        }
+    }
+
+    /// `α` is `v_max/Δx + d_max`, times the weights of the mode; a table has only the bits that it
+    /// needs.
+    #[test]
+    fn normalisation_and_tables() {
+        for (ring, bits) in RINGS.iter().zip([0, 1, 1, 2, 3, 3, 0]) {
+            let transport = ring.transport();
+            let largest = ring.d.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+            let rate = RATE * (2 * ring.speeds - 1) as f64 + largest;
+            let alpha = transport.alpha(CircuitModes::One(0.0), Levels::Uniform);
+            assert!((alpha - rate).abs() < 1e-14);
+            assert_eq!(transport.forces[0].bits.len(), bits, "{:?}", ring.d);
+        }
+    }
+}
