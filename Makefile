@@ -46,7 +46,7 @@ test: setup ## run every test, also on several ranks (ARGS= is passed to cargo t
 
 torture: setup ## faults at random moments and random cases, many (TRIALS=, SCENES=, FIRST=)
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
-	    $(CARGO) test --release --test cli -- --nocapture torture random_cases
+	    $(CARGO) test --release --test cli -- --nocapture torture disks random_cases
 
 fuzz: setup ## readers on random inputs, for hours, one process at a time (FUZZ=, FIRST=)
 	PHASEWARP_FUZZ=$(FUZZ) PHASEWARP_FUZZ_FIRST=$(FIRST) nice $(CARGO) test --release --lib \
