@@ -6,7 +6,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, Mesh, largest_part};
 use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
-use crate::problem::exact::sheet::curve_points;
+use crate::problem::exact::sheet::{boxes_in_a_round, curve_points};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
@@ -348,9 +348,15 @@ impl<'a> FullestRank<'a> {
         let points = case.space.space_cells() as u64;
         let values = match case.data {
             Data::Density => 8 * there,
-            // Mass and momentum, what is made of them, and the curve, whose arrays grow by
-            // doubling.
-            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
+            // Mass and momentum of the share, what is made of them, and the curve, whose arrays
+            // grow by doubling; the ranks of all cells; and what boxes leave in a round, in two
+            // cells each, found and sent.
+            Data::Measure { .. } => {
+                32 * (1 + n) * there / shown.velocity_cells() as u64
+                    + 64 * curve_points(case) as u64
+                    + 4 * points
+                    + 200 * boxes_in_a_round(case) as u64
+            }
         };
         // Its moments at every time, and a copy of them where they are written.
         let here = there / shown.velocity_cells() as u64;

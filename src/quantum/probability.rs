@@ -29,6 +29,7 @@ use crate::solve::system::StateNorms;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
+use std::cell::RefCell;
 
 /// What is postselected one after the other, and what that costs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -84,6 +85,11 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
+thread_local! {
+    /// Keeps the plans it made: a chooser of profiles transforms at few lengths many times.
+    static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+}
+
 /// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
 /// dependence of a reading.
 pub struct Deviation {
@@ -106,7 +112,7 @@ impl Deviation {
         for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
             *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
         }
-        FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
+        PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(samples)).process(&mut values);
         let size =
             |(k, value): (usize, &Complex64)| (value.re - (-(lower + k as f64 * step)).exp()).abs();
         Self { lower, step, sizes: values.iter().enumerate().map(size).collect() }
