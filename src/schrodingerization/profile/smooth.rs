@@ -178,13 +178,13 @@ impl Shape for Smooth {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let i_mu = Complex64::new(0.0, mu);
         if mu.abs() <= SMALL {
-            let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
-            let half = 0.5 * mu.abs();
-            let middle = self.middle(half) * Complex64::new(0.0, half).exp();
-            return right + left + if mu < 0.0 { middle.conj() } else { middle };
+            let turn = Complex64::cis(0.5 * mu);
+            let (right, left) = (1.0 / (1.0 + i_mu), turn * turn / (E * (1.0 - i_mu)));
+            let middle = self.middle(0.5 * mu.abs());
+            return right + left + turn * if mu < 0.0 { middle.conj() } else { middle };
         }
         let [at_left, at_zero] = self.corners(mu);
-        at_left * i_mu.exp() + at_zero
+        at_left * Complex64::cis(mu) + at_zero
     }
 
     fn value(&self, p: f64) -> f64 {

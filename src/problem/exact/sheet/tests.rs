@@ -1,8 +1,7 @@
 //! Exact densities against closed forms, counted particles, and the way back.
 
 use super::*;
-use crate::problem::exact::sheet::sums::{ExactMoments, SheetSums};
-use crate::problem::grid::for_each_cell;
+use crate::problem::exact::sheet::sums::{Curve, ExactMoments, SheetSums};
 
 /// A case with measure-valued data and the same axes in each of `n` dimensions.
 #[derive(Clone, Copy)]
