@@ -259,7 +259,7 @@ impl Group {
         let lengths: Vec<u64> = messages.iter().map(|message| message.len() as u64).collect();
         let mut coming = vec![0u64; size];
         self.communicator.all_to_all_into(&lengths[..], &mut coming[..]);
-        let piece = MOST_AT_ONCE / size;
+        let piece = (MOST_AT_ONCE / size).max(1);
         let longest = messages.iter().map(Vec::len).max().unwrap_or(0);
         let mut received = vec![Vec::new(); size];
         for first in (0..self.max_count(longest)).step_by(piece) {

@@ -346,20 +346,20 @@ impl<'a> FullestRank<'a> {
         let there = self.cells_as_shown(&shown);
         let n = case.space.dimension() as u64;
         let points = case.space.space_cells() as u64;
+        let here = there / shown.velocity_cells() as u64;
         let values = match case.data {
             Data::Density => 8 * there,
             // Mass and momentum of the share, what is made of them, and the curve, whose arrays
             // grow by doubling; the ranks of all cells; and what boxes leave in a round, in two
             // cells each, found and sent.
             Data::Measure { .. } => {
-                32 * (1 + n) * there / shown.velocity_cells() as u64
+                32 * (1 + n) * here
                     + 64 * curve_points(case) as u64
                     + 4 * points
                     + 200 * boxes_in_a_round(case) as u64
             }
         };
         // Its moments at every time, and a copy of them where they are written.
-        let here = there / shown.velocity_cells() as u64;
         let times = 1 + case.shown_times().count() as u64;
         let moments = 16 * MOMENTS as u64 * times * here;
         Some(("exact solution".to_owned(), values + 80 * points + moments))

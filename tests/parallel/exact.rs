@@ -298,7 +298,8 @@ pub fn sheets_are_followed_together(world: &World) {
             let mut all = density.clone();
             moments.momentum.iter().chain(&moments.velocity).for_each(|m| all.extend(on_all(m)));
             if let Some(curve) = &moments.curve {
-                [&curve.x, &curve.v, &curve.density, &curve.branch].map(|part| all.extend(part));
+                let parts = [&curve.x, &curve.v, &curve.density, &curve.branch];
+                parts.iter().for_each(|part| all.extend(*part));
             }
             report_bits(world, &format!("sheets of {name}"), &all);
             let Some(exact) = &case.exact else { panic!("no exact solution") };

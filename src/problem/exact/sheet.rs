@@ -19,7 +19,8 @@
 //! image bends or its density changes, until it is as small as `FINEST` says.
 //!
 //! First boxes may be followed in any order and by any rank ([`Sheets`]): what each leaves in a cell
-//! is a [`Deposit`] with its number, and [`SheetSums`] adds deposits in the order of the numbers.
+//! is a [`Deposit`] with its number, and [`SheetSums`](sums::SheetSums) adds deposits in the order of
+//! the numbers.
 
 pub mod sums;
 
