@@ -12,6 +12,7 @@ use crate::base::fixed_point::FixedPoint;
 use crate::base::machine;
 use crate::parallel::partition::{Block, Exchange, ProcessMesh};
 use mpi::collective::SystemOperation;
+use mpi::datatype::{Partition, PartitionMut};
 use mpi::ffi;
 use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::*;
@@ -251,7 +252,40 @@ impl Group {
         }
     }
 
-    /// The numbers of all ranks, the same count each, rank after rank, on rank 0; empty elsewhere.
+    /// The messages of all ranks to this one, by their ranks, where `messages[r]` goes to rank `r`.
+    /// Collective.
+    pub fn exchanged(&self, messages: &[Vec<u64>]) -> Vec<Vec<u64>> {
+        let size = self.size();
+        let lengths: Vec<u64> = messages.iter().map(|message| message.len() as u64).collect();
+        let mut coming = vec![0u64; size];
+        self.communicator.all_to_all_into(&lengths[..], &mut coming[..]);
+        let piece = (MOST_AT_ONCE / size).max(1);
+        let longest = messages.iter().map(Vec::len).max().unwrap_or(0);
+        let mut received = vec![Vec::new(); size];
+        for first in (0..self.max_count(longest)).step_by(piece) {
+            let part = |length: u64| (length as usize).saturating_sub(first).min(piece);
+            let [to, from] = [&lengths, &coming]
+                .map(|lengths| lengths.iter().map(|n| part(*n) as i32).collect::<Vec<i32>>());
+            let sent: Vec<u64> = (messages.iter().zip(&to))
+                .flat_map(|(message, n)| message.iter().skip(first).take(*n as usize).copied())
+                .collect();
+            let total = from.iter().map(|n| *n as usize).sum();
+            let mut buffer = vec![0u64; total];
+            self.communicator.all_to_all_varcount_into(
+                &Partition::new(&sent[..], &to[..], places(&to)),
+                &mut PartitionMut::new(&mut buffer[..], &from[..], places(&from)),
+            );
+            let mut rest = &buffer[..];
+            for (received, n) in received.iter_mut().zip(&from) {
+                let (mine, others) = rest.split_at(*n as usize);
+                received.extend_from_slice(mine);
+                rest = others;
+            }
+        }
+        received
+    }
+
+    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere.
     /// Collective.
     pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
         let root = self.communicator.process_at_rank(0);
@@ -384,6 +418,16 @@ impl Group {
                 .unwrap_or_else(|| self.communicator.duplicate()),
         }
     }
+}
+
+/// Where parts of these lengths begin, one after the other.
+fn places(lengths: &[i32]) -> Vec<i32> {
+    let mut end = 0;
+    let mut place = |length: &i32| {
+        end += length;
+        end - length
+    };
+    lengths.iter().map(&mut place).collect()
 }
 
 /// Maps floats to integers in the same order, NaN above all.

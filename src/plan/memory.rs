@@ -6,7 +6,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
 use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
-use crate::problem::exact::sheet::curve_points;
+use crate::problem::exact::sheet::{boxes_in_a_round, curve_points};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
@@ -346,14 +346,20 @@ impl<'a> FullestRank<'a> {
         let there = self.cells_as_shown(&shown);
         let n = case.space.dimension() as u64;
         let points = case.space.space_cells() as u64;
+        let here = there / shown.velocity_cells() as u64;
         let values = match case.data {
             Data::Density => 8 * there,
-            // Mass and momentum, the derived observables, and the multivalued velocity, whose
-            // arrays grow by doubling.
-            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
+            // Mass and momentum of the share, what is made of them, and the curve, whose arrays
+            // grow by doubling; the ranks of all cells; and what boxes leave in a round, in two
+            // cells each, found and sent.
+            Data::Measure { .. } => {
+                32 * (1 + n) * here
+                    + 64 * curve_points(case) as u64
+                    + 4 * points
+                    + 200 * boxes_in_a_round(case) as u64
+            }
         };
         // Its moments at every time, and a copy of them where they are written.
-        let here = there / shown.velocity_cells() as u64;
         let times = 1 + case.shown_times().count() as u64;
         let moments = 16 * MOMENTS as u64 * times * here;
         Some(("exact solution".to_owned(), values + 80 * points + moments))

@@ -29,6 +29,7 @@ use crate::solve::system::StateNorms;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
+use std::cell::RefCell;
 
 /// The postselections in order, and their cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -84,6 +85,11 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
+thread_local! {
+    /// Keeps the plans it made: a chooser of profiles transforms at few lengths many times.
+    static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+}
+
 /// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
 /// dependence of a reading.
 pub struct Deviation {
@@ -91,8 +97,8 @@ pub struct Deviation {
     lower: f64,
     /// Distance of two points.
     step: f64,
-    /// `|g(p) − e^{−p}|`.
-    sizes: Vec<f64>,
+    /// `g(p)`.
+    values: Vec<f64>,
 }
 
 impl Deviation {
@@ -104,12 +110,15 @@ impl Deviation {
         let step = series.period / samples as f64;
         let mut values = vec![Complex64::ZERO; samples];
         for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
-            *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
+            *value = series.factor(l) * Complex64::cis(series.wavenumber(l) * lower);
         }
-        FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
-        let size =
-            |(k, value): (usize, &Complex64)| (value.re - (-(lower + k as f64 * step)).exp()).abs();
-        Self { lower, step, sizes: values.iter().enumerate().map(size).collect() }
+        PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(samples)).process(&mut values);
+        Self { lower, step, values: values.iter().map(|value| value.re).collect() }
+    }
+
+    /// `|g(p) − e^{−p}|` at sample `k`: of most samples nobody asks.
+    fn size(&self, k: usize) -> f64 {
+        (self.values[k] - (-(self.lower + k as f64 * self.step)).exp()).abs()
     }
 
     /// The end of the window that begins at `point`: with `Λ⁻ = decay`, the field is read within
@@ -117,14 +126,14 @@ impl Deviation {
     pub fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
         /// A longer window adds nothing visible to the probability.
         const LONGEST: f64 = 12.0;
-        let Self { lower, step, sizes } = self;
+        let Self { lower, step, values } = self;
         // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
-        let good = |(k, size): (usize, &f64)| {
+        let good = |k: usize| {
             let p = (lower + k as f64 * step - decay).max(point);
-            *size <= tolerance * (-p).exp()
+            self.size(k) <= tolerance * (-p).exp()
         };
-        let first = sizes.iter().enumerate().position(|at| !good(at));
-        let end = lower + first.unwrap_or(sizes.len()) as f64 * step - step - decay;
+        let first = (0..values.len()).find(|&k| !good(k));
+        let end = lower + first.unwrap_or(values.len()) as f64 * step - step - decay;
         (end > point).then_some(end.min(point + LONGEST))
     }
 
@@ -132,13 +141,13 @@ impl Deviation {
     /// `M(p)` the largest deviation of the series up to `p + Λ⁻`, which is where `p` is read from
     /// at most, `√(∫M² dp/∫e^{−2p} dp)`.
     fn window_error(&self, [point, end]: [f64; 2], decay: f64) -> f64 {
-        let Self { lower, step, sizes } = self;
+        let Self { lower, step, values } = self;
         let (mut most, mut seen) = (0.0f64, 0);
         let (mut above, mut below) = (0.0, 0.0);
         for k in 0..=((end - point) / step) as usize {
             let p = point + k as f64 * step;
-            let upto = (((p + decay - lower) / step).ceil() as usize).min(sizes.len() - 1);
-            most = sizes[seen.min(upto)..=upto].iter().copied().fold(most, f64::max);
+            let upto = (((p + decay - lower) / step).ceil() as usize).min(values.len() - 1);
+            most = (seen.min(upto)..=upto).map(|k| self.size(k)).fold(most, f64::max);
             seen = upto;
             above += most * most;
             below += (-2.0 * p).exp();

@@ -3,7 +3,7 @@
 use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::problem::exact::sheet::{ExactMoments, MultivaluedVelocity};
+use crate::problem::exact::sheet::sums::{ExactMoments, MultivaluedVelocity};
 use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -393,7 +393,7 @@ pub struct Summary {
     pub step_beyond: f64,
     /// Whether an implicit step is short enough for the leading term to be its error.
     #[serde(skip)]
-    pub step_told: bool,
+    pub step_is_estimated: bool,
     /// Whether round-off may hide the distance of the two readings.
     #[serde(skip)]
     pub hidden_by_round_off: bool,

@@ -7,7 +7,7 @@ use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::problem::exact::sheet::ExactMoments;
+use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -323,14 +323,14 @@ const LEAST_NORM_KEPT: f64 = 0.5;
 /// Adds the error of the time step, which both readings share, to the error estimate.
 fn include_step_error(summary: &mut Summary) {
     let Some(found) = summary.step_error else { return };
-    summary.step_told = found <= LARGEST_STEP_ERROR
+    summary.step_is_estimated = found <= LARGEST_STEP_ERROR
         && summary.norm_kept >= Some(LEAST_NORM_KEPT)
         && summary.step_beyond <= 0.5 * found;
-    if !summary.step_told {
+    if !summary.step_is_estimated {
         summary.doubt = Some("the step is too long for its error to be estimated".to_owned());
     }
     summary.error_estimate = summary.error_estimate.map(|e| e + found);
-    summary.error_estimate_reliable &= summary.step_told;
+    summary.error_estimate_reliable &= summary.step_is_estimated;
 }
 
 /// Ratio to the tolerance from which a doubtful estimate leads to a warning.
@@ -347,7 +347,7 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
         });
     };
     let whole = summary.error_estimate.unwrap_or(found);
-    let size = match summary.step_told {
+    let size = match summary.step_is_estimated {
         true => format!("leaves {found:.1e} of it"),
         false => format!("is too long for its error to be estimated (leading term {found:.1e})"),
     };

@@ -1,6 +1,7 @@
 //! The exact solution on a rank's share, where the case names one: at the end, and its moments at
 //! every output time. Nothing else computes the exact density.
 
+pub mod sheets;
 pub mod solution;
 pub mod velocities;
 
@@ -10,9 +11,9 @@ use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
-use crate::problem::exact::sheet::exact_moments;
 use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
 use crate::results::dataset::ExactSolution;
+use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::place::Place;
@@ -78,9 +79,8 @@ fn moments_of_sheet(
     if !matches!(case.exact, Some(Exact::Characteristics)) {
         return Ok(None);
     }
-    let whole = world.agree(exact_moments(&Case { end: time, ..case.clone() }))?;
-    Ok(whole.map(|whole| {
-        let exact = whole.on(&case.space, &place.share);
+    let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &place.share)?;
+    Ok(exact.map(|exact| {
         let moments = Moments {
             density: exact.density.clone(),
             momentum: exact.momentum.clone(),
@@ -144,8 +144,14 @@ fn at_time(
 /// # Errors
 /// Where the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
-    if let Some(moments) = group.agree(exact_moments(case))? {
-        return Ok(moments.density);
+    let mut share: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+    share[0] = split(&share[0], group.size(), group.rank());
+    if let Some(moments) = exact_moments(group, case, &share)? {
+        // The share is a range of the row-major cells.
+        let layer = case.space.space_cells() / case.space.x[0].cells;
+        let mut density = vec![0.0; case.space.space_cells()];
+        density[share[0].start * layer..share[0].end * layer].copy_from_slice(&moments.density);
+        return Ok(group.gathered(&density));
     }
     let values_of = ExactValues::new(group, case, exact)?;
     let equal = |axis: &Axis| match axis.nodes.degree {

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
-use crate::problem::exact::sheet::ExactMoments;
+use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
 use crate::results::result_grid::ResultGrid;

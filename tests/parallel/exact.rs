@@ -4,7 +4,9 @@ use crate::bits::report_bits;
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::split;
 use phasewarp::problem::case::{Case, Exact};
+use phasewarp::problem::grid::for_each_cell;
 use phasewarp::run::exact::averaged_density;
+use phasewarp::run::exact::sheets::exact_moments;
 use phasewarp::run::exact::solution::ExactValues;
 use phasewarp::run::exact::velocities::VelocityIntegrals;
 
@@ -239,4 +241,76 @@ pub fn smooth_data_take_the_grid(world: &World) {
         assert!((found.moments[0] - sum).abs() < bound * sum, "{} {sum}", found.moments[0]);
         assert!(integrals.grid_error().is_none_or(|error| error < 1e-4 * sum));
     }
+}
+
+/// Measure-valued data with jumps, folds and entering sheets, in one to three dimensions; the last
+/// jumps everywhere, so that the budget of particles is spent.
+const SHEETS: [(&str, usize, &str, &str, &str); 5] = [
+    ("a step", 1, "1 if x < 0.1 else 0.5", "0.6", "0.3 if x < 0 else 0"),
+    ("a fold", 1, "exp(-x^2)", "-x", "0.1*x"),
+    ("a step in 2D", 2, "1 + 0.2*x*y", "0.5", "0.2 if x < 0.1 else 0"),
+    ("a step in 3D", 3, "1", "0.4", "0.1 if x < 0.2 else 0"),
+    ("jumps everywhere", 1, "1 if sin(1e9*x) > 0 else 0", "0.2", "0"),
+];
+
+/// The case of measure-valued data on axes of 5, 4 and 3 cells, which no two ranks share evenly.
+fn sheet_case(n: usize, density: &str, velocity: &str, potential: &str) -> Case {
+    let axes: String = (5 - n..=5)
+        .rev()
+        .take(n)
+        .map(|cells| {
+            format!(
+                "[[axis]]\nx = {{ lower = -1, upper = 1, cells = {cells} }}\n\
+                 v = {{ lower = -2, upper = 2, cells = 4 }}\n"
+            )
+        })
+        .collect();
+    let mut velocities = vec!["0.1"; n];
+    velocities[0] = velocity;
+    let text = format!(
+        "time.end = 0.8\ninitial.density = \"{density}\"\ninitial.velocity = {velocities:?}\n\
+         inflow.value = \"initial\"\nexact.kind = \"characteristics\"\n\
+         potential = [{{ value = \"{potential}\" }}]\n{axes}"
+    );
+    Case::parse("sheets", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+/// The exact moments of measure-valued data, followed by all ranks: the same bits on any ranks and
+/// any axis that is shared, and the same error where a formula is not finite.
+pub fn sheets_are_followed_together(world: &World) {
+    let group = world.group();
+    for (name, n, density, velocity, potential) in SHEETS {
+        let case = sheet_case(n, density, velocity, potential);
+        let whole: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+        for shared in 0..n {
+            let mut share = whole.clone();
+            share[shared] = split(&whole[shared], group.size(), group.rank());
+            let moments = exact_moments(&group, &case, &share).expect("finite").expect("moments");
+            let mut cells = Vec::new();
+            for_each_cell(&share, |i| {
+                cells.push(case.space.x.iter().zip(i).fold(0, |k, (axis, i)| k * axis.cells + i));
+            });
+            let on_all = |values: &[f64]| {
+                let mut all = vec![0.0; case.space.space_cells()];
+                cells.iter().zip(values).for_each(|(cell, value)| all[*cell] = *value);
+                group.gathered(&all)
+            };
+            let density = on_all(&moments.density);
+            assert!(density.iter().sum::<f64>() > 0.0, "{name}: {density:?}");
+            let mut all = density.clone();
+            moments.momentum.iter().chain(&moments.velocity).for_each(|m| all.extend(on_all(m)));
+            if let Some(curve) = &moments.curve {
+                let parts = [&curve.x, &curve.v, &curve.density, &curve.branch];
+                parts.iter().for_each(|part| all.extend(*part));
+            }
+            report_bits(world, &format!("sheets of {name}"), &all);
+            let Some(exact) = &case.exact else { panic!("no exact solution") };
+            assert_eq!(averaged_density(&group, &case, exact).expect("finite"), density, "{name}");
+        }
+    }
+    let undefined = sheet_case(1, "1 if x < 0.5 else log(0.5 - x)", "0.2", "0");
+    let whole = split(&(0..5), group.size(), group.rank());
+    let error = exact_moments(&group, &undefined, &[whole]).expect_err("log of less than 0");
+    let error: Vec<f64> = error.to_string().bytes().map(f64::from).collect();
+    report_bits(world, "the first box that is not finite", &error);
 }

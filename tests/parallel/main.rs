@@ -67,6 +67,7 @@ checks! {
     exact::corners_are_integrated on EVERY;
     exact::a_step_in_space_is_integrated on EVERY;
     exact::smooth_data_take_the_grid on EVERY;
+    exact::sheets_are_followed_together on EVERY;
     exchange::ghost_exchange on EVERY;
     exchange::long_messages on EVERY;
     exchange::transpose_and_back on EVERY;

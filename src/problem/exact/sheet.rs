@@ -17,16 +17,24 @@
 //!
 //! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its
 //! image bends or its density changes, until it is as small as `FINEST` says.
+//!
+//! First boxes may be followed in any order and by any rank ([`Sheets`]): what each leaves in a
+//! cell is a [`Deposit`] with its number, and [`SheetSums`](sums::SheetSums) adds deposits in the
+//! order of the numbers.
 
-use crate::base::error::Result;
+pub mod sums;
+
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Data};
+use crate::problem::exact::sheet::sums::{Deposit, Line};
 use crate::problem::exact::{Followed, Tracer};
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
-use std::ops::Range;
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
 
 /// Boxes along each axis of a cell to begin with, by the number of dimensions.
 const BOXES: [usize; MAX_DIMENSION] = [16, 4, 2];
+/// First boxes that are followed in a round, which bounds the memory for what they leave.
+pub const ROUND: usize = 1 << 15;
 /// The most halvings of a box along each axis: in one dimension breaks are found to round-off.
 const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
 /// A box whose image bends by more than this fraction of a cell is halved.
@@ -41,47 +49,21 @@ const INSIDE: f64 = 1e-9;
 /// Largest number of particles beyond those of the first boxes. It bounds the work for data that
 /// jump everywhere.
 const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
-/// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a
-/// cell's face count for the cell above.
-const EMPTY: f64 = 1e-9;
-/// Points further apart than this fraction of a cell are not neighbours on a branch.
-const GAP: f64 = 1e-6;
-
-/// The multivalued velocity in one dimension: points along the branches.
-#[derive(Clone, Debug, Default)]
-pub struct MultivaluedVelocity {
-    /// Position.
-    pub x: Vec<f64>,
-    /// Velocity.
-    pub v: Vec<f64>,
-    /// `ρ0/|∂x/∂x0|`, the branch's part of the density.
-    pub density: Vec<f64>,
-    /// Number of the branch, from 0. Neighbouring points of a branch are joined by a line.
-    pub branch: Vec<f64>,
-}
-
-/// The exact moments on the whole space grid, as averages over cells.
-#[derive(Clone, Debug)]
-pub struct ExactMoments {
-    /// `ρ`, row-major.
-    pub density: Vec<f64>,
-    /// `ρ u_a`, one vector an axis.
-    pub momentum: Vec<Vec<f64>>,
-    /// `u_a`, one vector for each axis; NaN where the density is zero.
-    pub velocity: Vec<Vec<f64>>,
-    /// The multivalued velocity, in one dimension.
-    pub curve: Option<MultivaluedVelocity>,
-}
 
 /// A sheet of the initial surface.
-#[derive(Clone, Copy)]
-enum InitialSheet {
+#[derive(Clone, Copy, Debug)]
+pub enum InitialSheet {
     /// `(x, w(x))` at time zero.
     Initial,
     /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis`
     /// before the end at the lower one, so that in one dimension the sheets join in the order of
     /// `x`.
-    Entering { axis: usize, upper: bool },
+    Entering {
+        /// The axis.
+        axis: usize,
+        /// Whether it is the upper end.
+        upper: bool,
+    },
 }
 
 /// A box of parameters: centre and half-widths.
@@ -157,71 +139,51 @@ impl ImageShape {
     }
 }
 
-/// The results that are accumulated.
-struct Sheets<'a> {
+/// Follows boxes of the sheets of a case with measure-valued data.
+pub struct Sheets<'a> {
     case: &'a Case,
     tracer: Tracer<'a>,
     velocity: &'a [Expression],
     /// Faces of the cells of each axis.
     faces: Vec<Vec<f64>>,
-    mass: Vec<f64>,
-    momentum: Vec<Vec<f64>>,
-    curve: MultivaluedVelocity,
-    /// History and end of the last piece on the curve.
-    last: Option<(u64, [f64; 6])>,
     budget: usize,
-    failure: Option<crate::base::error::Error>,
+    /// Particles that were followed in addition to those of the first boxes.
+    used: usize,
+    found: Found,
+    failure: Option<Error>,
+    /// Number of the first box that is followed.
+    number: usize,
 }
 
-/// The exact moments of a case with measure-valued data at its end time; `None` for other data.
-///
-/// # Errors
-/// [`Error::Formula`](crate::base::error::Error::Formula) where `V`, `density` or `velocity` is not
-/// finite.
-pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
-    let Data::Measure { velocity, .. } = &case.data else { return Ok(None) };
-    let n = case.space.dimension();
-    let cells = case.space.space_cells();
-    let mut sheets = Sheets {
-        case,
-        tracer: Tracer::new(case)?.forward(),
-        velocity,
-        faces: case.space.x.iter().map(Axis::cell_faces).collect(),
-        mass: vec![0.0; cells],
-        momentum: vec![vec![0.0; cells]; n],
-        curve: MultivaluedVelocity::default(),
-        last: None,
-        budget: BUDGET[n - 1],
-        failure: None,
-    };
-    let ends = |upper: bool| {
-        let open = (0..n).filter(|&axis| !case.space.is_periodic(axis));
-        open.map(move |axis| InitialSheet::Entering { axis, upper })
-    };
-    // In one dimension in the order of x.
-    for sheet in ends(false).chain([InitialSheet::Initial]).chain(ends(true)) {
-        sheets.cover(sheet);
-    }
-    sheets.finish().map(Some)
+/// What boxes leave, in their order.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Mass in cells.
+    pub deposits: Vec<Deposit>,
+    /// Pieces of the curve, in one dimension.
+    pub lines: Vec<Line>,
 }
 
-impl ExactMoments {
-    /// The moments on the space cells of `share`, one range an x-axis; the curve stays whole.
-    pub fn on(self, space: &PhaseSpace, share: &[Range<usize>]) -> Self {
-        let mut cells = Vec::new();
-        let axes = &space.x;
-        for_each_cell(share, |i| {
-            let row_major = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
-            cells.push(axes.iter().zip(i).fold(0, row_major));
-        });
-        let pick = |whole: &Vec<f64>| cells.iter().map(|&c| whole[c]).collect();
-        Self {
-            density: pick(&self.density),
-            momentum: self.momentum.iter().map(pick).collect(),
-            velocity: self.velocity.iter().map(pick).collect(),
-            curve: self.curve,
-        }
+/// Number of particles left to follow, apart from the first boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ParticleBudget(usize);
+
+impl ParticleBudget {
+    /// Whether boxes of `case` that took `used` particles in all, each followed with the whole
+    /// budget, took what they would one after the other: no halving found the budget spent.
+    pub fn allows(self, case: &Case, used: usize) -> bool {
+        used == 0 || used - a_halving(case.space.dimension()) < self.0
     }
+
+    /// What is left after `used` particles.
+    pub fn less(self, used: usize) -> Self {
+        Self(self.0.saturating_sub(used))
+    }
+}
+
+/// The particles that a halving adds.
+fn a_halving(n: usize) -> usize {
+    2 * (1 + (1 << n))
 }
 
 /// Estimated number of points of the curve of a case: those of its first boxes, times 1.5.
@@ -231,63 +193,133 @@ pub fn curve_points(case: &Case) -> usize {
         return 0;
     }
     let sheets = [InitialSheet::Initial, InitialSheet::Entering { axis: 0, upper: false }];
-    let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0].len());
+    let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0]);
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
 }
 
-/// The first boxes of a sheet: their numbers and widths along each axis.
-fn grid(case: &Case, sheet: InitialSheet) -> (Vec<Range<usize>>, Vec<f64>) {
+/// Bound on the first boxes of a case that are followed in a round.
+pub fn boxes_in_a_round(case: &Case) -> usize {
+    let entering =
+        (0..case.space.dimension()).map(|axis| InitialSheet::Entering { axis, upper: false });
+    let boxes = |sheet| grid(case, sheet).0.iter().product();
+    entering.chain([InitialSheet::Initial]).map(boxes).fold(0, usize::max).min(ROUND)
+}
+
+/// The first boxes of a sheet: how many, and how wide, along each axis.
+fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
     let axes = &case.space.x;
     let boxes = BOXES[axes.len() - 1];
     // So many in each element.
     let boxes = |a: &Axis| boxes * a.nodes.count();
-    let mut ranges: Vec<_> = axes.iter().map(|a| 0..a.elements() * boxes(a)).collect();
+    let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
     let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
     if let InitialSheet::Entering { axis, .. } = sheet {
         // As many times as the fastest particles cross boxes until the end.
         let v = &case.space.v[axis];
         let fastest = v.lower.abs().max(v.upper.abs());
         let times = (case.end * fastest / width[axis]).ceil().max(1.0);
-        ranges[axis] = 0..(times as usize).min(4 * ranges[axis].len());
-        width[axis] = case.end / ranges[axis].len() as f64;
+        counts[axis] = (times as usize).min(4 * counts[axis]);
+        width[axis] = case.end / counts[axis] as f64;
     }
-    (ranges, width)
+    (counts, width)
 }
 
-impl Sheets<'_> {
-    fn space(&self) -> &PhaseSpace {
+impl<'a> Sheets<'a> {
+    /// The sheets of `case` up to its end time; `None` for data that are not measure-valued.
+    ///
+    /// # Errors
+    /// [`Error::Formula`] where `V` is not finite.
+    pub fn new(case: &'a Case) -> Result<Option<Self>> {
+        let Data::Measure { velocity, .. } = &case.data else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            case,
+            tracer: Tracer::new(case)?.forward(),
+            velocity,
+            faces: case.space.x.iter().map(Axis::cell_faces).collect(),
+            budget: 0,
+            used: 0,
+            found: Found::default(),
+            failure: None,
+            number: 0,
+        }))
+    }
+
+    /// The sheets, in one dimension in the order of `x`.
+    pub fn all(&self) -> Vec<InitialSheet> {
+        let ends = |upper: bool| {
+            let open = (0..self.space().dimension()).filter(|&a| !self.space().is_periodic(a));
+            open.map(move |axis| InitialSheet::Entering { axis, upper })
+        };
+        ends(false).chain([InitialSheet::Initial]).chain(ends(true)).collect()
+    }
+
+    /// The number of first boxes of `sheet`.
+    pub fn boxes(&self, sheet: InitialSheet) -> usize {
+        grid(self.case, sheet).0.iter().product()
+    }
+
+    /// The budget before any box is followed.
+    pub fn budget(&self) -> ParticleBudget {
+        ParticleBudget(BUDGET[self.space().dimension() - 1])
+    }
+
+    /// Cuts the first boxes `numbers` (row-major) of `sheet` into pieces and follows them, with
+    /// `budget`. Gives what they leave, and how many particles were added to those of the boxes.
+    ///
+    /// # Errors
+    /// [`Error::Formula`] where `density` or `velocity` is not finite.
+    pub fn follow_boxes(
+        &mut self,
+        sheet: InitialSheet,
+        numbers: impl Iterator<Item = usize>,
+        ParticleBudget(budget): ParticleBudget,
+    ) -> Result<(Found, usize)> {
+        (self.budget, self.used) = (budget, 0);
+        let (counts, width) = grid(self.case, sheet);
+        for number in numbers {
+            self.number = number;
+            let piece = self.first_box(sheet, &counts, &width);
+            self.follow(sheet, piece);
+        }
+        let found = std::mem::take(&mut self.found);
+        match self.failure.take() {
+            Some(failure) => Err(failure),
+            None => Ok((found, self.used)),
+        }
+    }
+
+    fn space(&self) -> &'a PhaseSpace {
         &self.case.space
     }
 
-    /// Cuts a sheet into pieces and follows them.
-    fn cover(&mut self, sheet: InitialSheet) {
+    /// Box `self.number` of `counts` of `sheet`.
+    fn first_box(&self, sheet: InitialSheet, counts: &[usize], width: &[f64]) -> ParameterBox {
         let n = self.space().dimension();
-        let boxes = BOXES[n - 1];
-        let (ranges, width) = grid(self.case, sheet);
-        for_each_cell(&ranges, |k| {
-            let mut piece = ParameterBox {
-                centre: [0.0; MAX_DIMENSION],
-                half: [0.0; MAX_DIMENSION],
-                depth: [0; MAX_DIMENSION],
+        let mut piece = ParameterBox {
+            centre: [0.0; MAX_DIMENSION],
+            half: [0.0; MAX_DIMENSION],
+            depth: [0; MAX_DIMENSION],
+        };
+        let mut rest = self.number;
+        for a in (0..n).rev() {
+            let k = rest % counts[a];
+            rest /= counts[a];
+            piece.half[a] = 0.5 * width[a];
+            piece.centre[a] = match sheet {
+                InitialSheet::Entering { axis, .. } if axis == a => (k as f64 + 0.5) * width[a],
+                // Counted from the cell's own face, so that sides on faces are there to round-off.
+                _ => {
+                    let axis = &self.space().x[a];
+                    let boxes = BOXES[n - 1] * axis.nodes.count();
+                    let (element, part) = (k / boxes, k % boxes);
+                    axis.face(element as i64) + (part as f64 + 0.5) * width[a]
+                }
             };
-            for a in 0..n {
-                let middle = (k[a] as f64 + 0.5) * width[a];
-                piece.half[a] = 0.5 * width[a];
-                piece.centre[a] = match sheet {
-                    InitialSheet::Entering { axis, .. } if axis == a => middle,
-                    // Counted from the cell's own face, so that sides on faces are there to
-                    // round-off.
-                    _ => {
-                        let axis = &self.space().x[a];
-                        let boxes = boxes * axis.nodes.count();
-                        let (element, part) = (k[a] / boxes, k[a] % boxes);
-                        axis.face(element as i64) + (part as f64 + 0.5) * width[a]
-                    }
-                };
-            }
-            self.follow(sheet, piece);
-        });
+        }
+        piece
     }
 
     /// The value of a formula at a point and a time; the first that is not finite is the error.
@@ -365,7 +397,8 @@ impl Sheets<'_> {
         let shape = (whole && stays).then(|| ImageShape::new(n, &centre, corners));
         let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
-            self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));
+            self.budget = self.budget.saturating_sub(a_halving(n));
+            self.used += a_halving(n);
             for sign in [-1.0, 1.0] {
                 let mut part = piece;
                 part.half[a] *= 0.5;
@@ -438,8 +471,10 @@ impl Sheets<'_> {
         if n == 1 {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
+            let (number, density) = (self.number, mass / (2.0 * half[0]));
             for ends in self.rolled(&ends) {
-                self.draw(mass / (2.0 * half[0]), history, &ends);
+                let ends = ends.map(|point| [point[0], point[3]]);
+                self.found.lines.push(Line { number, history, density, ends });
             }
         }
     }
@@ -498,64 +533,12 @@ impl Sheets<'_> {
                 for &(k, part_z) in &overlaps[2] {
                     let cell = (i * rows(1) + j) * rows(2) + k;
                     let part = mass * part_x * part_y * part_z;
-                    self.mass[cell] += part;
-                    for (b, momentum) in self.momentum.iter_mut().enumerate() {
-                        momentum[cell] += part * middle[3 + b];
-                    }
+                    let momentum = std::array::from_fn(|b| part * middle[3 + b]);
+                    let number = self.number;
+                    self.found.deposits.push(Deposit { number, cell, mass: part, momentum });
                 }
             }
         }
-    }
-
-    /// Adds a piece to the curve: its ends, the first only where a branch begins.
-    fn draw(&mut self, density: f64, history: u64, [first, last]: &[[f64; 6]; 2]) {
-        let width = [self.space().x[0].width(), self.space().v[0].width()];
-        let continues = self.last.is_some_and(|(before, end)| {
-            history == before
-                && (first[0] - end[0]).abs() < GAP * width[0]
-                && (first[3] - end[3]).abs() < GAP * width[1]
-        });
-        let mut branch = self.curve.branch.last().copied().unwrap_or(-1.0);
-        let curve = &mut self.curve;
-        let mut add = |point: &[f64; 6], branch: f64| {
-            curve.x.push(point[0]);
-            curve.v.push(point[3]);
-            curve.density.push(density);
-            curve.branch.push(branch);
-        };
-        if !continues {
-            branch += 1.0;
-            add(first, branch);
-        }
-        add(last, branch);
-        self.last = Some((history, *last));
-    }
-
-    fn finish(self) -> Result<ExactMoments> {
-        if let Some(failure) = self.failure {
-            return Err(failure);
-        }
-        let space = &self.case.space;
-        let mut volumes = Vec::with_capacity(self.mass.len());
-        let cells: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
-        for_each_cell(&cells, |i| {
-            volumes.push(space.x.iter().zip(i).map(|(a, i)| a.weight(*i)).product::<f64>());
-        });
-        let average =
-            |sums: &Vec<f64>| sums.iter().zip(&volumes).map(|(sum, volume)| sum / volume).collect();
-        let largest = self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        let mean = |momentum: &Vec<f64>| {
-            let ratio = |(p, m): (&f64, &f64)| {
-                if m.abs() > EMPTY * largest { p / m } else { f64::NAN }
-            };
-            momentum.iter().zip(&self.mass).map(ratio).collect()
-        };
-        Ok(ExactMoments {
-            density: average(&self.mass),
-            momentum: self.momentum.iter().map(average).collect(),
-            velocity: self.momentum.iter().map(mean).collect(),
-            curve: (space.dimension() == 1).then_some(self.curve),
-        })
     }
 }
 

@@ -1,15 +1,15 @@
 //! Forces: shifts in velocity, with a coefficient by space cell.
 //!
-//! Along velocity axis `a` the scheme of degree 0 has `A^v = −d_max(D − T)`, where
-//! `d_i = −∂_a V(x_i)/Δv` is the number of velocity cells that a particle crosses in a unit of time,
+//! Along velocity axis `a` the scheme of degree 0 has `A^v = −d_max(D − T)`. A particle crosses
+//! `d_i = −∂_a V(x_i)/Δv` velocity cells in a unit of time, and
 //!
 //! ```text
 //! d_max = max_i |d_i|,   D = diag(|d_i|/d_max),   T = D S^{sgn d_i},
 //! ```
 //!
-//! and `S` shifts velocities by one cell and loses what leaves the box. `D` depends on `x` only, so
-//! that it commutes with `S`, and `A^v` is a term of the same kind as a transport: with `T†` the
-//! opposite shift. The sum of `H` chooses it with weight `d_max`.
+//! where `S` shifts velocities by one cell and loses what leaves the box. `D` depends on `x` only and
+//! commutes with `S`. So `A^v` is a term of the same kind as a transport, and `T†` has the opposite
+//! shift. The sum of `H` chooses this term with weight `d_max`.
 //!
 //! **Coefficient.** `⟨0|R Z R†|0⟩ = cos θ` for `R = ry(θ)`; `θ_i = arccos(|d_i|/d_max)` is
 //! loaded by a uniformly controlled rotation of the bits of space on which it depends. There are
@@ -44,7 +44,7 @@ pub struct Force {
 }
 
 /// Forces of a case by the number of its space cell.
-pub(super) struct Table<'a> {
+pub(super) struct RotationTable<'a> {
     /// Of the case.
     pub name: &'a str,
     pub axis: usize,
@@ -61,10 +61,10 @@ impl Force {
     /// # Errors
     /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.
     pub(super) fn new(
-        table: &Table<'_>,
+        table: &RotationTable<'_>,
         boxes: impl Fn(&[usize], &[usize]) -> Vec<Vec<(usize, bool)>>,
     ) -> Result<Option<Self>> {
-        let Table { name, axis, bits, speeds } = table;
+        let RotationTable { name, axis, bits, speeds } = table;
         let rate = speeds.iter().flatten().fold(0.0, |most: f64, d| most.max(d.abs()));
         if rate == 0.0 {
             return Ok(None);
@@ -82,9 +82,9 @@ impl Force {
         }
         if depends.len() > MOST_TABLE_BITS {
             return Err(Error::Input(format!(
-                "{name}: dV/dx depends on {} bits of the numbers of cells along axis {}; the circuit \
-                 loads it from a table of at most 2^{MOST_TABLE_BITS} numbers: fewer cells, or a V \
-                 of few slopes",
+                "{name}: dV/dx depends on {} bits of the numbers of cells along axis {}; the \
+                 circuit loads it from a table of at most 2^{MOST_TABLE_BITS} numbers: fewer cells, \
+                 or a V of few slopes",
                 depends.len(),
                 axis + 1
             )));
@@ -204,7 +204,7 @@ mod tests {
             let cells = self.d.len();
             let bits = cells.next_power_of_two().trailing_zeros() as usize;
             let speeds = (0..1 << bits).map(|i| self.d.get(i).copied()).collect();
-            let table = Table { name: "ring", axis: 0, bits, speeds };
+            let table = RotationTable { name: "ring", axis: 0, bits, speeds };
             let one = |place: &usize| (0..bits).map(|bit| (bit, place >> bit & 1 == 1)).collect();
             let force = Force::new(&table, |wanted, _| wanted.iter().map(one).collect());
             let axis = AxisTransport {

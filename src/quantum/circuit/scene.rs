@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
-use crate::quantum::circuit::force::{Force, Table};
+use crate::quantum::circuit::force::{Force, RotationTable};
 use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, PotentialJump, bits_of};
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
@@ -215,7 +215,7 @@ fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
             let speed = -potential.slopes(i)[axis] / space.v[axis].width();
             speeds[number_of_others(case, n, i)] = Some(speed);
         });
-        let table = Table { name: &case.name, axis, bits: places.bits, speeds };
+        let table = RotationTable { name: &case.name, axis, bits: places.bits, speeds };
         found.extend(Force::new(&table, |wanted, free| boxes(wanted, free, places.bits))?);
     }
     Ok(found)

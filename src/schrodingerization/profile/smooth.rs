@@ -6,7 +6,15 @@
 //! q(p) = (1−y)^{r+1} A(y) + e^{−1} y^{r+1} A(1−y).
 //! ```
 //!
-//! `ĝ` is the transforms of the two exponentials and of `q`. For large `μ` its terms in
+//! `ĝ` is the transforms of the two exponentials and of `q`. For small `μ` that of `q` follows from
+//! its Legendre coefficients `q_k` on `[−1, 0]` and spherical Bessel functions (DLMF 10.54.2),
+//!
+//! ```text
+//! ∫ q(p) e^{−iμp} dp = e^{iμ/2} Σ_{k ≤ 2r+1} (−i)^k q_k j_k(μ/2).
+//! ```
+//!
+//! The `j_k` come from Miller's backward recurrence `j_{k−1} = (2k+1)/x j_k − j_{k+1}`, scaled by
+//! `Σ (2k+1) j_k² = 1` (DLMF 10.60.12). For large `μ` the terms of `ĝ` in
 //! `1/μ … 1/μ^{r+1}` cancel; they are left out there, so that what remains, the jumps of the
 //! derivatives `r+1 … 2r+1`, keeps its digits:
 //!
@@ -23,11 +31,8 @@ use crate::schrodingerization::profile::window::{
 use num_complex::Complex64;
 use std::f64::consts::E;
 
-/// Up to here the polynomial's transform is a quadrature.
+/// Up to here the polynomial's transform is a sum of spherical Bessel functions.
 const SMALL: f64 = 40.0;
-/// Nodes of the quadrature: exact for polynomials of degree 127, so to round-off for
-/// `q(p) e^{−iμp}`, `μ ≤ SMALL`.
-const NODES: usize = 64;
 
 /// The profile.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -40,9 +45,9 @@ pub struct Smooth {
     /// `q^{(k)}(−1)` and `q^{(k)}(0)`, `k = r+1 … 2r+1`.
     #[serde(skip)]
     derivatives: Vec<[f64; 2]>,
-    /// Nodes in `[−1, 0]` with weight times `q`.
+    /// `(−1)^⌊k/2⌋ q_k`, `k ≤ 2r+1`.
     #[serde(skip)]
-    nodes: Vec<[f64; 2]>,
+    legendre: Vec<f64>,
 }
 
 fn binomial(n: usize, k: usize) -> f64 {
@@ -83,13 +88,8 @@ impl Smooth {
                 [near / E + far, sign(m) * (near + far / E)].map(|c| factorial(m) * c)
             })
             .collect();
-        let mut profile = Self { order, terms, derivatives, nodes: Vec::new() };
-        profile.nodes = (gauss_legendre(NODES).into_iter())
-            .map(|point| {
-                let point = point.moved_to([-1.0, 0.0]);
-                [point.node, point.weight * profile.polynomial(point.node)]
-            })
-            .collect();
+        let mut profile = Self { order, terms, derivatives, legendre: Vec::new() };
+        profile.legendre = profile.legendre_coefficients();
         profile
     }
 
@@ -99,6 +99,54 @@ impl Smooth {
         let (y, s) = (-p, 1.0 + p);
         let power = self.order as i32 + 1;
         s.powi(power) * sum(y) + y.powi(power) * sum(s) / E
+    }
+
+    /// `(−1)^⌊k/2⌋ (2k+1) ∫ q P_k`, `k ≤ 2r+1`, by a quadrature that is exact.
+    fn legendre_coefficients(&self) -> Vec<f64> {
+        let count = 2 * self.order + 2;
+        let mut sums = vec![0.0; count];
+        for point in gauss_legendre(count) {
+            let t = point.node;
+            let point = point.moved_to([-1.0, 0.0]);
+            let part = point.weight * self.polynomial(point.node);
+            let [mut before, mut legendre] = [0.0, 1.0];
+            for (k, sum) in sums.iter_mut().enumerate() {
+                *sum += part * legendre;
+                let k = k as f64;
+                let next = ((2.0 * k + 1.0) * t * legendre - k * before) / (k + 1.0);
+                [before, legendre] = [legendre, next];
+            }
+        }
+        let scaled = |(k, sum): (usize, f64)| {
+            let sign = if k % 4 < 2 { 1.0 } else { -1.0 };
+            sign * (2 * k + 1) as f64 * sum
+        };
+        sums.into_iter().enumerate().map(scaled).collect()
+    }
+
+    /// `∫ q(p) e^{−iμp} dp` without its `e^{iμ/2}`, for `0 ≤ x = μ/2 ≤ SMALL/2`.
+    fn middle(&self, x: f64) -> Complex64 {
+        /// Far above the least and far below the root of the largest number, for any `x` in use.
+        const START: f64 = 1e-150;
+        if x < 1e-20 {
+            return self.legendre[0].into();
+        }
+        // Beyond, no j_k is above 1e-17.
+        let last = if x < 0.1 { 12 } else { 20 + (1.6 * x) as usize };
+        let inverse = 1.0 / x;
+        let [mut above, mut bessel] = [0.0, START];
+        let mut squares = 0.0;
+        // Of even and of odd k.
+        let mut sums = [0.0; 2];
+        for k in (0..=last).rev() {
+            let factor = (2 * k + 1) as f64;
+            squares += factor * bessel * bessel;
+            if let Some(coefficient) = self.legendre.get(k) {
+                sums[k % 2] += coefficient * bessel;
+            }
+            [above, bessel] = [bessel, factor * inverse * bessel - above];
+        }
+        Complex64::new(sums[0], -sums[1]) / squares.sqrt()
     }
 
     /// The two parts of `ĝ`, from the corners at −1 (but for its `e^{iμ}`) and at 0, exact for all
@@ -132,13 +180,13 @@ impl ProfileShape for Smooth {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let i_mu = Complex64::new(0.0, mu);
         if mu.abs() <= SMALL {
-            let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
-            let middle: Complex64 =
-                (self.nodes.iter()).map(|[p, weight]| (-i_mu * p).exp() * weight).sum();
-            return right + left + middle;
+            let turn = Complex64::cis(0.5 * mu);
+            let (right, left) = (1.0 / (1.0 + i_mu), turn * turn / (E * (1.0 - i_mu)));
+            let middle = self.middle(0.5 * mu.abs());
+            return right + left + turn * if mu < 0.0 { middle.conj() } else { middle };
         }
         let [at_left, at_zero] = self.corners(mu);
-        at_left * i_mu.exp() + at_zero
+        at_left * Complex64::cis(mu) + at_zero
     }
 
     fn value(&self, p: f64) -> f64 {

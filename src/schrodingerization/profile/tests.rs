@@ -1,11 +1,12 @@
 use super::*;
+use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::alpha::NAMES;
 use crate::problem::case::{Alpha, ProfileChoice as Choice};
 use crate::problem::formula::{Constants, Expression};
 use crate::problem::limits::MOST_ORDER;
 use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// The Gaussian of planned width.
 const GAUSSIAN: Choice = Choice::Gaussian { sigma: None };
@@ -144,6 +145,26 @@ fn smooth_coefficients_agree_where_their_formulas_meet() {
         for p in [-1.0, 0.0] {
             let jump = g.value(p + 1e-12) - g.value(p - 1e-12);
             assert!(jump.abs() < 1e-11, "{order} at {p}: {jump}");
+        }
+    }
+}
+
+/// `smooth` near 0: Legendre coefficients and spherical Bessel functions against quadrature.
+#[test]
+fn smooth_coefficients_are_those_of_quadrature() {
+    for order in 1..=MOST_ORDER {
+        let g = Smooth::new(order);
+        let steps = (0..=400).map(|k| f64::from(k) * 0.1);
+        for mu in steps.chain([1e-300, 1e-19, 1e-9, 1e-3, 0.19999, 0.20001, TAU, -0.7, -33.3]) {
+            let i_mu = Complex64::new(0.0, mu);
+            let middle: Complex64 = gauss_legendre(64)
+                .into_iter()
+                .map(|point| point.moved_to([-1.0, 0.0]))
+                .map(|point| (-i_mu * point.node).exp() * point.weight * g.value(point.node))
+                .sum();
+            let ends = 1.0 / (1.0 + i_mu) + (i_mu - 1.0).exp() / (1.0 - i_mu);
+            let (found, by_nodes) = (g.coefficient(mu), ends + middle);
+            assert!((found - by_nodes).norm() < 2e-15, "{order}, {mu}: {found} {by_nodes}");
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Exact densities against closed forms, counted particles, and the way back.
 
 use super::*;
+use crate::problem::exact::sheet::sums::{ExactMoments, MultivaluedVelocity, SheetSums};
 
 /// A case with measure-valued data and the same axes in each of `n` dimensions.
 #[derive(Clone, Copy)]
@@ -50,6 +51,22 @@ impl Scene<'_> {
         );
         Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
     }
+}
+
+/// The exact moments on the whole space grid.
+fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
+    let Some(mut sheets) = Sheets::new(case)? else { return Ok(None) };
+    let whole: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+    let mut sums = SheetSums::new(&case.space, &whole);
+    let mut budget = sheets.budget();
+    for sheet in sheets.all() {
+        let (found, used) = sheets.follow_boxes(sheet, 0..sheets.boxes(sheet), budget)?;
+        found.deposits.iter().for_each(|deposit| sums.add(deposit));
+        found.lines.iter().for_each(|line| sums.draw(line));
+        budget = budget.less(used);
+    }
+    let largest = sums.largest();
+    Ok(Some(sums.finish(largest)))
 }
 
 fn exact(case: &Case) -> ExactMoments {

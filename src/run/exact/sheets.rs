@@ -1,0 +1,159 @@
+//! The exact moments of measure-valued data, followed by all ranks together.
+//!
+//! First boxes of a sheet go around the ranks one by one, in rounds that bound the memory. A rank
+//! sends every [`Deposit`] to the rank whose share holds the cell, which adds them in the order of
+//! the boxes' numbers: the order on one rank, so that the bits are those of one rank.
+//!
+//! Every rank follows all boxes of a round, and keeps what lies on its share, in two cases: the
+//! budget of particles runs out in it, as a box may use what those before it left; or a formula is
+//! not finite, as the error is that of the first box.
+
+use crate::base::error::Result;
+use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
+use crate::problem::exact::sheet::sums::{Deposit, ExactMoments, Line, SheetSums};
+use crate::problem::exact::sheet::{Found, InitialSheet, ParticleBudget, ROUND, Sheets};
+use crate::problem::grid::{PhaseSpace, for_each_cell};
+use std::ops::Range;
+
+/// Numbers of a line in a message.
+const LINE: usize = 7;
+
+/// The exact moments of `case` at its end time on the space cells of `share`, one range an x-axis;
+/// `None` for data that are not measure-valued. The shares of all ranks are a partition of the
+/// space cells. Collective.
+///
+/// # Errors
+/// Where `V`, `density` or `velocity` is not finite.
+pub fn exact_moments(
+    group: &Group,
+    case: &Case,
+    share: &[Range<usize>],
+) -> Result<Option<ExactMoments>> {
+    let Some(mut sheets) = group.agree(Sheets::new(case))? else { return Ok(None) };
+    let owners = Owners::new(group, &case.space, share);
+    let mut sums = SheetSums::new(&case.space, share);
+    let mut budget = sheets.budget();
+    for sheet in sheets.all() {
+        let boxes = sheets.boxes(sheet);
+        for first in (0..boxes).step_by(ROUND) {
+            let round = Round { group, case, sheet, boxes: first..boxes.min(first + ROUND) };
+            let (found, left) = round.follow(&mut sheets, budget, &owners)?;
+            found.deposits.iter().for_each(|deposit| sums.add(deposit));
+            found.lines.iter().for_each(|line| sums.draw(line));
+            budget = left;
+        }
+    }
+    let largest = group.max(sums.largest());
+    Ok(Some(sums.finish(largest)))
+}
+
+/// Which rank has which space cell.
+struct Owners {
+    rank: usize,
+    /// By cell, row-major.
+    of: Vec<u32>,
+}
+
+impl Owners {
+    fn new(group: &Group, space: &PhaseSpace, share: &[Range<usize>]) -> Self {
+        let ends: Vec<u64> = share.iter().flat_map(|r| [r.start as u64, r.end as u64]).collect();
+        let all = group.exchanged(&vec![ends; group.size()]);
+        let mut of = vec![0; space.space_cells()];
+        for (rank, ends) in all.iter().enumerate() {
+            let share: Vec<_> = ends.chunks(2).map(|e| e[0] as usize..e[1] as usize).collect();
+            for_each_cell(&share, |i| {
+                let cell = space.x.iter().zip(i).fold(0, |k, (axis, i)| k * axis.cells + i);
+                of[cell] = rank as u32;
+            });
+        }
+        Self { rank: group.rank(), of }
+    }
+
+    fn mine(&self, deposit: &Deposit) -> bool {
+        self.of[deposit.cell] as usize == self.rank
+    }
+}
+
+/// First boxes of a sheet that the ranks follow together.
+struct Round<'a> {
+    group: &'a Group,
+    case: &'a Case,
+    sheet: InitialSheet,
+    boxes: Range<usize>,
+}
+
+impl Round<'_> {
+    /// What the boxes leave on this rank's share, and all lines, in the order of the boxes; and the
+    /// budget that is left. Collective.
+    fn follow(
+        &self,
+        sheets: &mut Sheets<'_>,
+        budget: ParticleBudget,
+        owners: &Owners,
+    ) -> Result<(Found, ParticleBudget)> {
+        let Self { group, case, sheet, ref boxes } = *self;
+        if group.size() > 1 {
+            let mine = boxes.clone().skip(group.rank()).step_by(group.size());
+            let (mine, used) = sheets.follow_boxes(sheet, mine, budget).ok().unzip();
+            let failed = group.sum_count(usize::from(mine.is_none()));
+            let used = group.sum_count(used.unwrap_or(0));
+            if let Some(mine) = mine.filter(|_| failed == 0 && budget.allows(case, used)) {
+                return Ok((self.exchanged(mine, owners), budget.less(used)));
+            }
+        }
+        let (mut found, used) = group.agree(sheets.follow_boxes(sheet, boxes.clone(), budget))?;
+        found.deposits.retain(|deposit| owners.mine(deposit));
+        Ok((found, budget.less(used)))
+    }
+
+    /// `found` by all ranks, as [`follow`](Self::follow) returns it.
+    fn exchanged(&self, found: Found, owners: &Owners) -> Found {
+        let group = self.group;
+        let n = self.case.space.dimension();
+        let mut messages = vec![Vec::new(); group.size()];
+        for deposit in &found.deposits {
+            let message = &mut messages[owners.of[deposit.cell] as usize];
+            message.extend([deposit.number as u64, deposit.cell as u64, deposit.mass.to_bits()]);
+            message.extend(deposit.momentum[..n].iter().map(|p| p.to_bits()));
+        }
+        drop(found.deposits);
+        let received = group.exchanged(&messages);
+        let deposits = received.iter().flat_map(|words| words.chunks(3 + n).map(deposit_of));
+        let mut deposits: Vec<Deposit> = deposits.collect();
+        // Stable: those of one box keep their order.
+        deposits.sort_by_key(|deposit| deposit.number);
+        let mut lines = Vec::new();
+        if n == 1 {
+            let message: Vec<u64> = found.lines.iter().flat_map(words_of).collect();
+            let received = group.exchanged(&vec![message; group.size()]);
+            lines.extend(received.iter().flat_map(|words| words.chunks(LINE).map(line_of)));
+            lines.sort_by_key(|line: &Line| line.number);
+        }
+        Found { deposits, lines }
+    }
+}
+
+fn deposit_of(words: &[u64]) -> Deposit {
+    let mut momentum = [0.0; 3];
+    for (momentum, word) in momentum.iter_mut().zip(&words[3..]) {
+        *momentum = f64::from_bits(*word);
+    }
+    let mass = f64::from_bits(words[2]);
+    Deposit { number: words[0] as usize, cell: words[1] as usize, mass, momentum }
+}
+
+fn words_of(line: &Line) -> [u64; LINE] {
+    let [[x, v], [to_x, to_v]] = line.ends.map(|end| end.map(f64::to_bits));
+    [line.number as u64, line.history, line.density.to_bits(), x, v, to_x, to_v]
+}
+
+fn line_of(words: &[u64]) -> Line {
+    let number = |k: usize| f64::from_bits(words[k]);
+    Line {
+        number: words[0] as usize,
+        history: words[1],
+        density: number(2),
+        ends: [[number(3), number(4)], [number(5), number(6)]],
+    }
+}
