@@ -56,7 +56,7 @@ FLUXES = ["1", "0.5", "0.2"]
 # A small error of the density, and what docs/verification.md says of estimate/error by scheme: of
 # f, of the density, and of the density where its error is small.
 SMALL = 0.01
-SAID = {
+STATED = {
     "degree 0": ((0.6, 4.5), (0.5, 6), (0.5, 6)),
     "slopes": ((0.5, 8), (0.3, 8), (0.3, 8)),
     "degree 1": ((0.5, 4), (0.5, 20), (0.5, 60)),
@@ -122,13 +122,13 @@ def solve_classically(program, scene):
 
 
 def of_the_grid(program, pool):
-    """Prints the table of the grid's estimates; the number of runs outside of what is said."""
+    """Prints the table of the grid's estimates; the number outside the stated range."""
     scenes = list(scenes_of_the_grid())
     runs = [run for run in pool.map(lambda s: solve_classically(program, s), scenes) if run]
     wrong = 0
     print("| | runs | f | density, error above 1 % | density, below |")
     print("|---|---|---|---|---|")
-    for kind, (field, density, small) in SAID.items():
+    for kind, (field, density, small) in STATED.items():
         ratios = [[], [], []]
         for run in (run for run in runs if run["kind"] == kind):
             for name, bounds in [("grid", field), ("grid_density", density)]:

@@ -269,15 +269,9 @@ impl Store {
                 continue;
             }
             match self.checked(world, number, &text) {
-                Ok((manifest, state, results)) => {
+                Ok(generation) => {
                     self.newest = Some(number);
-                    return Ok(Some(Generation {
-                        directory: path,
-                        space: self.space.clone(),
-                        manifest,
-                        state,
-                        results,
-                    }));
+                    return Ok(Some(generation));
                 }
                 Err(error) => {
                     refused += 1;
@@ -295,12 +289,7 @@ impl Store {
     }
 
     /// A generation with this manifest, if it is valid. Collective.
-    fn checked(
-        &self,
-        world: &Group,
-        number: u64,
-        text: &str,
-    ) -> Result<(Manifest, GroupProgress, Vec<usize>)> {
+    fn checked(&self, world: &Group, number: u64, text: &str) -> Result<Generation> {
         let path = self.generation(number);
         let refuse = |reason: String| failure(&path, &reason);
         let manifest = Manifest::parse(text, number).map_err(refuse)?;
@@ -321,7 +310,8 @@ impl Store {
         let text = world.broadcast_text(&world.agree(read)?);
         let read = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()));
         let (state, results) = world.agree(read)?;
-        Ok((manifest, state, results))
+        let space = self.space.clone();
+        Ok(Generation { directory: path, space, manifest, state, results })
     }
 
     /// Whether the file of `rank` is the one that was written.

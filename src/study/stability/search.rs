@@ -36,9 +36,9 @@ impl std::fmt::Display for Located {
     }
 }
 
-/// The last number of `[low, high]`, halved so many times, at which `holds`; it should hold at the
-/// lower end, and not at the upper one. Before each evaluation `is_over` tells whether to stop;
-/// both must be the same on all ranks. Collective.
+/// The last number of `[low, high]` at which `holds` is true, after so many halvings of the
+/// interval. `holds` should be true at the lower end and false at the upper one. The search stops
+/// where `is_over` is true before an evaluation. Both must be the same on all ranks. Collective.
 pub fn last(
     [low, high]: [f64; 2],
     halvings: usize,

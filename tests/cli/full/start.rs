@@ -153,7 +153,7 @@ fn any_field_may_be_the_start() {
     assert_eq!(p.len(), points);
     let off = distance(&found, &values);
     assert!(off < 1e-6, "{off:e}");
-    // Modes keep their norms, and so does the field but for what the mode N_p/2 shows of itself.
+    // Modes keep their norms. So does the field without its mode N_p/2.
     let long = directory();
     run(0.2, long.path()).unwrap();
     let (found, _) = warped(long.path(), "f").unwrap();
