@@ -94,8 +94,8 @@ struct LimitedTransport {
     shares: Vec<SourceShare>,
 }
 
-/// Force along a velocity axis.
-struct Force {
+/// The force along a velocity axis.
+struct LimitedForce {
     /// `−slope/Δv`, by space cell.
     speed: Vec<f64>,
     /// Cells along the axis, and how far apart they are in the ordering.
@@ -111,7 +111,7 @@ pub struct Reconstruction {
     limiter: Limiter,
     velocity_cells: usize,
     transport: Vec<LimitedTransport>,
-    force: Vec<Force>,
+    force: Vec<LimitedForce>,
     half: Vec<f64>,
 }
 
@@ -134,7 +134,7 @@ impl Reconstruction {
                 .map(|a| LimitedTransport::new(case, &scheme, matrix, a, field, &mut row))
                 .collect(),
             force: (0..n)
-                .map(|a| Force::new(case, &scheme, matrix, a, field, &mut row))
+                .map(|a| LimitedForce::new(case, &scheme, matrix, a, field, &mut row))
                 .filter(|force| force.speed.iter().any(|&d| d != 0.0))
                 .collect(),
             half: vec![0.0; matrix.length()],
@@ -307,7 +307,7 @@ impl LimitedTransport {
     }
 }
 
-impl Force {
+impl LimitedForce {
     fn new(
         case: &Case,
         scheme: &Scheme<'_>,

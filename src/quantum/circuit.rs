@@ -3,9 +3,9 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`scene`] | which cases have a circuit; from a case to whole numbers |
-//! | [`transport`] | these whole numbers, modes and levels |
+//! | [`transport`] | these whole numbers, forces, modes and levels |
 //! | [`interface`] | the block encoding, with its mathematics |
-//! | [`force`] | its terms of forces |
+//! | [`force`] | the terms of forces in it |
 //! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
 //! | [`evolution`] | `e^{−iHT}` by calls of it |

@@ -30,7 +30,7 @@ pub struct CaseFile<'t> {
 }
 
 /// The value and the places of a key.
-struct Found<'f> {
+struct FoundKey<'f> {
     /// The key's value, if the case gives one.
     value: Option<&'f DeValue<'f>>,
     /// The place of the value, or of a table's heading. For an absent key, the heading of the
@@ -156,8 +156,8 @@ impl<'t> CaseFile<'t> {
     }
 
     /// The place of `key` and its value.
-    fn find(&self, key: &str) -> Found<'_> {
-        let mut found = Found { value: Some(&self.root), span: None, key: None };
+    fn find(&self, key: &str) -> FoundKey<'_> {
+        let mut found = FoundKey { value: Some(&self.root), span: None, key: None };
         let mut rest = key;
         while !rest.is_empty() {
             let (part, below) = match found.value {

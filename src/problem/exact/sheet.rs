@@ -149,15 +149,15 @@ pub struct Sheets<'a> {
     budget: usize,
     /// Particles that were followed in addition to those of the first boxes.
     used: usize,
-    found: Found,
+    found: FollowedBoxes,
     failure: Option<Error>,
     /// Number of the first box that is followed.
     number: usize,
 }
 
-/// What boxes leave, in their order.
+/// What the boxes that were followed leave, in the order of the boxes.
 #[derive(Clone, Debug, Default)]
-pub struct Found {
+pub struct FollowedBoxes {
     /// Mass in cells.
     pub deposits: Vec<Deposit>,
     /// Pieces of the curve, in one dimension.
@@ -241,7 +241,7 @@ impl<'a> Sheets<'a> {
             faces: case.space.x.iter().map(Axis::cell_faces).collect(),
             budget: 0,
             used: 0,
-            found: Found::default(),
+            found: FollowedBoxes::default(),
             failure: None,
             number: 0,
         }))
@@ -276,7 +276,7 @@ impl<'a> Sheets<'a> {
         sheet: InitialSheet,
         numbers: impl Iterator<Item = usize>,
         ParticleBudget(budget): ParticleBudget,
-    ) -> Result<(Found, usize)> {
+    ) -> Result<(FollowedBoxes, usize)> {
         (self.budget, self.used) = (budget, 0);
         let (counts, width) = grid(self.case, sheet);
         for number in numbers {

@@ -7,101 +7,21 @@
 //! d_max = max_i |d_i|,   D = diag(|d_i|/d_max),   T = D S^{sgn d_i},
 //! ```
 //!
-//! where `S` shifts velocities by one cell and loses what leaves the box. `D` depends on `x` only and
-//! commutes with `S`. So `A^v` is a term of the same kind as a transport, and `T†` has the opposite
-//! shift. The sum of `H` chooses this term with weight `d_max`.
+//! where `S` shifts velocities by one cell and loses what leaves the box. `D` depends on `x` only
+//! and commutes with `S`. So `A^v` is a term of the same kind as a transport, and `T†` has the
+//! opposite shift. The sum of `H` chooses this term with weight `d_max`.
 //!
 //! **Coefficient.** `⟨0|R Z R†|0⟩ = cos θ` for `R = ry(θ)`; `θ_i = arccos(|d_i|/d_max)` is
 //! loaded by a uniformly controlled rotation of the bits of space on which it depends. There are
 //! none if `|d_i|` is constant. `Z` acts where this term is chosen, so that the rotations need no
 //! control, and `R Z R†` is its own inverse.
 
-use crate::base::error::{Error, Result};
 use crate::quantum::circuit::arithmetic::{Literal, equals};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use crate::quantum::circuit::transport::Force;
 use crate::quantum::circuit::wires::{Along, Wires};
-use serde::Serialize;
-
-/// Most bits of a table of coefficients.
-pub const MOST_TABLE_BITS: usize = 12;
-/// Relative differences of coefficients that are round-off: slopes are differences of `V`.
-const ROUND_OFF: f64 = 1e-13;
-
-/// The force along an axis.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Force {
-    /// The axis.
-    pub axis: usize,
-    /// `d_max`.
-    pub rate: f64,
-    /// The bits of the space register on which the coefficient depends, of several axes the last
-    /// one lowest.
-    pub bits: Vec<usize>,
-    /// `|d_i|/d_max` by the values of these bits.
-    pub shares: Vec<f64>,
-    /// Where particles are pushed to lower velocities: bits of the space register and their values.
-    pub down: Vec<Vec<(usize, bool)>>,
-}
-
-/// Forces of a case by the number of its space cell.
-pub(super) struct RotationTable<'a> {
-    /// Of the case.
-    pub name: &'a str,
-    pub axis: usize,
-    /// Bits of the number of a space cell.
-    pub bits: usize,
-    /// `d_i`; none of numbers that are no cells.
-    pub speeds: Vec<Option<f64>>,
-}
 
 impl Force {
-    /// The force of a table; none where nothing is pushed. `boxes` makes boxes of the numbers in
-    /// its first argument, and of any of those in its second.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.
-    pub(super) fn new(
-        table: &RotationTable<'_>,
-        boxes: impl Fn(&[usize], &[usize]) -> Vec<Vec<(usize, bool)>>,
-    ) -> Result<Option<Self>> {
-        let RotationTable { name, axis, bits, speeds } = table;
-        let rate = speeds.iter().flatten().fold(0.0, |most: f64, d| most.max(d.abs()));
-        if rate == 0.0 {
-            return Ok(None);
-        }
-        let near_one = |share: f64| if 1.0 - share <= ROUND_OFF { 1.0 } else { share };
-        let share = |d: Option<f64>| d.map(|d| near_one(d.abs() / rate));
-        let mut shares: Vec<Option<f64>> = speeds.iter().map(|&d| share(d)).collect();
-        let mut depends: Vec<usize> = (0..*bits).collect();
-        // From the highest bit down, so that those below keep their places.
-        for bit in (0..*bits).rev() {
-            if let Some(without) = without_bit(&shares, bit) {
-                shares = without;
-                depends.remove(bit);
-            }
-        }
-        if depends.len() > MOST_TABLE_BITS {
-            return Err(Error::Input(format!(
-                "{name}: dV/dx depends on {} bits of the numbers of cells along axis {}; the \
-                 circuit loads it from a table of at most 2^{MOST_TABLE_BITS} numbers: fewer cells, \
-                 or a V of few slopes",
-                depends.len(),
-                axis + 1
-            )));
-        }
-        let of = |wanted: &dyn Fn(f64) -> bool| -> Vec<usize> {
-            let places = speeds.iter().enumerate();
-            places.filter(|(_, d)| wanted(d.unwrap_or(0.0))).map(|(place, _)| place).collect()
-        };
-        Ok(Some(Self {
-            axis: *axis,
-            rate,
-            bits: depends,
-            shares: shares.into_iter().map(|share| share.unwrap_or(1.0)).collect(),
-            down: boxes(&of(&|d| d < 0.0), &of(&|d| d == 0.0)),
-        }))
-    }
-
     /// The term of this force, where it is chosen: `T` or `T†` where `moving` holds, else `D`.
     pub(super) fn apply(
         &self,
@@ -161,22 +81,13 @@ impl Force {
     }
 }
 
-/// The table without a bit on which it does not depend; none if it does.
-fn without_bit(shares: &[Option<f64>], bit: usize) -> Option<Vec<Option<f64>>> {
-    let mask = 1 << bit;
-    let places = (0..shares.len()).filter(|place| place & mask == 0);
-    let merged = places.map(|place| match (shares[place], shares[place | mask]) {
-        (Some(a), Some(b)) if (a - b).abs() > ROUND_OFF => None,
-        (a, b) => Some(a.or(b)),
-    });
-    merged.collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::quantum::circuit::simulate::{SparseState, block_column};
-    use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, CircuitModes, Levels};
+    use crate::quantum::circuit::transport::{
+        AxisTransport, CaseTransport, CircuitModes, Levels, RotationTable,
+    };
     use num_complex::Complex64;
     use std::collections::HashMap;
 

@@ -4,8 +4,9 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
-use crate::quantum::circuit::force::{Force, RotationTable};
-use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, PotentialJump, bits_of};
+use crate::quantum::circuit::transport::{
+    AxisTransport, CaseTransport, Force, PotentialJump, RotationTable, bits_of,
+};
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,9 +1,10 @@
 //! The registers of the block encoding, and what acts on the weights of its sum.
 
 use crate::quantum::circuit::arithmetic::{Literal, angle_of};
-use crate::quantum::circuit::force::Force;
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
-use crate::quantum::circuit::transport::{AxisTransport, CaseTransport, CircuitModes, bits_of};
+use crate::quantum::circuit::transport::{
+    AxisTransport, CaseTransport, CircuitModes, Force, bits_of,
+};
 
 /// The weights of the sum.
 enum WeightedSum {

@@ -12,7 +12,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::sheet::sums::{Deposit, ExactMoments, Line, SheetSums};
-use crate::problem::exact::sheet::{Found, InitialSheet, ParticleBudget, ROUND, Sheets};
+use crate::problem::exact::sheet::{FollowedBoxes, InitialSheet, ParticleBudget, ROUND, Sheets};
 use crate::problem::grid::{PhaseSpace, for_each_cell};
 use std::ops::Range;
 
@@ -91,7 +91,7 @@ impl Round<'_> {
         sheets: &mut Sheets<'_>,
         budget: ParticleBudget,
         owners: &Owners,
-    ) -> Result<(Found, ParticleBudget)> {
+    ) -> Result<(FollowedBoxes, ParticleBudget)> {
         let Self { group, case, sheet, ref boxes } = *self;
         if group.size() > 1 {
             let mine = boxes.clone().skip(group.rank()).step_by(group.size());
@@ -108,7 +108,7 @@ impl Round<'_> {
     }
 
     /// `found` by all ranks, as [`follow`](Self::follow) returns it.
-    fn exchanged(&self, found: Found, owners: &Owners) -> Found {
+    fn exchanged(&self, found: FollowedBoxes, owners: &Owners) -> FollowedBoxes {
         let group = self.group;
         let n = self.case.space.dimension();
         let mut messages = vec![Vec::new(); group.size()];
@@ -130,7 +130,7 @@ impl Round<'_> {
             lines.extend(received.iter().flat_map(|words| words.chunks(LINE).map(line_of)));
             lines.sort_by_key(|line: &Line| line.number);
         }
-        Found { deposits, lines }
+        FollowedBoxes { deposits, lines }
     }
 }
 
