@@ -54,7 +54,7 @@ pub struct Phases {
 pub enum NoPhases {
     /// More than [`MOST_STEPS`] steps: so many.
     TooManySteps(usize),
-    /// The complementary polynomial is not found to round-off on [`MOST_POINTS`] points.
+    /// The complementary polynomial is not found to round-off on `MOST_POINTS` points.
     NoComplement,
 }
 

@@ -69,7 +69,7 @@ struct JumpFaces {
 /// Refuses cases that the circuit does not support, before it is assembled.
 ///
 /// # Errors
-/// [`Error::Input`] with the key, the value and what would do; as [`Force::new`].
+/// [`Error::Input`] with the key, the value and what would do; as `Force::new`.
 pub fn refuse(case: &Case) -> Result<()> {
     let unknown = unknown_choice(case).or_else(|| unknown_grid(&case.space));
     match unknown {
@@ -136,7 +136,7 @@ impl CircuitCase {
     /// The scene of a case that [`refuse`] lets pass, with these bins.
     ///
     /// # Errors
-    /// [`Error::Input`] where none do, and as [`Force::new`].
+    /// [`Error::Input`] where none do, and as `Force::new`.
     pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();

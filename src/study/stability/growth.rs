@@ -19,7 +19,7 @@ const MOST: usize = 1 << 17;
 const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 
 /// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose
-/// slope counts where it is [`SURE`] times its standard error and changes `λ⁺T` by [`LITTLE`] over
+/// slope counts where it is `SURE` times its standard error and changes `λ⁺T` by `LITTLE` over
 /// the grids.
 fn trend(points: &[CurvePoint]) -> &'static str {
     /// Fewer grids show no trend.
