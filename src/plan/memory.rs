@@ -6,7 +6,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
 use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
-use crate::problem::exact::sheet::{boxes_in_a_round, curve_points};
+use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
@@ -350,13 +350,9 @@ impl<'a> FullestRank<'a> {
         let values = match case.data {
             Data::Density => 8 * there,
             // Mass and momentum of the share, what is made of them, and the curve, whose arrays
-            // grow by doubling; the ranks of all cells; and what boxes leave in a round, in two
-            // cells each, found and sent.
+            // grow by doubling; and the ranks of all cells.
             Data::Measure { .. } => {
-                32 * (1 + n) * here
-                    + 64 * curve_points(case) as u64
-                    + 4 * points
-                    + 200 * boxes_in_a_round(case) as u64
+                32 * (1 + n) * here + 64 * curve_points(case) as u64 + 4 * points
             }
         };
         // Its moments at every time, and a copy of them where they are written.

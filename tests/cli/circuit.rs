@@ -95,6 +95,16 @@ struct Gate {
     qubits: Vec<usize>,
 }
 
+/// Words of OpenQASM 3 that are no names.
+const RESERVED: &[&str] = &[
+    "angle", "array", "barrier", "bit", "bool", "box", "break", "cal", "case", "complex", "const",
+    "continue", "creg", "ctrl", "def", "default", "defcal", "delay", "duration", "durationof",
+    "else", "end", "extern", "false", "float", "for", "gate", "gphase", "if", "im", "in",
+    "include", "input", "int", "inv", "let", "measure", "mutable", "negctrl", "output", "pow",
+    "pragma", "qreg", "qubit", "readonly", "reset", "return", "stretch", "switch", "true", "uint",
+    "void", "while",
+];
+
 /// The gates of a program of OpenQASM 3, and the first qubit that is not of the system.
 fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
     let (mut first, mut qubits, mut system) = (HashMap::new(), 0usize, 0);
@@ -108,6 +118,10 @@ fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
         let (name, number) = head.split_once(['(', '[']).unwrap_or((head, "0)"));
         let number = number.trim_end_matches([')', ']']);
         if name == "qubit" {
+            // No parser of OpenQASM 3 takes these as names.
+            if RESERVED.contains(&rest) {
+                return Err(format!("a reserved word: {line}"));
+            }
             first.insert(rest.to_owned(), qubits);
             qubits += number.parse::<usize>().map_err(|e| e.to_string())?;
             if ["warped", "velocity", "space"].iter().any(|name| rest.starts_with(name)) {

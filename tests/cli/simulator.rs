@@ -94,6 +94,8 @@ const COMPLETE: &[(&[&[&str]], &str)] = &[
     (&[HALVES, FOUR, BEAM], "1"),
     (&[HALVES, FOUR, CORNERS], "0"),
     (&[HALVES, ONE_MODE, SLOPE], "1"),
+    // Closed ends: a flag of the ends of the box, which a ring does not have.
+    (&[HALVES, ONE_MODE, BEAM, &["axis.0.x.boundary=inflow"]], "0"),
 ];
 
 /// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.

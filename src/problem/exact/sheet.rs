@@ -198,14 +198,6 @@ pub fn curve_points(case: &Case) -> usize {
     3 * (initial + ends * entering) / 2
 }
 
-/// Bound on the first boxes of a case that are followed in a round.
-pub fn boxes_in_a_round(case: &Case) -> usize {
-    let entering =
-        (0..case.space.dimension()).map(|axis| InitialSheet::Entering { axis, upper: false });
-    let boxes = |sheet| grid(case, sheet).0.iter().product();
-    entering.chain([InitialSheet::Initial]).map(boxes).fold(0, usize::max).min(ROUND)
-}
-
 /// The first boxes of a sheet: how many, and how wide, along each axis.
 fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
     let axes = &case.space.x;

@@ -348,7 +348,7 @@ fn particles_move_one_to_one() {
         // Without the gate that reverses time.
         let moves = &circuit.gates[place("to the face")..place("energy to speed") - 1];
         let [space, velocity, level, bins, above, end, outside, moved] =
-            ["space", "velocity", "level", "bins", "above", "end", "outside", "moved"]
+            ["space", "velocity", "level", "bins", "above", "boundary", "outside", "moved"]
                 .map(|name| qubits_of(&circuit, name));
         let low = velocity.len() - 1;
         let levels = [&bins[..], &[&level[..], &velocity[..low]].concat()[..2 * low]].concat();

@@ -187,7 +187,7 @@ impl Wires {
         let jumps = |axis: &AxisTransport| !axis.jumps.is_empty();
         let above = flag("above", axes.iter().any(jumps));
         let no_level = flag("no_level", true);
-        let end = flag("end", axes.iter().any(|axis| !axis.periodic));
+        let end = flag("boundary", axes.iter().any(|axis| !axis.periodic));
         let rest = |axis: &AxisTransport| jumps(axis) && !axis.speeds.is_power_of_two();
         let outside = flag("outside", axes.iter().any(rest));
         let forces = &transport.forces;
