@@ -95,9 +95,9 @@ fn a_browser_opens_the_report() {
     assert_eq!((width, height), (1200, 2400));
     assert_eq!(requests(&log), Vec::<String>::new());
     // Control: a page that does is noticed.
-    let page = place.path().join("asking.html");
-    std::fs::write(&page, "<img src=http://127.0.0.1:9/a.png>").unwrap();
-    open(&browser, &page, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
+    let requesting = place.path().join("asking.html");
+    std::fs::write(&requesting, "<img src=http://127.0.0.1:9/a.png>").unwrap();
+    open(&browser, &requesting, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
     // Every picture is placed and not cut, and no content overflows sideways. A script measures
