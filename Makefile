@@ -31,8 +31,8 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
 .PHONY: run build test torture fuzz bench example3 calibration study scaling stability chart \
-    examples quantum baseline slurm docs check check-fmt check-clippy check-doc check-python deny \
-    readers qiskit python mkdocs browser mpich setup clean help
+    lines examples quantum baseline slurm docs check check-fmt check-clippy check-doc check-python \
+    deny readers qiskit python mkdocs browser mpich setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
@@ -80,6 +80,9 @@ stability: build ## where methods fail on example 1, for docs/stability.md (or C
 
 baseline: build ## where results differ from those of an older commit (REFERENCE=DIR)
 	scripts/baseline.sh --compare $(REFERENCE) --program $(PROGRAM) $(ARGS)
+
+lines: ## lines of code by room, without comments and unit tests
+	scripts/lines.sh
 
 slurm: $(if $(BUILT),,build) ## test the job scripts on a Slurm started here (BUILT=yes: no build)
 	PHASEWARP=$(PROGRAM) tests/slurm.sh

@@ -26,7 +26,7 @@ import sys
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "bench"))
 from messages import Network, Run  # noqa: E402
 from report import ROOT, Bad, prose, replaced, short, table  # noqa: E402
-from study import call, cells, words  # noqa: E402
+from study import call, cells, pyplot, words  # noqa: E402
 
 
 def planned(program, case, ranks):
@@ -150,14 +150,9 @@ def stated(network, row_seconds):
 
 def draw(rows, path):
     """Seconds against ranks; False where there is no Matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
+    plt = pyplot()
+    if plt is None:
         return False
-    matplotlib.use("svg")
-    matplotlib.rcParams |= {"svg.hashsalt": "phasewarp", "svg.fonttype": "none", "font.size": 9}
-    import matplotlib.pyplot as plt
-
     figure, axis = plt.subplots(figsize=(7, 4.4))
     for color, scene in enumerate(dict.fromkeys(row["case"] for row in rows)):
         mine = [row for row in rows if row["case"] == scene]

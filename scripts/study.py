@@ -257,16 +257,23 @@ def extrapolated(options):
     return table(header, lines)
 
 
-def draw(rows, path):
-    """Memory and seconds against N_p; False where there is no Matplotlib."""
+def pyplot():
+    """Matplotlib, set up for pictures that are the same each time; None where there is none."""
     try:
         import matplotlib
     except ImportError:
-        return False
+        return None
     matplotlib.use("svg")
     matplotlib.rcParams |= {"svg.hashsalt": "phasewarp", "svg.fonttype": "none", "font.size": 9}
     import matplotlib.pyplot as plt
+    return plt
 
+
+def draw(rows, path):
+    """Memory and seconds against N_p; False where there is no Matplotlib."""
+    plt = pyplot()
+    if plt is None:
+        return False
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.4))
     ranks = sorted({row["ranks"] for row in rows})
     scenes = list(dict.fromkeys(row["case"] for row in rows))
