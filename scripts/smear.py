@@ -10,15 +10,14 @@ to the exact mass in the box, as a table of Markdown. Needs h5py and numpy (`mak
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
 import tomllib
 
 import h5py
 import numpy as np
+from study import ROOT, Bad, call
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 WIDTHS = [0.1, 0.05, 0.025, 0.0125]
 # Case, its axes, and cells an axis.
 GRIDS = [("example2", 1, [256, 512, 1024]), ("example3", 2, [8, 16, 24, 32])]
@@ -44,9 +43,7 @@ def density(program, case, settings):
         command = [program, "run", case, "-o", place, "--set", "solver.method=classical"]
         for setting in settings:
             command += ["--set", setting]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            sys.exit(f"{' '.join(command)}\n{done.stderr}")
+        call(command)
         with h5py.File(os.path.join(place, "result.h5")) as file:
             exact = file["density_exact"][:] if "density_exact" in file else None
             return file["density"][:], exact
@@ -91,4 +88,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except Bad as why:
+        sys.exit(str(why))

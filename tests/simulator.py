@@ -145,7 +145,8 @@ def check_complete(folder, about, states, field):
     size, points = 2 ** about["qubits"], 2 ** about["qubits_p"]
     root = described["probability_start"] ** 0.5
     blocks = {name: state.reshape(-1, size)[0] / root for name, state in after.items()}
-    bounds = {"start": 0.0, "modes": 0.0, "evolution": described["bound"], "points": described["bound"]}
+    bound = described["bound"]
+    bounds = {"start": 0.0, "modes": 0.0, "evolution": bound, "points": bound}
     worst = 0.0
     for stage, name in [
         ("start", "initial"),
@@ -184,8 +185,8 @@ def check_complete(folder, about, states, field):
         assert np.max(np.abs(probabilities - other)) > 1e-6
         said = f", {len(ideal)} estimates"
     return (
-        f"; complete circuit: {qubits} qubits, {described['steps']} steps, states within {worst:.1e} "
-        f"of {described['bound']:.1e}, field within {off:.1e} of {described['field_bound']:.1e}, "
+        f"; complete circuit: {qubits} qubits, {described['steps']} steps, states within "
+        f"{worst:.1e} of {bound:.1e}, field within {off:.1e} of {described['field_bound']:.1e}, "
         f"density {density:.6f}, {expected:.6f} expected{said}"
     )
 

@@ -71,11 +71,13 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
         Err(Errno::OPNOTSUPP | Errno::NOSYS) => {
             let now = file.metadata()?;
             let block = now.blksize().max(512);
-            if bytes / block > MOST_BLOCKS {
+            let blocks = bytes.div_ceil(block);
+            if blocks > MOST_BLOCKS {
                 return Ok(());
             }
-            let ends = (now.len() / block + 1)..=bytes / block;
-            ends.into_iter().try_for_each(|end| file.write_all_at(&[0], end * block - 1))
+            // The last byte of each block, and of the file; none that is there already.
+            let last_bytes = (now.len() / block..blocks).map(|k| ((k + 1) * block).min(bytes) - 1);
+            last_bytes.filter(|&at| at >= now.len()).try_for_each(|at| file.write_all_at(&[0], at))
         }
         _ => Ok(()),
     }
