@@ -6,8 +6,8 @@
 //!
 //! ```
 //! use phasewarp::results::figure::palette::Style;
-//! use phasewarp::results::figure::{Axis, Figure, Panel};
-//! let panel = Panel::new("", Axis::log("applications"), Axis::log("relative error"))
+//! use phasewarp::results::figure::{Figure, Panel, PlotAxis};
+//! let panel = Panel::new("", PlotAxis::log("applications"), PlotAxis::log("relative error"))
 //!     .line("gaussian", Style::of(0), vec![[1e3, 1e-3], [1e4, 1e-9]])
 //!     .horizontal("tolerance", 1e-6);
 //! let figure = Figure::new("Accuracy against cost", vec![panel]);
