@@ -299,7 +299,7 @@ mod tests {
 
     #[test]
     fn tables_without_a_grid_are_refused() {
-        for (text, said) in [
+        for (text, reason) in [
             ("", "is empty"),
             ("x,v\n1,2\n", "no column \"f\""),
             ("x,w,f\n", "column \"w\" in the first line is neither one of the axes x, v"),
@@ -314,7 +314,7 @@ mod tests {
             ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is there twice"),
         ] {
             let found = of_text(&file(), text).unwrap_err();
-            assert!(found.contains(said), "{text:?}: {found}");
+            assert!(found.contains(reason), "{text:?}: {found}");
         }
     }
 }

@@ -167,7 +167,7 @@ fn progress(bytes: u64) {
 }
 
 fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
-    let said = |e: hdf5::Error| e.to_string();
+    let reason = |e: hdf5::Error| e.to_string();
     let file = match inspection {
         Inspection::Directory => path.join(RESULT),
         _ => path.to_owned(),
@@ -178,10 +178,13 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
-        Inspection::Shapes => shapes(&opened()?, bytes).map_err(said).map(|_| ChecksumParts::new()),
-        Inspection::Values(share) => values(&opened()?, bytes, share).map_err(said),
+        Inspection::Shapes => {
+            shapes(&opened()?, bytes).map_err(reason).map(|_| ChecksumParts::new())
+        }
+        Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
         Inspection::Directory => {
-            let sums = values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(said)?;
+            let sums =
+                values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
             Stored::read(path)?;
             Ok(sums)
         }

@@ -39,31 +39,31 @@ fn accuracy(summary: &Value, key: &str) -> Result<f64, String> {
 
 /// How many times the error its estimate may be, least and most. More cases, of which one has less,
 /// are in docs/verification.md.
-struct Said {
+struct EstimateBounds {
     field: [f64; 2],
     density: [f64; 2],
 }
 
-const OF_CELLS: Said = Said { field: [0.5, 2.5], density: [0.35, 2.5] };
-const OF_SLOPES: Said = Said { field: [0.35, 12.0], density: [0.2, 5.0] };
-const OF_ELEMENTS: Said = Said { field: [0.4, 9.0], density: [0.15, 30.0] };
-const OF_MIXED: Said = Said { field: [0.35, 8.0], density: [0.15, 30.0] };
+const OF_CELLS: EstimateBounds = EstimateBounds { field: [0.5, 2.5], density: [0.35, 2.5] };
+const OF_SLOPES: EstimateBounds = EstimateBounds { field: [0.35, 12.0], density: [0.2, 5.0] };
+const OF_ELEMENTS: EstimateBounds = EstimateBounds { field: [0.4, 9.0], density: [0.15, 30.0] };
+const OF_MIXED: EstimateBounds = EstimateBounds { field: [0.35, 8.0], density: [0.15, 30.0] };
 
 /// A case, settings of its grid, and the expected report of its estimates.
-type EstimateRow = (&'static str, Vec<String>, &'static Said);
+type EstimateRow = (&'static str, Vec<String>, &'static EstimateBounds);
 
 fn estimate_rows() -> Vec<EstimateRow> {
     let mut rows: Vec<EstimateRow> = Vec::new();
     let grids = [(0, [32, 64]), (1, [16, 32]), (2, [12, 24]), (3, [8, 24])];
     for (degree, counts) in grids {
-        let said = if degree == 0 { &OF_CELLS } else { &OF_ELEMENTS };
+        let bounds = if degree == 0 { &OF_CELLS } else { &OF_ELEMENTS };
         for name in ["smooth-beams.toml", "partial_reflection.toml", "example1.toml"] {
-            rows.extend(counts.map(|count| (name, elements(degree, count).to_vec(), said)));
+            rows.extend(counts.map(|count| (name, elements(degree, count).to_vec(), bounds)));
         }
         for name in ["step_up.toml", "well.toml", "inflow_barrier.toml", "slope_jump.toml"] {
-            rows.push((name, elements(degree, [48, 24, 16, 12][degree]).to_vec(), said));
+            rows.push((name, elements(degree, [48, 24, 16, 12][degree]).to_vec(), bounds));
         }
-        rows.push(("quadrant2d.toml", plane(degree, [8, 4, 4, 2][degree]), said));
+        rows.push(("quadrant2d.toml", plane(degree, [8, 4, 4, 2][degree]), bounds));
     }
     for name in ["smooth-beams.toml", "example1.toml", "step_up.toml", "slope_jump.toml"] {
         for limiter in ["minmod", "van-leer"] {
@@ -84,7 +84,7 @@ fn estimate_rows() -> Vec<EstimateRow> {
 /// where data are smooth and where they jump, on coarse grids and on fine ones.
 #[test]
 fn estimates_of_the_grid_are_of_the_size_of_its_error() {
-    check_all(&estimate_rows(), |(name, settings, said)| {
+    check_all(&estimate_rows(), |(name, settings, bounds)| {
         let place = directory();
         let summary = of_the_grid(name, settings).solve(place.path())?;
         let value = |key: &str| accuracy(&summary.value, key);
@@ -98,15 +98,15 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
         // The estimate need not hold for errors above 80 %, and only roughly for densities below 1
         // %.
         if error <= 0.8 {
-            within("f", error, value("grid_estimate")?, said.field)?;
+            within("f", error, value("grid_estimate")?, bounds.field)?;
         }
         if (0.01..=0.8).contains(&density) {
-            within("density", density, value("grid_density_estimate")?, said.density)?;
+            within("density", density, value("grid_density_estimate")?, bounds.density)?;
         }
-        let said = &summary.value["accuracy"];
+        let printed = &summary.value["accuracy"];
         let large = error > 0.1 || value("grid_density")? > 0.1;
-        let as_said = said["grid_measured"] == true && said["under_resolved"] == large;
-        summary.require(as_said && said["asked"].is_null(), || format!("{said}"))
+        let as_expected = printed["grid_measured"] == true && printed["under_resolved"] == large;
+        summary.require(as_expected && printed["asked"].is_null(), || format!("{printed}"))
     });
 }
 
@@ -120,7 +120,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     let beams = || run("smooth-beams.toml").set(&grid);
     let job = beams().set(&["solver.tolerance=1e-4"]);
     let finished = job.clone().into(place.path()).succeed().unwrap();
-    finished.says(&finished.output, &["UNDER-RESOLVED: error of the grid (measured"]).unwrap();
+    finished.contains(&finished.output, &["UNDER-RESOLVED: error of the grid (measured"]).unwrap();
     let summary = Summary::read(finished, place.path()).unwrap();
     let error = summary.number("error_semidiscrete").unwrap();
     assert_eq!(accuracy(&summary.value, "algorithm").unwrap(), error);
@@ -136,8 +136,8 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
 
     let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--budget", "20s", "--force"]);
     let finished = goal.into(place.path()).succeed().unwrap();
-    let said = ["accuracy 2e-1 of the density (relative L1): reached, "];
-    finished.says(&finished.output, &said).unwrap();
+    let printed = ["accuracy 2e-1 of the density (relative L1): reached, "];
+    finished.contains(&finished.output, &printed).unwrap();
 }
 
 /// For discontinuous data the choice is made by measured errors. The run reaches them, and counts
@@ -150,12 +150,12 @@ fn chosen_accuracy_is_reached_and_kept() {
         job.into(place.path())
     };
     let first = job().on(2).succeed().unwrap();
-    first.says(&first.errors, &["accuracy 1.5e-1: ", "(measured)"]).unwrap();
-    let said = ["accuracy 1.5e-1 of the density (relative L1): reached, "];
-    first.says(&first.output, &said).unwrap();
+    first.contains(&first.errors, &["accuracy 1.5e-1: ", "(measured)"]).unwrap();
+    let printed = ["accuracy 1.5e-1 of the density (relative L1): reached, "];
+    first.contains(&first.output, &printed).unwrap();
     let before = datasets(place.path()).unwrap();
     let finished = job().with(["--resume"]).succeed().unwrap();
-    finished.says(&finished.output, &["the run is finished"]).unwrap();
+    finished.contains(&finished.output, &["the run is finished"]).unwrap();
     let refused = job().run().unwrap();
     refused.ended(2, &["it holds the result of this case", "--resume"]).unwrap();
     // Without its summary it is not finished.
@@ -223,7 +223,7 @@ fn the_last_line_names_the_limit_of_a_run() {
         // Measure-valued data have no estimate, and no accuracy is claimed.
         ("example2.toml", &small, &["exact=none", CLASSICAL], None),
     ];
-    check_all(&rows, |(name, grid, settings, says)| {
+    check_all(&rows, |(name, grid, settings, wording)| {
         let place = directory();
         // A case without an exact solution is a file without that table.
         let path = place.path().join("case.toml");
@@ -243,20 +243,20 @@ fn the_last_line_names_the_limit_of_a_run() {
         let summary: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
         let found = &summary["accuracy"];
         let fails = |what: &str| Err(finished.report(&format!("{what}; accuracy: {found}")));
-        if found["under_resolved"] != line.is_some() || line.is_some() != says.is_some() {
+        if found["under_resolved"] != line.is_some() || line.is_some() != wording.is_some() {
             return fails("the line and the summary do not agree");
         }
         if without && (found["grid_measured"] != false || found["grid"] != found["grid_estimate"]) {
             return fails("not the estimate");
         }
-        let (Some(line), Some(says)) = (line, says) else { return Ok(()) };
+        let (Some(line), Some(wording)) = (line, wording) else { return Ok(()) };
         // An estimate has one digit.
         let digits = |e: f64| match found["grid_measured"] == true {
             true => format!("{e:.2} %"),
             false => format!("about {} %", short(one_digit(e))),
         };
         let percent = |key: &str| accuracy(&summary, key).map(|e| digits(100.0 * e));
-        let mut words = vec![(*says).to_owned(), format!("f {}", percent("grid")?)];
+        let mut words = vec![(*wording).to_owned(), format!("f {}", percent("grid")?)];
         words.push(format!("density {}", percent("grid_density")?));
         if let Some(error) = found["algorithm"].as_f64() {
             words.push(format!("error of the algorithm {error:.1e}"));
@@ -294,12 +294,12 @@ fn advice_matches_the_shortcomings_of_the_run() {
             &["scheme.degree", "slopes"],
         ),
     ];
-    check_all(&rows, |(name, settings, says, never)| {
+    check_all(&rows, |(name, settings, wording, never)| {
         let place = directory();
         let summary = run(name).set(settings).solve(place.path())?;
         let advice = summary.value["accuracy"]["advice"].as_str().unwrap_or_default();
-        let says = says.iter().all(|words| advice.contains(words));
-        let is_right = says && !never.iter().any(|words| advice.contains(words));
+        let wording = wording.iter().all(|words| advice.contains(words));
+        let is_right = wording && !never.iter().any(|words| advice.contains(words));
         summary.require(is_right, || format!("advice: {advice}"))
     });
     let place = directory();
@@ -454,13 +454,13 @@ fn invalid_schemes_are_refused() {
         ("potential.0.reflection=x", &["potential.0.reflection", "\"x\"", "E, jump"]),
         ("exact={kind='characteristics'}", &["potential.0.reflection", "give exact.f"]),
     ];
-    all_refused(rows, |(setting, says), _| Mistake::set(REFLECTING, &[setting], says));
+    all_refused(rows, |(setting, wording), _| Mistake::set(REFLECTING, &[setting], wording));
     let slopes = ["scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
-    let says = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];
-    Mistake::set("smooth-beams.toml", &slopes, &says).refused_by_reader().unwrap();
+    let wording = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];
+    Mistake::set("smooth-beams.toml", &slopes, &wording).refused_by_reader().unwrap();
     let slopes = ["scheme.flux=0.5", "scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
-    let says = ["scheme.limiter = \"van-leer\"", "upwind", "scheme.flux"];
-    Mistake::set("example1.toml", &slopes, &says).refused_by_reader().unwrap();
+    let wording = ["scheme.limiter = \"van-leer\"", "upwind", "scheme.flux"];
+    Mistake::set("example1.toml", &slopes, &wording).refused_by_reader().unwrap();
 }
 
 /// A reflected part that is none, at any energy that occurs, is named with that energy and where it
@@ -473,13 +473,14 @@ fn reflected_parts_outside_of_0_and_1_are_refused() {
         ("1 if E > 0.3 else 2", "2 for E = 0.2"),
         ("sqrt(E - 1)", "NaN for E = 0."),
     ];
-    check_all(&rows, |(formula, says)| {
+    check_all(&rows, |(formula, wording)| {
         let setting = format!("potential.0.reflection={formula}");
-        let says = ["potential.0.reflection", &setting, says, "jump = 0.2", "between 0 and 1"];
+        let wording =
+            ["potential.0.reflection", &setting, wording, "jump = 0.2", "between 0 and 1"];
         for ranks in [1, 2] {
             let place = directory();
             let job = run(REFLECTING).set(&[&setting]).on(ranks).into(place.path());
-            job.is_refused(&says)?;
+            job.is_refused(&wording)?;
         }
         Ok(())
     });
@@ -502,8 +503,8 @@ fn a_missed_tolerance_is_reported_last() {
         let finished = job(&[long, verify]);
         let last = finished.output.lines().last().unwrap_or_default();
         assert_eq!(finished.code, Some(0), "{}", finished.report("a run"));
-        finished.says(last, &missed).unwrap();
-        finished.says(&job(&[long]).output, &["MISSED", "(estimated, relative l2)"]).unwrap();
+        finished.contains(last, &missed).unwrap();
+        finished.contains(&job(&[long]).output, &["MISSED", "(estimated, relative l2)"]).unwrap();
         let refused = job(&[long, verify, strict]);
         refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
         assert!(place.path().join("summary.json").is_file(), "results are kept");

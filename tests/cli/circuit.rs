@@ -286,7 +286,7 @@ fn checked_columns_are_those_of_any_grid() {
     check_all(rows, |(name, settings, options, jumps)| {
         let place = directory();
         let job = export("export-circuit", name, settings, place.path());
-        let said = job.with(options.iter().copied().chain(["--check", "25"])).succeed()?.output;
+        let printed = job.with(options.iter().copied().chain(["--check", "25"])).succeed()?.output;
         let about: Value = serde_json::from_str(&read(place.path(), "circuit.json")?)
             .map_err(|e| e.to_string())?;
         let about = &about["description"];
@@ -298,8 +298,8 @@ fn checked_columns_are_those_of_any_grid() {
         let one = about["modes"]["One"].is_number();
         let highest = about[if one { "alpha" } else { "alpha_of_highest" }].as_f64();
         let highest = highest.ok_or("no alpha")?;
-        if one != about["alpha_of_highest"].is_null() || one == said.contains("highest mode") {
-            return Err(format!("the highest of one mode: {said}"));
+        if one != about["alpha_of_highest"].is_null() || one == printed.contains("highest mode") {
+            return Err(format!("the highest of one mode: {printed}"));
         }
         let sparse = about["sparse"]["alpha"].as_f64().ok_or("no alpha")?;
         match difference <= 1e-13 && found == *jumps && sparse > highest {
@@ -363,10 +363,10 @@ fn what_has_no_circuit_is_refused() {
         ("unitary_advection.toml", &[], &["scheme.degree", "degree 0"]),
         ("barrier2d.toml", &[FLAT], &["vx has 9 cells", "even"]),
     ];
-    check_all(rows, |(name, settings, says)| {
+    check_all(rows, |(name, settings, wording)| {
         let place = directory();
         let new = place.path().join("new");
-        export("export-circuit", name, settings, &new).on(2).is_refused(says)?;
+        export("export-circuit", name, settings, &new).on(2).is_refused(wording)?;
         match new.exists() {
             true => Err(format!("{} was made", new.display())),
             false => Ok(()),

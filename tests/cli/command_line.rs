@@ -72,10 +72,10 @@ fn mistakes_on_the_command_line_are_refused() {
         folder: place.path().display().to_string(),
         out: place.path().join("out").display().to_string(),
     };
-    check_all(MISTAKES, |(line, says)| {
-        let says: Vec<String> = says.iter().map(|word| places.word(word)).collect();
-        let says: Vec<&str> = says.iter().map(String::as_str).collect();
-        places.job(line).on(2).is_refused(&says)
+    check_all(MISTAKES, |(line, wording)| {
+        let wording: Vec<String> = wording.iter().map(|word| places.word(word)).collect();
+        let wording: Vec<&str> = wording.iter().map(String::as_str).collect();
+        places.job(line).on(2).is_refused(&wording)
     });
     assert!(!Path::new(&places.out).exists(), "a refused run made its output directory");
     // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
@@ -105,8 +105,8 @@ fn every_rank_ends_with_the_code() {
     check_all(&rows, |line| {
         let job = places.job(line).on(3);
         let finished = job.reporting_codes().run()?;
-        let said = finished.output.clone() + &finished.others;
-        let codes = said.matches("ended with 2").count();
+        let printed = finished.output.clone() + &finished.others;
+        let codes = printed.matches("ended with 2").count();
         require(codes == 3, &finished, || format!("{codes} of 3 ranks ended with 2"))?;
         let messages = finished.errors.matches("error: ").count();
         require(messages == 1, &finished, || format!("{messages} messages"))
@@ -122,9 +122,9 @@ fn help_is_printed_once() {
         "{}",
         finished.report("usage expected")
     );
-    for (option, says) in [("--help", "Usage:"), ("--version", env!("CARGO_PKG_VERSION"))] {
+    for (option, wording) in [("--help", "Usage:"), ("--version", env!("CARGO_PKG_VERSION"))] {
         let finished = Job::new([option]).on(2).succeed().unwrap();
-        assert_eq!(finished.output.matches(says).count(), 1, "{}", finished.report(option));
+        assert_eq!(finished.output.matches(wording).count(), 1, "{}", finished.report(option));
     }
 }
 
@@ -241,9 +241,9 @@ fn what_cannot_be_printed_is_an_error() {
             .env("OMPI_MCA_orte_tmpdir_base", session.path());
         let full = std::fs::File::create("/dev/full").map_err(|e| e.to_string())?;
         let failed = command.stdout(full).output().map_err(|e| e.to_string())?;
-        let said = String::from_utf8_lossy(&failed.stderr).into_owned();
-        if failed.status.code() != Some(1) || !said.contains("standard output could not be") {
-            return Err(format!("{line}: {:?}: {said}", failed.status));
+        let printed = String::from_utf8_lossy(&failed.stderr).into_owned();
+        if failed.status.code() != Some(1) || !printed.contains("standard output could not be") {
+            return Err(format!("{line}: {:?}: {printed}", failed.status));
         }
         command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::null());
         let mut child = command.spawn().map_err(|e| e.to_string())?;

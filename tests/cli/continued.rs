@@ -90,7 +90,9 @@ fn steps_go_on() {
     let off = distance(&field(second.path()).unwrap(), &field(whole.path()).unwrap());
     // Third order in steps of about a cell: what both parts differ in, no more.
     assert!(off < 1e-3, "{off:e}");
-    finished.says(&finished.output, &["error inherited from before t = 0.8: not known"]).unwrap();
+    finished
+        .contains(&finished.output, &["error inherited from before t = 0.8: not known"])
+        .unwrap();
     let summary = Summary::read(finished, second.path()).unwrap();
     assert_eq!(inherited(&summary, "error_total"), None);
 }
@@ -164,7 +166,7 @@ fn output_times_are_absolute() {
     ];
     run("example1.toml").set(&settings).solve(first.path()).unwrap();
     let finished = on(first.path(), 0.5).into(second.path()).succeed().unwrap();
-    finished.says(&finished.errors, &["--continue: output.field_times left out"]).unwrap();
+    finished.contains(&finished.errors, &["--continue: output.field_times left out"]).unwrap();
     let stored = datasets(second.path()).unwrap();
     let times = stored["/axis/time"].numbers();
     assert!(distance(&times, &[0.3, 0.4, 0.5]) < 1e-12, "{times:?}");
@@ -235,7 +237,7 @@ fn what_cannot_go_on_is_refused() {
         (given("stability", &[start]), &["initial.field", "a formula"]),
         (run("example1.toml").set(&[start]), &["time.start", "initial.field", "is missing"]),
     ];
-    check_all(&rows, |(job, says)| job.is_refused(says));
+    check_all(&rows, |(job, wording)| job.is_refused(wording));
     // A result of which a bit is flipped, and one that a run is about to replace.
     let damaged = directory();
     let bytes = fs::read(path.join("result.h5")).unwrap();
@@ -280,7 +282,7 @@ fn other_commands_take_a_field() {
         let finished = job.succeed()?;
         match *command {
             "check" => {
-                finished.says(&finished.output, &["f(0.2) = /f of", "from t = 0.2 to T = 0.3"])
+                finished.contains(&finished.output, &["f(0.2) = /f of", "from t = 0.2 to T = 0.3"])
             }
             _ => Ok(()),
         }

@@ -48,9 +48,9 @@ fn what_no_embedding_can_do() {
             &["inflow.value", "changes too fast", "8192 steps"],
         ),
     ];
-    check_all(rows, |(name, settings, says)| {
+    check_all(rows, |(name, settings, wording)| {
         let place = directory();
-        refused(&run(name).on(2).set(settings).into(place.path()).run()?, says)
+        refused(&run(name).on(2).set(settings).into(place.path()).run()?, wording)
     });
     let place = directory();
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.delta=2"];

@@ -24,12 +24,12 @@ fn a_case_to_begin_with() {
     });
     let job = Job::new(["run", "1.toml", "-o", "1"]).inside(place.path());
     let finished = job.succeed().unwrap();
-    finished.says(&finished.output, &["done in", "distance to the exact"]).unwrap();
+    finished.contains(&finished.output, &["done in", "distance to the exact"]).unwrap();
     assert!(!finished.errors.contains("warning"), "{}", finished.report("a warning"));
     // A case without a title has the name of its file.
     let nameless = Job::new(["run", "1.toml", "-o", "2", "--set", "title=''"]).inside(place.path());
     let finished = nameless.set(&["axis.0.x.cells=12"]).succeed().unwrap();
-    finished.says(&finished.errors, &["1.toml: 1152 cells"]).unwrap();
+    finished.contains(&finished.errors, &["1.toml: 1152 cells"]).unwrap();
     Job::new(["init", "--dimension", "4"]).is_refused(&["--dimension", "'4'", "1..=3"]).unwrap();
 }
 
@@ -73,17 +73,17 @@ fn a_refused_case_is_reported_as_json() {
         ("initial={table={file='none.csv'}}", "initial.table.file", "none.csv", "No such file"),
         ("solver.tolerance=1e-16", "solver.tolerance", "1e-16", "round-off"),
     ];
-    check_all(&rows, |(set, key, value, says)| {
+    check_all(&rows, |(set, key, value, wording)| {
         let finished = Job::new(["check", &example, "--json"]).set(&[set]).on(2).run()?;
-        finished.ended(2, &[says])?;
+        finished.ended(2, &[wording])?;
         let found = finished.json()?;
         let error = &found["error"];
-        let said = |name: &str| error[name].as_str().unwrap_or_default().to_owned();
+        let printed = |name: &str| error[name].as_str().unwrap_or_default().to_owned();
         let is_right = found["ok"] == false
-            && said("key") == *key
-            && said("value").contains(value)
-            && said("message").contains(says)
-            && said("set").starts_with(key.split('.').next().unwrap_or_default())
+            && printed("key") == *key
+            && printed("value").contains(value)
+            && printed("message").contains(wording)
+            && printed("set").starts_with(key.split('.').next().unwrap_or_default())
             && error["exit_code"] == 2;
         if is_right { Ok(()) } else { Err(format!("{found:#}")) }
     });
@@ -141,8 +141,8 @@ fn numbers_are_formulas_of_constants() {
         ("axis.0.x.cells=2*T", &["axis.0.x.cells", "whole number"]),
         ("solver.warp.delta=maxx", &["solver.warp.delta", "did you mean \"max\""]),
     ];
-    check_all(&rows, |(set, says)| {
-        Job::new(["check", &example]).set(&[constants, set]).is_refused(says)
+    check_all(&rows, |(set, wording)| {
+        Job::new(["check", &example]).set(&[constants, set]).is_refused(wording)
     });
 }
 
@@ -154,15 +154,15 @@ fn editors_and_shells_are_served() {
     assert_eq!(*end, serde_json::json!(["number", "string"]));
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let finished = Job::new(["completions", shell]).succeed().unwrap();
-        finished.says(&finished.output, &["check-result", "ranks-x", "stability"]).unwrap();
+        finished.contains(&finished.output, &["check-result", "ranks-x", "stability"]).unwrap();
     }
     Job::new(["completions", "csh"]).is_refused(&["'csh'", "bash"]).unwrap();
     let place = directory();
     let pages = place.path().join("man1");
     let man = Job::new(["man", &pages.display().to_string()]).on(2);
     man.succeed().unwrap();
-    for (page, says) in [("phasewarp.1", "stability"), ("phasewarp-run.1", "walltime")] {
+    for (page, wording) in [("phasewarp.1", "stability"), ("phasewarp-run.1", "walltime")] {
         let text = std::fs::read_to_string(pages.join(page)).unwrap();
-        assert!(text.contains(says), "{page}");
+        assert!(text.contains(wording), "{page}");
     }
 }

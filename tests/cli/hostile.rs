@@ -42,7 +42,7 @@ fn copy() -> TempDir {
 }
 
 /// It ended in time, by itself, with one message of the program's.
-fn one_message(finished: &Finished, codes: &[i32], says: &str) -> Result<(), String> {
+fn one_message(finished: &Finished, codes: &[i32], wording: &str) -> Result<(), String> {
     let seconds = finished.seconds;
     require(finished.code.is_some_and(|code| codes.contains(&code)), finished, || {
         format!("one of the exit codes {codes:?} expected")
@@ -51,7 +51,7 @@ fn one_message(finished: &Finished, codes: &[i32], says: &str) -> Result<(), Str
     let errors = finished.errors.lines().filter(|line| line.starts_with("error: ")).count();
     let crash = ["panicked", "signal", "Signal"].iter().any(|w| finished.errors.contains(w));
     require(errors == 1 && !crash, finished, || "one message expected".to_owned())?;
-    finished.says(&finished.errors, &[says])
+    finished.contains(&finished.errors, &[wording])
 }
 
 /// A change of a file, and a word of the message about it.
@@ -134,14 +134,14 @@ const HARMS: [Harm; 12] = [
 /// `plot`, `report` and `check-result` on each; nothing in `summary.json` gives it away.
 #[test]
 fn hostile_results_are_refused() {
-    check_all(&HARMS, |(what, harm, says)| {
+    check_all(&HARMS, |(what, harm, wording)| {
         let place = copy();
         let path = place.path();
         fs::write(path.join("summary.json"), "{}").map_err(|e| e.to_string())?;
         change(&path.join("result.h5"), *harm).map_err(|e| format!("{what}: {e}"))?;
         for command in ["plot", "report", "check-result"] {
             let finished = Job::new([command, &path.display().to_string()]).run()?;
-            one_message(&finished, &[1, 2], says).map_err(|e| format!("{what}: {e}"))?;
+            one_message(&finished, &[1, 2], wording).map_err(|e| format!("{what}: {e}"))?;
         }
         Ok(())
     });
@@ -242,13 +242,13 @@ fn hostile_warped_fields_are_refused() {
         ("an axis to 1e300", far, "/axis/p goes from"),
         ("a virtual dataset", |file| elsewhere(file, "w"), "in another file"),
     ];
-    check_all(&HARMS, |(what, harm, says)| {
+    check_all(&HARMS, |(what, harm, wording)| {
         let place = copy();
         let start = place.path().join("warped_f.h5");
         change(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
         let from = format!("initial={{warped='{}'}}", start.display());
         let finished = small().set(&[&from]).into(&place.path().join("out")).run()?;
-        one_message(&finished, &[2], says).map_err(|e| format!("{what}: {e}"))
+        one_message(&finished, &[2], wording).map_err(|e| format!("{what}: {e}"))
     });
 }
 

@@ -74,8 +74,8 @@ fn what_leaves_by_the_estimate_is_what_the_grid_loses() {
         let balance = mass("initial")? + mass("entered")? - mass("end")?;
         near("balance", mass("lost")?, balance, 1e-15)?;
         near("end", mass("end")?, summary.number("mass")?, 0.0)?;
-        let said = summary.warnings().contains("velocity box is too small");
-        summary.require(said == (*axis == "vx"), || format!("warnings: {}", summary.warnings()))
+        let printed = summary.warnings().contains("velocity box is too small");
+        summary.require(printed == (*axis == "vx"), || format!("warnings: {}", summary.warnings()))
     });
 }
 
@@ -163,21 +163,21 @@ fn deviations_are_reported_before_and_after() {
     ];
     check_all(rows, |(name, settings, words)| {
         let finished = check(name).set(settings).succeed()?;
-        finished.says(&finished.output, words)
+        finished.contains(&finished.output, words)
     });
     // After a run, the same warnings and the ledger; without warnings the ledger is printed only on
     // request.
     let place = directory();
     let job = run("step_up.toml").set(&["potential.0.value=0.6", "solver.tolerance=1e-3"]);
     let finished = job.on(2).into(place.path()).succeed().unwrap();
-    finished.says(&finished.errors, &["warning: mass: an estimated"]).unwrap();
-    finished.says(&finished.output, &["ledger\n", "lost in all"]).unwrap();
-    for (verbose, says) in [(&[][..], false), (&["-v"][..], true)] {
+    finished.contains(&finished.errors, &["warning: mass: an estimated"]).unwrap();
+    finished.contains(&finished.output, &["ledger\n", "lost in all"]).unwrap();
+    for (verbose, wording) in [(&[][..], false), (&["-v"][..], true)] {
         let place = directory();
         let job = run("step_up.toml").set(&["time.end=0.1", "solver.tolerance=1e-3"]);
         let finished = job.with(verbose.iter().copied()).into(place.path()).succeed().unwrap();
-        let said = finished.output.contains("\n  energy: kinetic");
-        require(said == says, &finished, || "the ledger".to_owned()).unwrap();
+        let printed = finished.output.contains("\n  energy: kinetic");
+        require(printed == wording, &finished, || "the ledger".to_owned()).unwrap();
     }
 }
 
@@ -240,7 +240,7 @@ impl Barrier {
 fn unresolved_narrow_regions_are_reported() {
     let rows = [(1, 0, true), (2, 0, true), (3, 0, true), (4, 0, false), (8, 0, false)];
     let rows = [&rows[..], &[(1, 1, false), (2, 1, false)]].concat();
-    check_all(&rows, |&(cells, degree, said)| {
+    check_all(&rows, |&(cells, degree, printed)| {
         let barrier = Barrier { cells, degree };
         let settings = barrier.settings();
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
@@ -249,11 +249,11 @@ fn unresolved_narrow_regions_are_reported() {
             let finished = job.set(&settings).succeed()?;
             let all = [&finished.output[..], &finished.errors].concat();
             let found = all.contains(unit) && all.contains("does not resolve f in it");
-            require(found == said, &finished, || format!("a narrow region: {found}"))?;
+            require(found == printed, &finished, || format!("a narrow region: {found}"))?;
         }
         let [inside, behind] = barrier.measured(&settings)?;
         println!("{cells} of degree {degree}: {inside:.3} inside, {behind:.3} behind");
-        let right = if said { inside > 1.35 } else { (0.9..1.3).contains(&inside) };
+        let right = if printed { inside > 1.35 } else { (0.9..1.3).contains(&inside) };
         if right && behind < 0.25 {
             return Ok(());
         }
@@ -336,8 +336,8 @@ fn measure_valued_data_have_a_ledger() {
     near("formula", number("formula"), number("initial"), 0.05 * number("initial")).unwrap();
     let balance = number("formula") + number("entered_estimate") - number("left_estimate");
     near("balance", number("end"), balance, 0.1 * number("absolute")).unwrap();
-    let said = summary.value["ledger"]["omitted"].to_string();
-    assert!(said.contains("not linear in the fields"), "{said}");
+    let printed = summary.value["ledger"]["omitted"].to_string();
+    assert!(printed.contains("not linear in the fields"), "{printed}");
 }
 
 /// Constants stand for numbers, and mistakes in them name key and value.

@@ -97,10 +97,10 @@ fn what_matrices_are_not_all_of_is_refused() {
             "initial.warped: the start is in that file",
         ),
     ];
-    check_all(rows, |(settings, says)| {
+    check_all(rows, |(settings, wording)| {
         let place = directory();
         let path = place.path().display().to_string();
         let job = Job::new(["export-matrix", &case("example1.toml"), "-o", &path]);
-        job.set(GRID).set(settings).on(2).is_refused(&[says])
+        job.set(GRID).set(settings).on(2).is_refused(&[wording])
     });
 }

@@ -138,18 +138,20 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
         ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];
-    all_refused(rows, |(setting, says), _| Mistake::set("example2.toml", &[setting], says));
+    all_refused(rows, |(setting, wording), _| Mistake::set("example2.toml", &[setting], wording));
     let rows: [([&str; 2], &[&str]); 2] = [
         (["scheme.degree=2", "output.delta_width=gradient"], &["output.delta_width", "degree 0"]),
         (["exact={}", "potential.0.reflection=0.5"], &["potential.0.reflection", "two velocities"]),
     ];
-    all_refused(&rows, |(settings, says), _| Mistake::set("example2.toml", settings, says));
+    all_refused(&rows, |(settings, wording), _| Mistake::set("example2.toml", settings, wording));
     // Properties that only the values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
         ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),
     ];
-    check_all(&rows, |(setting, says)| check("example2.toml").set(&[setting]).is_refused(says));
+    check_all(&rows, |(setting, wording)| {
+        check("example2.toml").set(&[setting]).is_refused(wording)
+    });
 }
 
 /// Elements have the density over the zeros of the level set, without a delta function: example 2

@@ -15,18 +15,18 @@ fn check_prints_what_was_understood() {
         let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
         let value: toml::Value = toml::from_str(&text).map_err(|e| format!("{name}: {e}"))?;
         let title = value["title"].as_str().unwrap_or_default();
-        let mut says = vec![title.to_owned()];
+        let mut wording = vec![title.to_owned()];
         for axis in value["axis"].as_array().into_iter().flatten() {
             for part in ["x", "v"] {
-                says.push(format!("{} cells", axis[part]["cells"]));
+                wording.push(format!("{} cells", axis[part]["cells"]));
             }
         }
         for region in value["potential"].as_array().into_iter().flatten() {
-            says.push(region["value"].as_str().unwrap_or("?").to_owned());
+            wording.push(region["value"].as_str().unwrap_or("?").to_owned());
         }
-        for words in &says {
-            let said = !words.is_empty() && finished.output.contains(words.as_str());
-            require(said, &finished, || format!("\"{words}\" is not said"))?;
+        for words in &wording {
+            let printed = !words.is_empty() && finished.output.contains(words.as_str());
+            require(printed, &finished, || format!("\"{words}\" is not said"))?;
         }
         // The hat interface does not keep mass, and not all data end within their box: said.
         let mut warnings = finished.output.lines().filter(|line| line.starts_with("warning"));
@@ -61,9 +61,9 @@ fn plan_works_for_every_case_and_number_of_ranks() {
                 format!("a mesh of {ranks_of_mesh} ranks: {mesh}")
             })?;
             let applications = planned(&finished, &value)?.applications.to_string();
-            let says = ["memory", "modes", "degree", &applications, &ranks.to_string()];
+            let wording = ["memory", "modes", "degree", &applications, &ranks.to_string()];
             let text = plan().succeed()?;
-            text.says(&text.output, &says)?;
+            text.contains(&text.output, &wording)?;
         }
         Ok(())
     });
@@ -178,14 +178,14 @@ fn plans_for_nodes() {
     let rows = [1, 2, 3];
     check_all(&rows, |ranks| {
         let finished = job().with(["--calibrate"]).on(*ranks).succeed()?;
-        let says = [
+        let wording = [
             "64 = ",
             "nodes           4 of 16 ranks",
             "--ranks-x",
             "not the ranks of the run",
             "to solve",
         ];
-        finished.says(&finished.output, &says)
+        finished.contains(&finished.output, &wording)
     });
     let small = Job::new(["plan", &case("example1.toml"), "--ranks", "64"]);
     let small = small.with(["--memory-per-node", "100MiB", "--ranks-per-node", "16"]);
@@ -292,11 +292,11 @@ fn numbers_of_ranks_are_compared() {
         );
     }
     let text = job(&["1,2,4096"]).succeed().unwrap();
-    text.says(&text.output, &["last worth it", "not worth it", "up to 2 ranks; more"]).unwrap();
+    text.contains(&text.output, &["last worth it", "not worth it", "up to 2 ranks; more"]).unwrap();
     assert!(text.output.lines().all(|line| line.chars().count() <= 100), "{}", text.output);
     // All are worth it; some do not fit, and the first that does is what others are compared with.
     let text = job(&["1,2"]).succeed().unwrap();
-    text.says(&text.output, &["up to 2 ranks, the last of these"]).unwrap();
+    text.contains(&text.output, &["up to 2 ranks, the last of these"]).unwrap();
     let limited = |limit: &str| {
         job(&["1,64"]).with(["--memory-per-rank", limit]).set(&["output.warped_field=true"])
     };

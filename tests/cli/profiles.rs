@@ -150,8 +150,8 @@ fn short_intervals_are_refused_with_a_sufficient_one() {
             with_profile(job, profile)
         };
         let finished = job("[-9, 3.5]").into(place.path()).run()?;
-        let says = ["solver.warp.interval = [-9, 3.5]", "too short", "length", tolerance];
-        refused(&finished, &says)?;
+        let wording = ["solver.warp.interval = [-9, 3.5]", "too short", "length", tolerance];
+        refused(&finished, &wording)?;
         let named = finished.errors.split("about ").nth(1);
         let ends = named.and_then(|text| text.split(';').next());
         let ends = ends.ok_or_else(|| finished.report("no ends named"))?;
@@ -178,8 +178,8 @@ fn insufficient_settings_by_hand_cause_warnings() {
     ]);
     let finished = job.clone().into(place.path()).succeed().unwrap();
     for words in ["recovery = 0.2 is below", "points = 32: the modes", "points do"] {
-        let said = finished.errors.matches(words).count();
-        assert_eq!(said, 1, "{words}: {}", finished.errors);
+        let printed = finished.errors.matches(words).count();
+        assert_eq!(printed, 1, "{words}: {}", finished.errors);
     }
     let summary = job.with(["--force"]).solve(place.path()).unwrap();
     let warnings = summary.value["warnings"].as_array().map_or(0, Vec::len);

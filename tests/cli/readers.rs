@@ -55,17 +55,19 @@ fn results_open_in_other_programs() {
         let job = Job::new(["run", &case(name)]).set(&settings.concat()).on(*ranks);
         let summary = job.solve(place.path())?;
         let path = place.path().display().to_string();
-        let said = read(&python, &[&path]);
+        let printed = read(&python, &[&path]);
         let fails = |why: String| format!("{why}\n  command: {}", summary.command);
-        let said = said.map_err(fails)?;
+        let printed = printed.map_err(fails)?;
         // 0.1, 0.3, 0.6, 0.9 and the end; 0, 0.04, 0.05, 0.08 and the end.
         let expected = match () {
             () if settings.contains(&EARLY) => "VTK (5 times), history, 3 warped",
             () if settings.contains(&FILM) => "VTK (5 times), history",
             () => "VTK (1 times)",
         };
-        let early = said.trim_end().ends_with(expected);
-        summary.require(said.starts_with(&path) && early, || format!("the script said: {said}"))?;
+        let early = printed.trim_end().ends_with(expected);
+        summary.require(printed.starts_with(&path) && early, || {
+            format!("the script said: {printed}")
+        })?;
         // Controls: a wrong field and a displaced field are noticed.
         if *name != "barrier2d.toml" || settings.contains(&FILM) {
             return Ok(());

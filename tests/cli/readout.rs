@@ -215,9 +215,9 @@ fn mistakes_are_refused() {
     // Correct settings are accepted.
     let right = "readout={points=[[0],[1.5]],accuracy=0.1,seed=4}";
     let understood = Job::new(["check", &case("example1.toml")]).set(&[right]);
-    let said = understood.succeed().unwrap().output;
-    assert!(said.contains("readout of 2 cells: to 1e-1, seed 4"), "{said}");
-    all_refused(table, |(readout, says), _| {
-        Mistake::set("example1.toml", &[&format!("readout={readout}")], says)
+    let printed = understood.succeed().unwrap().output;
+    assert!(printed.contains("readout of 2 cells: to 1e-1, seed 4"), "{printed}");
+    all_refused(table, |(readout, wording), _| {
+        Mistake::set("example1.toml", &[&format!("readout={readout}")], wording)
     });
 }

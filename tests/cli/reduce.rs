@@ -214,15 +214,15 @@ fn what_differs_is_kept() {
     ];
     check_all(rows, |(settings, why)| {
         let finished = check("periodic2d.toml", settings)?;
-        let said = |start: &str, text: &str| {
+        let printed = |start: &str, text: &str| {
             let mut lines = finished.output.lines();
             lines.any(|line| line.starts_with(start) && line.contains(text))
         };
-        if said("reduced", " y:") {
+        if printed("reduced", " y:") {
             return Err(finished.report("y is left out"));
         }
         match why {
-            Some(why) if !said("kept", why) => {
+            Some(why) if !printed("kept", why) => {
                 Err(finished.report(&format!("no line about {why}")))
             }
             _ => Ok(()),

@@ -259,7 +259,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         ("interface = \"hat\"", "interface = \"hat", &[]),
         ("recovery_points = 2", "recovery_points = 2\n[time]", &["time"]),
     ];
-    all_refused(rows, |(old, new, says), place| {
+    all_refused(rows, |(old, new, wording), place| {
         let (path, mut line) = edited(place, old, new);
         // A mistake on a later line of the new text, where that is what is wrong.
         if new.contains('\n') && !new.starts_with("where") {
@@ -267,11 +267,11 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         }
         let path = path.display().to_string();
         // A key that is missing is missed in its table, which starts further up.
-        let location = match says.contains(&"missing") {
+        let location = match wording.contains(&"missing") {
             true => path.clone(),
             false => format!("{path}:{line}:"),
         };
-        let says = says.iter().map(|s| (*s).to_owned());
-        Mistake { path, settings: Vec::new(), says: says.chain([location]).collect() }
+        let wording = wording.iter().map(|s| (*s).to_owned());
+        Mistake { path, settings: Vec::new(), wording: wording.chain([location]).collect() }
     });
 }

@@ -20,22 +20,22 @@ const NOT_FINITE: &[(&str, &str, &[&str])] = &[
 /// A formula that is undefined somewhere is named, with its text, the value and the place.
 #[test]
 fn formulas_that_are_not_finite_are_named_with_the_place() {
-    check_all(NOT_FINITE, |(key, formula, says)| {
+    check_all(NOT_FINITE, |(key, formula, wording)| {
         let place = directory();
         let job = run("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
         let job = job.with(["--ranks-x", "2"]).into(place.path());
         let finished = job.on(2).run()?;
-        let says: Vec<&str> = says.iter().copied().chain([*formula, *key]).collect();
-        refused(&finished, &says)
+        let wording: Vec<&str> = wording.iter().copied().chain([*formula, *key]).collect();
+        refused(&finished, &wording)
     });
 }
 
 /// `check` refuses what `run` will refuse for its formulas.
 #[test]
 fn check_finds_formulas_that_are_not_finite() {
-    check_all(NOT_FINITE, |(key, formula, says)| {
+    check_all(NOT_FINITE, |(key, formula, wording)| {
         let job = check("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
-        job.is_refused(says)
+        job.is_refused(wording)
     });
 }
 
@@ -58,14 +58,14 @@ fn formulas_for_alpha_that_make_no_profile_are_refused() {
         ("50 + 51", &["between 0.01 and 100"]),
         ("true", &["a formula in quotes expected"]),
     ];
-    check_all(&rows, |(formula, says)| {
+    check_all(&rows, |(formula, wording)| {
         let alpha = format!("solver.warp.alpha={formula}");
         let settings = ["solver.warp.profile=exponential", &alpha];
-        let says: Vec<&str> =
-            ["solver.warp.alpha", *formula].into_iter().chain(says.iter().copied()).collect();
-        check("example1.toml").set(&settings).is_refused(&says)?;
+        let wording: Vec<&str> =
+            ["solver.warp.alpha", *formula].into_iter().chain(wording.iter().copied()).collect();
+        check("example1.toml").set(&settings).is_refused(&wording)?;
         let place = directory();
-        run("example1.toml").set(&settings).into(place.path()).on(2).is_refused(&says)
+        run("example1.toml").set(&settings).into(place.path()).on(2).is_refused(&wording)
     });
     // Of another profile, and a constant with the name of the coordinate.
     let job = check("example1.toml").set(&["solver.warp.alpha=1 - p"]);
@@ -135,11 +135,11 @@ fn files_that_are_no_case_are_refused() {
             &["potential.0.value", "10000"],
         ),
     ];
-    all_refused(&rows, |(name, bytes, says), place| {
+    all_refused(&rows, |(name, bytes, wording), place| {
         let path = place.join(format!("{name}.toml"));
         std::fs::write(&path, bytes).expect("a file");
         let path = path.display().to_string();
-        Mistake::set(&path, &[], &[says, &[path.as_str()][..]].concat())
+        Mistake::set(&path, &[], &[wording, &[path.as_str()][..]].concat())
     });
     // The longest list of terms that is read does no harm.
     let place = directory();

@@ -10,14 +10,14 @@ fn slopes_where_none_can_be_are_refused() {
         (&SLOPES[..1], &["exponential", "not linear", "ssp-rk3"]),
         (&[SLOPES[0], SLOPES[1], "solver.verify=true"], &["solver.verify"]),
     ];
-    check_all(rows, |(settings, says)| {
+    check_all(rows, |(settings, wording)| {
         let settings = [&["scheme.limiter=van-leer"], *settings].concat();
-        let says = [*says, &["scheme.limiter", "van-leer"]].concat();
-        Mistake::set("example1.toml", &settings, &says).refused_by_reader()
+        let wording = [*wording, &["scheme.limiter", "van-leer"]].concat();
+        Mistake::set("example1.toml", &settings, &wording).refused_by_reader()
     });
     let settings = ["scheme.limiter=superbee", SLOPES[0], SLOPES[1]];
-    let says = ["superbee", "minmod", "van-leer"];
-    let mistake = Mistake::set("example1.toml", &settings, &says);
+    let wording = ["superbee", "minmod", "van-leer"];
+    let mistake = Mistake::set("example1.toml", &settings, &wording);
     mistake.refused_by_reader().unwrap();
 }
 
@@ -36,8 +36,8 @@ fn tables_are_shown_by_an_example() {
         ("exact=formula", "a table as { kind = \"characteristics\" } expected"),
         ("solver.warp=3", "solver.warp = 3: a table expected"),
     ];
-    check_all(&rows, |(setting, says)| {
-        Mistake::set("example1.toml", &[setting], &[says]).refused_by_reader()
+    check_all(&rows, |(setting, wording)| {
+        Mistake::set("example1.toml", &[setting], &[wording]).refused_by_reader()
     });
 }
 
@@ -48,8 +48,8 @@ fn misspelt_keys_that_must_be_there_are_named() {
     let (path, line) = edited(place.path(), "end = 1.0", "edn = 1.0");
     let path = path.display().to_string();
     let location = format!("{path}:{line}:");
-    let says = ["edn", "mean \"end\"", &location];
-    let mistake = Mistake::set(&path, &[], &says);
+    let wording = ["edn", "mean \"end\"", &location];
+    let mistake = Mistake::set(&path, &[], &wording);
     mistake.refused_by_reader().unwrap();
 }
 
@@ -61,11 +61,11 @@ fn a_missing_step_is_named_with_its_place() {
         let new = format!("method = \"{method}\"");
         let (path, _) = edited(place.path(), "method = \"chebyshev\"", &new);
         let path = path.display().to_string();
-        let says = ["solver.propagator.step", "missing", &path];
-        let mistake = Mistake::set(&path, &[], &says);
+        let wording = ["solver.propagator.step", "missing", &path];
+        let mistake = Mistake::set(&path, &[], &wording);
         mistake.refused_by_reader().unwrap();
         let setting = format!("solver.propagator.method={method}");
-        let mistake = Mistake::set("example1.toml", &[&setting], &says[..2]);
+        let mistake = Mistake::set("example1.toml", &[&setting], &wording[..2]);
         mistake.refused_by_reader().unwrap();
     }
 }
@@ -112,9 +112,9 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
         ("time", &["key=value"]),
         ("=3", &["key"]),
     ];
-    all_refused(rows, |(setting, says), _| {
+    all_refused(rows, |(setting, wording), _| {
         let text = format!("--set {setting}: ");
-        Mistake::set("example1.toml", &[setting], &[says, &[text.as_str()][..]].concat())
+        Mistake::set("example1.toml", &[setting], &[wording, &[text.as_str()][..]].concat())
     });
 }
 
@@ -141,8 +141,8 @@ fn boundaries_that_cannot_be_are_refused() {
         ("axis.0.v.boundary=periodic", &["axis.0.v.boundary", "velocity"]),
         ("axis.0.x.boundry=periodic", &["boundry", "boundary"]),
     ];
-    check_all(&rows, |(setting, says)| {
-        Mistake::set("periodic2d.toml", &[setting], says).refused_by_reader()
+    check_all(&rows, |(setting, wording)| {
+        Mistake::set("periodic2d.toml", &[setting], wording).refused_by_reader()
     });
     let place = directory();
     let job = run("periodic2d.toml").with(["--ranks-x", "1,2"]);

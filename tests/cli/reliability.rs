@@ -72,21 +72,21 @@ fn damaged_results_are_not_called_finished() {
         ("no plane", |place| fs::write(place.join("plane_x.xdmf"), b"").unwrap(), "plane_x.xdmf"),
         ("no table", |place| fs::write(place.join("readout.csv"), b"").unwrap(), "readout.csv"),
     ];
-    check_all(&DAMAGES, |(what, damage, said)| {
+    check_all(&DAMAGES, |(what, damage, printed)| {
         let place = directory();
         let path = place.path();
         let job = |ranks: usize| run().set(&["readout={cells=[[3]]}"]).into(path).on(ranks);
         job(2).succeed()?;
         let sound = datasets(path)?;
         damage(path);
-        if said.contains("dataset") {
+        if printed.contains("dataset") {
             for command in ["check-result", "plot", "report"] {
                 let drawn = Job::new([command, &path.display().to_string()]).run()?;
-                drawn.ended(1, &[said])?;
+                drawn.ended(1, &[printed])?;
             }
         }
         let again = job(3).with(["--resume"]).succeed()?;
-        again.says(&again.errors, &["is damaged and is computed anew", said])?;
+        again.contains(&again.errors, &["is damaged and is computed anew", printed])?;
         if reports_finished(&again) || !differences(&datasets(path)?, &sound).is_empty() {
             return Err(again.report(&format!("{what}: not computed anew")));
         }
@@ -292,9 +292,9 @@ fn arguments_that_are_no_text() {
         command.envs(alone).output().expect("an end")
     };
     let refused = start(&path);
-    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert_eq!(refused.status.code(), Some(2), "{said}");
-    assert!(said.contains("no UTF-8 text") && !said.contains("panicked"), "{said}");
+    let printed = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{printed}");
+    assert!(printed.contains("no UTF-8 text") && !printed.contains("panicked"), "{printed}");
     assert!(!path.exists());
     let done = start(&place.path().join("text"));
     assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));

@@ -45,11 +45,11 @@ fn results_are_not_replaced_without_force() {
         // Before the trials, of which none fits into that time.
         (&[], &["--accuracy", "1e-2", "--budget", "1h"], "it holds"),
     ];
-    check_all(&rows, |(settings, options, said)| {
+    check_all(&rows, |(settings, options, printed)| {
         let job = run(settings).with(options.iter().copied()).into(path);
-        let says = [said, "--force replaces it", "-o gives another directory"];
-        job.is_refused(&says)?;
-        job.on(2).is_refused(&says)
+        let wording = [printed, "--force replaces it", "-o gives another directory"];
+        job.is_refused(&wording)?;
+        job.on(2).is_refused(&wording)
     });
     assert!(contents(path) == before, "a refused run changed the directory");
     let finished = run(&[]).into(path).with(["--resume", "--force"]).succeed().expect("an end");
@@ -119,7 +119,7 @@ fn tables_exports_and_reports_are_not_replaced_without_force() {
         (job(&["plot", &result]), job(&["plot", &second]), "moments.svg", "time.end is 0.3"),
         (movie(timed.path()), movie(other_timed.path()), "movie.gif", "time.end is 0.3"),
     ];
-    check_all(&rows, |(mine, others, name, said)| {
+    check_all(&rows, |(mine, others, name, printed)| {
         let place = directory();
         let path = place.path();
         mine.clone().into(path).succeed()?;
@@ -127,7 +127,7 @@ fn tables_exports_and_reports_are_not_replaced_without_force() {
         let before = contents(path);
         let others = others.clone().into(path);
         for ranks in [1, 2] {
-            others.clone().on(ranks).is_refused(&["it holds", said, "--force", "-o"])?;
+            others.clone().on(ranks).is_refused(&["it holds", printed, "--force", "-o"])?;
         }
         if contents(path) != before {
             return Err(format!("{name}: a refused command changed the directory"));
@@ -153,8 +153,8 @@ fn tables_exports_and_reports_are_not_replaced_without_force() {
         for there in [other.path().to_owned(), other.path().join("plots")] {
             let before = contents(other.path());
             let refused = job.clone().into(&there);
-            let says = ["it holds the result.h5 of another run", "--force", "-o"];
-            refused.is_refused(&says).expect("a refusal");
+            let wording = ["it holds the result.h5 of another run", "--force", "-o"];
+            refused.is_refused(&wording).expect("a refusal");
             assert_eq!(contents(other.path()), before, "the directory was changed");
         }
     }
@@ -181,14 +181,14 @@ fn foreign_files_are_not_replaced_without_force() {
         ("readout.csv", "it holds readout.csv"),
         ("warped_f.h5", "it holds warped_f.h5"),
     ];
-    check_all(&rows, |(name, said)| {
+    check_all(&rows, |(name, printed)| {
         let place = directory();
         let path = place.path();
         let file = path.join(name);
         fs::write(&file, "a letter").map_err(|e| e.to_string())?;
         let job = run(&["output.warped_field=true"]).into(path);
-        job.is_refused(&[said, "--force"])?;
-        job.clone().with(["--resume"]).is_refused(&[said, "--force"])?;
+        job.is_refused(&[printed, "--force"])?;
+        job.clone().with(["--resume"]).is_refused(&[printed, "--force"])?;
         let kept = fs::read(&file).is_ok_and(|bytes| bytes == b"a letter");
         if !kept || contents(path).len() != 1 {
             return Err(format!("{name}: the directory was changed"));

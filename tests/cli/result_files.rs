@@ -218,11 +218,11 @@ fn damaged_results_are_found() {
         let finished = look(ranks).succeed().unwrap();
         assert!(finished.output.contains("datasets as written"), "{}", finished.output);
     }
-    let found = |bytes: &[u8], ranks: usize, says: &str| {
+    let found = |bytes: &[u8], ranks: usize, wording: &str| {
         std::fs::write(&path, bytes).unwrap();
         let finished = look(ranks).run().unwrap();
-        let reported = finished.code == Some(1) && finished.errors.contains(says);
-        assert!(reported && finished.others.is_empty(), "{}", finished.report(says));
+        let reported = finished.code == Some(1) && finished.errors.contains(wording);
+        assert!(reported && finished.others.is_empty(), "{}", finished.report(wording));
     };
     for name in ["/psi", "/density", "/axis/x", "/multivalued/v", "/xdmf/plane_x/phi"] {
         let file = hdf5::File::open(&path).unwrap();
@@ -336,8 +336,9 @@ fn fields_can_be_made_positive() {
         (&["output.moments_every=0.2"], "output times"),
         (&["readout={points=[[0.4]],shots=10}"], "readout"),
     ];
-    check_all(&rows, |(settings, says)| {
+    check_all(&rows, |(settings, wording)| {
         let settings = [&["output.positive=true"], *settings].concat();
-        Mistake::set("smooth-beams.toml", &settings, &["output.positive", says]).refused_by_reader()
+        Mistake::set("smooth-beams.toml", &settings, &["output.positive", wording])
+            .refused_by_reader()
     });
 }

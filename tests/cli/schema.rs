@@ -315,25 +315,25 @@ impl Files {
     /// The messages of all readers about the file; whether one of them accepts it.
     fn read_all(&mut self) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
-        let said = |outcome: phasewarp::base::error::Result<()>| match outcome {
+        let printed = |outcome: phasewarp::base::error::Result<()>| match outcome {
             Ok(()) => Ok(true),
             Err(error) if error.to_string().is_empty() || error.exit_code() == 0 => {
                 Err(format!("exit code {}: {error}", error.exit_code()))
             }
             Err(_) => Ok(false),
         };
-        let mut accepted = said(untrusted::open(self.place.path()).map(|stored| {
+        let mut accepted = printed(untrusted::open(self.place.path()).map(|stored| {
             self.accepted += 1;
             if self.accepted.is_multiple_of(20) {
                 // Pictures are drawn if possible; a refusal concerns one figure.
                 let _ = pictures::draw(&stored, None, &[]);
             }
         }))?;
-        accepted |= said(started(&world, &path))?;
+        accepted |= printed(started(&world, &path))?;
         let plain = Self::case("", &path).ok_or("the case of warped fields")?;
-        accepted |= said(WarpedFile::new(&world, &path, &plain, "initial.warped").map(drop))?;
+        accepted |= printed(WarpedFile::new(&world, &path, &plain, "initial.warped").map(drop))?;
         let table = Self::case("table", &path).ok_or("the case of tables")?;
-        accepted |= said(with_tables(&world, &table).map(drop))?;
+        accepted |= printed(with_tables(&world, &table).map(drop))?;
         Ok(accepted)
     }
 }

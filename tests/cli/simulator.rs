@@ -139,9 +139,9 @@ fn qiskit_finds_the_same_amplitudes() {
         job.succeed()?;
         let path = place.path().display().to_string();
         let fails = |why: String| format!("{why}\n  command: {}", job.command());
-        let said = simulate(&python, &[&path]).map_err(fails)?;
-        if !said.contains("amplitudes within") {
-            return Err(fails(said));
+        let printed = simulate(&python, &[&path]).map_err(fails)?;
+        if !printed.contains("amplitudes within") {
+            return Err(fails(printed));
         }
         // Control, of some: another time is noticed.
         if settings.len() > 1 {
@@ -169,9 +169,9 @@ fn complete_circuits_find_the_field_and_a_moment() {
         // Without Qiskit there is a circuit, at least; the other test says so.
         let Some(python) = &python else { return Ok(()) };
         let path = place.path().display().to_string();
-        let said = simulate(python, &[&path])?;
-        if !said.contains("complete circuit: ") {
-            return Err(said);
+        let printed = simulate(python, &[&path])?;
+        if !printed.contains("complete circuit: ") {
+            return Err(printed);
         }
         // Control: a bound that is a hundredth of it does not hold.
         let file = place.path().join("complete.json");
@@ -296,10 +296,10 @@ fn large_cases_and_zero_states_are_refused() {
             &["48 points", "solver.warp.points = 64"],
         ),
     ];
-    check_all(rows, |(name, settings, says)| {
+    check_all(rows, |(name, settings, wording)| {
         let place = directory();
         let new = place.path().join("new");
-        export(name, settings, &new).on(2).is_refused(says)?;
+        export(name, settings, &new).on(2).is_refused(wording)?;
         match new.exists() {
             true => Err(format!("{} was made", new.display())),
             false => Ok(()),

@@ -212,8 +212,8 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
         even = even.max(if (height - place).abs() < 1e-3 { 0.0 } else { x });
     }
     assert!(measured > even && next > 1, "{measured} at {place}, {even} elsewhere, {next} near");
-    let said = panel(&all, "grazing").unwrap()["verdict"].to_string();
-    assert!(said.contains("the highest spike by theory"), "{said}");
+    let printed = panel(&all, "grazing").unwrap()["verdict"].to_string();
+    assert!(printed.contains("the highest spike by theory"), "{printed}");
     let without = ["potential=[{value='0.3*x'}]", "exact={}"];
     let all = found(&stability("example1.toml", "grazing,growth").set(&without)).unwrap();
     assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");
@@ -326,17 +326,17 @@ fn ordinary_runs_say_so_near_the_borders() {
     let small = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
     let place = directory();
     let job = Job::new(["check", &case("example1.toml")]).set(&small);
-    let said = job.clone().set(&["solver.warp.weights=none"]).succeed().unwrap();
+    let printed = job.clone().set(&["solver.warp.weights=none"]).succeed().unwrap();
     for words in
         ["solver.warp.weights = \"none\"", "growth x time", "where 1 is much", "dissipative"]
     {
-        assert!(said.output.contains(words), "{words}: {}", said.output);
+        assert!(printed.output.contains(words), "{words}: {}", printed.output);
     }
     assert!(!job.succeed().unwrap().output.contains("growth x time"));
     let inflow = Job::new(["check", &case("inflow_barrier.toml")]);
-    let said = inflow.set(&["solver.warp.delta=0.02"]).succeed();
-    let said = said.map(|f| f.output).unwrap_or_else(|e| e);
-    assert!(said.contains("solver.warp.delta"), "{said}");
+    let printed = inflow.set(&["solver.warp.delta=0.02"]).succeed();
+    let printed = printed.map(|f| f.output).unwrap_or_else(|e| e);
+    assert!(printed.contains("solver.warp.delta"), "{printed}");
     let cfl = ["solver.method=classical", "solver.classical.cfl=1.01"];
     let job = Job::new(["run", &case("example1.toml")]).set(&cfl);
     job.into(place.path()).is_refused(&["cfl", "1.01"]).unwrap();

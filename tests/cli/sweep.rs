@@ -73,9 +73,9 @@ fn a_table_has_a_row_for_each_combination() {
     let job = sweep(place.path(), &[degrees, "solver.tolerance=1e-2,1e-4"]);
     let finished = job.clone().on(2).succeed().unwrap();
     fits(&finished).unwrap();
-    let said = ["[2/4] scheme.degree=0 solver.tolerance=0.0001: ", "[4/4] ", " s\n"];
-    finished.says(&finished.errors, &said).unwrap();
-    finished.says(&finished.output, &["run  scheme.degree  ", "error_semidiscrete"]).unwrap();
+    let printed = ["[2/4] scheme.degree=0 solver.tolerance=0.0001: ", "[4/4] ", " s\n"];
+    finished.contains(&finished.errors, &printed).unwrap();
+    finished.contains(&finished.output, &["run  scheme.degree  ", "error_semidiscrete"]).unwrap();
     let table = Table::read(place.path()).unwrap();
     let keys = ["cells", "modes", "matvecs", "error_semidiscrete", "mass", "wall_seconds"];
     let runs_before = runs(&job).unwrap();
@@ -145,7 +145,7 @@ fn a_failure_is_a_row() {
         finished.ended(3, &["[1/2] solver.tolerance=5 time.end=0.1: ", "1 of 2 runs failed"])?;
         fits(&finished)?;
         let reason = "\n\nrun 1: --set solver.tolerance=5: solver.tolerance = 5";
-        finished.says(&finished.output, &[reason])?;
+        finished.contains(&finished.output, &[reason])?;
         let table = Table::read(place.path())?;
         let refused = table.get(0, "error").contains("solver.tolerance");
         let right = [refused, table.get(0, "mass").is_empty(), table.get(1, "error").is_empty()];
@@ -154,7 +154,7 @@ fn a_failure_is_a_row() {
         }
         let tex = std::fs::read_to_string(place.path().join("table.tex"));
         let tex = tex.map_err(|e| e.to_string())?;
-        finished.says(&tex, &["% --set solver.tolerance=5"])?;
+        finished.contains(&tex, &["% --set solver.tolerance=5"])?;
         // Alone it is refused as a run is.
         job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
     });
@@ -193,7 +193,7 @@ fn mistakes_are_refused_before_anything_runs() {
         (&["time.end=0.1,0.2,1e-1"], &["runs 1 and 3 are the same", "time.end=0.1"]),
         (&["solver.accuracy=0.1,0.2"], &["solver.accuracy = 1e-1", "advise"]),
     ];
-    check_all(&rows, |(vary, says)| sweep(&path, vary).on(2).is_refused(says));
+    check_all(&rows, |(vary, wording)| sweep(&path, vary).on(2).is_refused(wording));
     let job = sweep(&path, &["time.end=0.1,0.2"]);
     check_all(&["0", "3"], |index| {
         job.clone().with(["--index", index]).is_refused(&["--index", index, "from 1 to 2"])
@@ -220,7 +220,7 @@ fn an_array_solves_run_by_run() {
     assert_eq!(lines[1][2], runs[1].display().to_string());
     assert!(std::fs::read_dir(place.path()).expect("a directory").next().is_none());
     let second = job.clone().with(["--index", "2"]).on(2).succeed().unwrap();
-    second.says(&second.errors, &["[2/2] ", " s"]).unwrap();
+    second.contains(&second.errors, &["[2/2] ", " s"]).unwrap();
     assert!(runs[1].join("result.h5").exists() && !runs[0].exists());
     assert!(!place.path().join("table.csv").exists());
     let table = job.clone().with(["--table"]);
@@ -230,9 +230,9 @@ fn an_array_solves_run_by_run() {
     let found = Table::read(place.path()).unwrap();
     assert_eq!([found.get(0, "error"), found.get(1, "error")], ["not finished", ""]);
     // Other ranks, the same results; again it is kept.
-    for said in [" s", "finished before"] {
+    for printed in [" s", "finished before"] {
         let first = job.clone().with(["--index", "1"]).on(3).succeed().unwrap();
-        first.says(&first.errors, &["[1/2] ", said]).unwrap();
+        first.contains(&first.errors, &["[1/2] ", printed]).unwrap();
     }
     table.on(2).succeed().unwrap();
     let found = Table::read(place.path()).unwrap();

@@ -197,25 +197,25 @@ fn bad_tables_are_refused() {
     ];
     let directory_of =
         |text: &str| text.replace("file='", &format!("file='{}/", place.path().display()));
-    check_all(&rows, |(text, says)| {
+    check_all(&rows, |(text, wording)| {
         let given = format!("table={{{}}}", directory_of(text));
         for ranks in [1, 3] {
-            run(&given, &[]).into(directory().path()).on(ranks).is_refused(says)?;
+            run(&given, &[]).into(directory().path()).on(ranks).is_refused(wording)?;
         }
         let given = format!("initial={{{given}}}");
         for command in ["plan", "check"] {
-            Job::new([command, &case("example1.toml")]).set(&[&given]).is_refused(says)?;
+            Job::new([command, &case("example1.toml")]).set(&[&given]).is_refused(wording)?;
         }
         Ok(())
     });
     let table = format!("table={{file='{}', axes=['x']}}", place.path().join("flat.h5").display());
-    for (beside, says) in [
+    for (beside, wording) in [
         ("f='0'", "give either initial.table, or initial.f"),
         ("density='1', velocity=['0']", "give either initial.table, or initial.density"),
         ("warped='w.h5'", "give either initial.warped, or initial.table"),
     ] {
         let job = run(&format!("{table}, {beside}"), &[]);
-        job.is_refused(&[says]).unwrap();
+        job.is_refused(&[wording]).unwrap();
     }
     // One axis of the two is enough where it is said.
     let flat = run(&table, &["output.field_times=[0.2]"]);
@@ -403,8 +403,8 @@ fn inflow_by_table_is_that_of_a_formula() {
     });
     // Without saying so no axis is time.
     let untold = format!("inflow={{{}}}", given(&file, ""));
-    let says = ["inflow.table.file", "column \"t\"", "x, v", "inflow.table.axes", "x, v, t"];
-    run("f='0'", &[&untold]).is_refused(&says).unwrap();
+    let wording = ["inflow.table.file", "column \"t\"", "x, v", "inflow.table.axes", "x, v, t"];
+    run("f='0'", &[&untold]).is_refused(&wording).unwrap();
     run("f='0'", &[&timed, "time.end=2"]).is_refused(&["its axis t goes from 0 to 0.4"]).unwrap();
     run("f='0'", &[&timed, "output.field_times=[0.2]"])
         .is_refused(&["output.field_times", "with t in inflow.table"])
@@ -449,11 +449,11 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
             &["inflow.table.file", "column \"V\"", "x, v"],
         ),
     ];
-    check_all(&rows, |(setting, says)| {
+    check_all(&rows, |(setting, wording)| {
         for ranks in [1, 3] {
-            run("f='0'", &[setting]).into(directory().path()).on(ranks).is_refused(says)?;
+            run("f='0'", &[setting]).into(directory().path()).on(ranks).is_refused(wording)?;
         }
-        Job::new(["check", &case("example1.toml")]).set(&[setting]).is_refused(says)
+        Job::new(["check", &case("example1.toml")]).set(&[setting]).is_refused(wording)
     });
 }
 
@@ -473,9 +473,13 @@ fn another_potential_is_another_run() {
     write(0.2);
     let potential = format!("potential=[{{{}}}]", given(&path, ""));
     let checked = Job::new(["check", &case("example1.toml")]).set(&[&potential]);
-    let said = checked.on(1).succeed().unwrap();
-    assert!(said.output.contains("(3 points, constant around each)"), "{}", said.report("table"));
-    assert!(said.output.contains("misses the faces of the grid"), "{}", said.report("edge"));
+    let printed = checked.on(1).succeed().unwrap();
+    assert!(
+        printed.output.contains("(3 points, constant around each)"),
+        "{}",
+        printed.report("table")
+    );
+    assert!(printed.output.contains("misses the faces of the grid"), "{}", printed.report("edge"));
     let job = run("f='1'", &[&potential]);
     job.clone().solve(to.path()).unwrap();
     let again = job.clone().into(to.path()).with(["--resume"]).succeed().unwrap();
@@ -555,13 +559,13 @@ fn a_table_that_ends_early_is_noticed() {
     ];
     let place = directory();
     let path = place.path().join("V.csv");
-    for (points, interpolation, said) in rows {
+    for (points, interpolation, printed) in rows {
         write_grid(&path, &[("x", &points)], "V", |x| 0.1 * x[0]);
         let more = format!(", interpolation='{interpolation}'");
         let potential = format!("potential=[{{{}}}]", given(&path, &more));
         let finished = Job::new(["check", &case("example1.toml")]).set(&[&potential]).succeed();
         let finished = finished.unwrap();
         let found = finished.output.contains("it is constant over 50.00 % of the axis beyond");
-        assert_eq!(found, said, "{}", finished.report(interpolation));
+        assert_eq!(found, printed, "{}", finished.report(interpolation));
     }
 }

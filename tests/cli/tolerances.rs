@@ -185,8 +185,8 @@ fn distance_between_files_is_within_the_tolerance() {
         let found = distance(&f, &reference);
         let close = at_most("distance between the files", found, tolerance)
             .and_then(|()| {
-                let said = summary.number("error_semidiscrete")?;
-                near("error_semidiscrete over that distance", said / found, 1.0, 0.01)
+                let printed = summary.number("error_semidiscrete")?;
+                near("error_semidiscrete over that distance", printed / found, 1.0, 0.01)
             })
             // The comparison can fail: a thousandth of the tolerance is not met.
             .and_then(|()| match at_most("", found, 1e-3 * tolerance) {

@@ -14,13 +14,13 @@ fn region_edges_off_the_faces_give_a_warning() {
     ];
     check_all(&rows, |(condition, edge, by)| {
         let setting = format!("potential.0.where=\"{condition}\"");
-        let says = ["warning: potential", edge, by];
+        let wording = ["warning: potential", edge, by];
         let finished = check("example1.toml").set(&[&setting]).succeed()?;
-        finished.says(&finished.output, &says)?;
+        finished.contains(&finished.output, &wording)?;
         let place = directory();
         let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
         let finished = job.clone().into(place.path()).succeed()?;
-        for words in says {
+        for words in wording {
             let times = finished.errors.matches(words).count();
             require(times == 1, &finished, || format!("\"{words}\" is said {times} times"))?;
         }
@@ -34,7 +34,7 @@ fn region_edges_off_the_faces_give_a_warning() {
     let finished = check("example1.toml").set(&[often]).succeed().unwrap();
     let shown = finished.output.matches("misses the faces of the grid; it").count();
     let more = ["potential: and at ", "places more a region's edge misses the faces"];
-    finished.says(&finished.output, &more).unwrap();
+    finished.contains(&finished.output, &more).unwrap();
     let all = finished.output.split("and at ").nth(1).and_then(|rest| rest.split(' ').next());
     let all = shown + all.and_then(|n| n.parse::<usize>().ok()).unwrap_or(0);
     // Between -1.5 and 1.5 sin(30 x) changes its sign at k pi/30, |k| <= 14; x = 0 is a face.
@@ -71,14 +71,16 @@ fn unresolved_potentials_give_a_warning() {
     ];
     check_all(rows, |(setting, grid, words)| {
         let finished = check("example1.toml").set(grid).set(&[*setting]).succeed()?;
-        finished.says(&finished.output, words)?;
-        let said = finished.output.contains("does not resolve V");
-        require(said != words.is_empty(), &finished, || "V that is not resolved".to_owned())
+        finished.contains(&finished.output, words)?;
+        let printed = finished.output.contains("does not resolve V");
+        require(printed != words.is_empty(), &finished, || "V that is not resolved".to_owned())
     });
     // Along the second axis, too.
     let job = check("barrier2d.toml").set(&["potential.1.value=0.1 if y > 0.53 else 0"]);
     let finished = job.succeed().unwrap();
-    finished.says(&finished.output, &["between y = 0.4 and 0.6 (and in 11 cells more)"]).unwrap();
+    finished
+        .contains(&finished.output, &["between y = 0.4 and 0.6 (and in 11 cells more)"])
+        .unwrap();
 }
 
 /// Edges that are not along the axes are named, wherever they are; those of boxes are not, on faces
@@ -102,11 +104,11 @@ fn oblique_edges_give_a_warning() {
         "max(abs(x - 0.1), abs(y)) < 0.3 || max(abs(x + 0.7), abs(y - 0.3)) < 0.25",
     ];
     let rows = oblique.map(|edge| (edge, true)).into_iter().chain(along.map(|edge| (edge, false)));
-    check_all(&rows.collect::<Vec<_>>(), |(edge, said)| {
+    check_all(&rows.collect::<Vec<_>>(), |(edge, printed)| {
         let setting = format!("potential.0.where=\"{edge}\"");
         let finished = check("barrier2d.toml").set(&[&setting]).succeed()?;
         let found = finished.output.contains("potential.0: its edge at x = ");
-        require(found == *said, &finished, || format!("an oblique edge: {found}"))
+        require(found == *printed, &finished, || format!("an oblique edge: {found}"))
     });
     // A step that is no step to the particles: nothing is reflected there.
     let flat = ["potential.0.where=x > y", "potential.0.value=0.3*(x - y)"];
@@ -127,10 +129,10 @@ fn what_has_no_effect_gives_a_warning() {
         (&["initial.f=exp(-(x - 90)^2/0.01)"], "initial data are zero on the grid", true),
         (&["initial.f=0", "inflow.value=1 if v < 1 else 0"], "are zero on the grid", false),
     ];
-    check_all(rows, |(settings, words, said)| {
+    check_all(rows, |(settings, words, printed)| {
         let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
         let finished = check("example1.toml").set(&small).set(settings).succeed()?;
         let found = finished.output.contains(words);
-        require(found == *said, &finished, || format!("\"{words}\": {found}"))
+        require(found == *printed, &finished, || format!("\"{words}\": {found}"))
     });
 }

@@ -116,15 +116,15 @@ fn tried<R: Reader>(test: &str, numbers: Range<u64>) -> Result<String, String> {
     let (last, done) = watched(&mut child);
     let _ = child.kill();
     let status = child.wait().map_err(|e| e.to_string())?;
-    let mut said = Vec::new();
-    let _ = errors.rewind().and_then(|()| errors.read_to_end(&mut said));
+    let mut text = Vec::new();
+    let _ = errors.rewind().and_then(|()| errors.read_to_end(&mut text));
     match done {
         Ok(Some(done)) => Ok(done),
         ended => {
             let how = ended.err().unwrap_or_else(|| status.to_string());
-            let said = String::from_utf8_lossy(&said);
+            let text = String::from_utf8_lossy(&text);
             Err(format!(
-                "{test}: input {last}: {how}\n{said}\n\
+                "{test}: input {last}: {how}\n{text}\n\
                  again: PHASEWARP_FUZZ=1 PHASEWARP_FUZZ_FIRST={last}, and this test"
             ))
         }

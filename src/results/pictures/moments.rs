@@ -87,7 +87,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
     {
         // One panel has the legend.
-        let said = |text: &str| {
+        let named = |text: &str| {
             if name == "velocity" { text.to_owned() } else { String::new() }
         };
         let mut panel = Panel::new(label, PlotAxis::linear("x"), PlotAxis::linear(label));
@@ -99,14 +99,14 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         // Points, and below the lines, so that all are seen where they agree.
         if let Some(beside) = runs.beside {
             let points = listed(beside, name, COMPUTED)?;
-            panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
+            panel = panel.points(named(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if exact {
             let points = listed(run, name, EXACT)?;
-            panel = panel.line(said("exact"), Style::of(2).plain(), points);
+            panel = panel.line(named("exact"), Style::of(2).plain(), points);
         }
         let points = listed(run, name, COMPUTED)?;
-        panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
+        panel = panel.line(named(&runs.names[0]), Style::of(0).plain(), points);
         panels.push(panel.verticals(&faces));
     }
     let what = match (exact, run.has("phi")) {

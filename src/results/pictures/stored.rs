@@ -87,16 +87,16 @@ impl Stored {
     }
 
     fn of(directory: &Path, file: File) -> FileResult<Self> {
-        let said = |e: hdf5::Error| e.to_string();
+        let reason = |e: hdf5::Error| e.to_string();
         let mut provenance = BTreeMap::new();
-        for name in file.attr_names().map_err(said)? {
+        for name in file.attr_names().map_err(reason)? {
             if let Ok(value) = attribute(&file, &name) {
                 provenance.insert(name, value);
             }
         }
-        let time = number(&file, "time").map_err(said)?;
-        let stored = file.dataset("case").map_err(said)?;
-        let text = read_text(&stored).map_err(said)?;
+        let time = number(&file, "time").map_err(reason)?;
+        let stored = file.dataset("case").map_err(reason)?;
+        let text = read_text(&stored).map_err(reason)?;
         let overrides = attribute(&stored, "overrides").unwrap_or_default();
         let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
         let name = provenance.get("case_file").map_or("case", String::as_str);
@@ -108,13 +108,13 @@ impl Stored {
                     .ok_or_else(|| "its grid is not that of the result".to_owned())?;
                 Ok(Case { space, ..case })
             });
-        let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
+        let plan = read_text(&file.dataset("plan").map_err(reason)?).map_err(reason)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
         let summary = summary(directory);
         let steps = summary.as_ref().ok().map(|s| &s["seconds"]);
         let seconds = match steps.and_then(|s| BTreeMap::deserialize(s).ok()) {
             Some(seconds) => seconds,
-            None => timings(&file).map_err(said)?,
+            None => timings(&file).map_err(reason)?,
         };
         let space = match &case {
             Ok(case) => case.space.clone(),

@@ -391,9 +391,9 @@ fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
             }
         }
     }
-    let said = serde_json::from_str::<Header>(&header).ok().and_then(|header| header.words());
-    if let Some(said) = said.filter(|&said| said < 1 << 16 && below(2) == 0) {
-        words.resize(8 * (said + 1), 0);
+    let count = serde_json::from_str::<Header>(&header).ok().and_then(|header| header.words());
+    if let Some(count) = count.filter(|&count| count < 1 << 16 && below(2) == 0) {
+        words.resize(8 * (count + 1), 0);
     }
     let length = header.len().next_multiple_of(8);
     let start = [&whole[..8], &(length as u64 / 8).to_le_bytes()].concat();

@@ -312,7 +312,7 @@ mod tests {
         // The runs of the table, and more; wherever they are.
         assert_eq!(refused(&["x/a b", "x/c"]), "");
         assert!(refused(&["x/c"]).contains("sweep with other runs; --force replaces it"));
-        for (name, mine, said) in [
+        for (name, mine, reason) in [
             ("table.tex", "\\begin{tabular}", "a table.tex that no sweep wrote"),
             ("table.csv", "x,f\n1,2\n", "a table.csv that no sweep wrote"),
             ("table.csv", "x,directory\n1\n", "a table.csv that no sweep wrote"),
@@ -320,7 +320,7 @@ mod tests {
         ] {
             table().write(place.path()).unwrap();
             std::fs::write(place.path().join(name), mine).unwrap();
-            assert!(refused(&["a b"]).contains(said), "{name}, {mine}: {}", refused(&["a b"]));
+            assert!(refused(&["a b"]).contains(reason), "{name}, {mine}: {}", refused(&["a b"]));
         }
     }
 

@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn invalid_lists_are_refused() {
-        for (text, says) in [
+        for (text, reason) in [
             ("time.end", "KEY=VALUE"),
             ("=1", "empty parts"),
             ("time..end=1", "empty parts"),
@@ -108,7 +108,7 @@ mod tests {
         ] {
             let message = Vary::parse(text).expect_err(text).to_string();
             assert!(message.starts_with(&format!("--vary {text}: ")), "{message}");
-            assert!(message.contains(says), "{message}");
+            assert!(message.contains(reason), "{message}");
         }
     }
 }

@@ -87,7 +87,7 @@ const DAMAGES: [Damage; 9] = [
 fn damaged_checkpoints_are_refused_and_the_older_one_used() {
     LazyLock::force(&WHOLE);
     let sound = stopped(2).expect("a stopped run");
-    check_all(&DAMAGES, |(what, damage, said)| {
+    check_all(&DAMAGES, |(what, damage, printed)| {
         let directory = directory();
         let path = directory.path();
         io(copy(sound.path(), path))?;
@@ -99,8 +99,8 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
         // The second start finds the first one's result in place, and nothing to go on from.
         let finished = run().on(2).into(path).with(["--resume"]).succeed()?;
         let name = newest.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-        if !(finished.errors.contains(said) && finished.errors.contains(name)) {
-            return Err(finished.report(&format!("{what}: \"{said}\" expected")));
+        if !(finished.errors.contains(printed) && finished.errors.contains(name)) {
+            return Err(finished.report(&format!("{what}: \"{printed}\" expected")));
         }
         let summary = Summary::read(finished, path)?;
         same(path, &summary)?;
@@ -133,14 +133,14 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
         let other = run().on(2).environment(VARIABLE, InstructionSet::Generic.name());
         let finished = go_on(other, sound.path());
         assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
-        let said = finished.errors.contains("was computed with fused multiply-adds");
-        assert!(said, "{}", finished.errors);
+        let printed = finished.errors.contains("was computed with fused multiply-adds");
+        assert!(printed, "{}", finished.errors);
     }
     let alpha = ["solver.warp.alpha=1 - p/1e6"];
     let finished = go_on(run().on(2).set(&alpha), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
-    let says = "solver.warp.alpha is not given there, \"1 - p/1e6\" here";
-    assert!(finished.errors.contains(says), "{}", finished.errors);
+    let wording = "solver.warp.alpha is not given there, \"1 - p/1e6\" here";
+    assert!(finished.errors.contains(wording), "{}", finished.errors);
     // Of the same case, said in another way, and stored in another.
     let differently = [
         "axis.0.v.cells=30", "output.compression=1", "output.xdmf=true", "checkpoint.minutes=7",
@@ -150,8 +150,8 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     io(copy(sound.path(), copied.path())).expect("a copy");
     let finished = go_on(run().on(2).set(&differently), copied.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
-    let said = finished.errors.contains("going on from");
-    assert!(said, "{}", finished.errors);
+    let printed = finished.errors.contains("going on from");
+    assert!(printed, "{}", finished.errors);
     let found = datasets(copied.path()).expect("datasets");
     assert_eq!(found["/f"], WHOLE.0["/f"]);
     // None at all: from the beginning.
@@ -201,8 +201,8 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
         fs::copy(other, &start).expect("a copy");
         let finished = go_on();
         assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
-        let said = finished.errors.contains("initial.warped has changed");
-        assert!(said, "{}", finished.errors);
+        let printed = finished.errors.contains("initial.warped has changed");
+        assert!(printed, "{}", finished.errors);
     }
     fs::copy(&written, &start).expect("a copy");
     let finished = go_on();

@@ -236,16 +236,16 @@ fn a_sweep_that_is_stopped_goes_on() {
                 send(signal, process.id());
             }
         })?;
-        let said = format!("stopped by a signal: {number} of 2 runs are finished");
-        finished.ended(75, &[&said, "same command"])?;
+        let printed = format!("stopped by a signal: {number} of 2 runs are finished");
+        finished.ended(75, &[&printed, "same command"])?;
         let rows = || fs::read_to_string(place.path().join("table.csv")).unwrap_or_default();
         let rows_before = rows().lines().count();
         let finished = sweep.on(3).succeed()?;
         if number == 1 {
             finished
-                .says(&finished.errors, &["[1/2] checkpoint.minutes=1e-05: finished before"])?;
+                .contains(&finished.errors, &["[1/2] checkpoint.minutes=1e-05: finished before"])?;
         }
-        finished.says(&finished.errors, &["going on from"])?;
+        finished.contains(&finished.errors, &["going on from"])?;
         if [rows_before, rows().lines().count()] != [2 * number, 3] {
             return Err(finished.report(&format!("rows before: {rows_before}")));
         }
@@ -375,10 +375,10 @@ fn runs_stop_before_their_time_is_over_and_go_on() {
         let time = format!("{seconds}s");
         let job = run().on(2).into(place.path()).with(["--resume", "--walltime", &time]);
         let finished = job.run().expect("a run");
-        let said = finished.errors.contains(&format!("--walltime {seconds}"));
+        let printed = finished.errors.contains(&format!("--walltime {seconds}"));
         match finished.code {
-            Some(75) if said && finished.seconds < seconds + 20.0 => pieces += 1,
-            Some(2) if said => seconds = (125.0 * seconds).ceil() / 100.0,
+            Some(75) if printed && finished.seconds < seconds + 20.0 => pieces += 1,
+            Some(2) if printed => seconds = (125.0 * seconds).ceil() / 100.0,
             Some(0) if pieces == 0 => {
                 seconds = (80.0 * seconds).floor().max(1.0) / 100.0;
                 place = directory();
@@ -415,7 +415,7 @@ fn finished_work_is_not_computed_again() {
     let first = ["time.end=0.1", "output.warped_field=true", "solver.tolerance=0.01"];
     let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
     job(&[]).succeed().expect("a run");
-    let said = |finished: &Finished| finished.output.contains("the run is finished");
+    let printed = |finished: &Finished| finished.output.contains("the run is finished");
     // Settings, and whether that is the finished run; other results are not replaced unasked.
     let rows: [(&[&str], bool); 4] = [
         (&[], true),
@@ -429,7 +429,7 @@ fn finished_work_is_not_computed_again() {
         match finished {
             true => {
                 let again = again.succeed().expect("a run");
-                assert!(said(&again), "{}", again.report("finished"));
+                assert!(printed(&again), "{}", again.report("finished"));
             }
             false => again.is_refused(&["another result", " there, ", "--force"]).unwrap(),
         }
@@ -439,7 +439,7 @@ fn finished_work_is_not_computed_again() {
     // An option is missing.
     fs::remove_file(path.join("warped_f.h5")).expect("a file");
     let again = job(&[]).with(["--resume"]).succeed().expect("a run");
-    assert!(!said(&again), "{}", again.report("solved"));
+    assert!(!printed(&again), "{}", again.report("solved"));
     let again = job(&[]).with(["--force"]).succeed().expect("a run");
-    assert!(!said(&again), "{}", again.report("solved"));
+    assert!(!printed(&again), "{}", again.report("solved"));
 }

@@ -244,9 +244,9 @@ fn damage_to_a_warped_field_is_noticed() {
     let early = ["output.field_times=[0.5]", "output.warped_field=true"];
     small(&early).on(2).solve(place.path()).unwrap();
     let check = || Job::new(["check-result", &place.path().display().to_string()]).on(2);
-    let said = check().succeed().unwrap().output;
+    let printed = check().succeed().unwrap().output;
     for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
-        assert!(said.contains(name), "{said}");
+        assert!(printed.contains(name), "{printed}");
     }
     let path = place.path().join("warped_f_0001.h5");
     {
@@ -305,9 +305,9 @@ fn stored_modes_are_planned() {
     }
 
     let place = directory();
-    let refused = |settings: &[&str], says: &str| {
+    let refused = |settings: &[&str], wording: &str| {
         let job = small(settings).into(place.path());
-        job.is_refused(&[says]).unwrap();
+        job.is_refused(&[wording]).unwrap();
     };
     let huge = ["output.warped_field=true", "axis.0.x.cells=40000", "axis.0.v.cells=40000"];
     refused(&huge, "memory");

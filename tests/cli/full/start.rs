@@ -115,8 +115,8 @@ fn plans_of_runs_from_a_file_have_its_points() {
             .set(&end)
             .with(options.iter().copied());
         let finished = plan.on(*ranks).succeed()?;
-        let said = |words: &str| finished.output.contains(words);
-        if said("2401 (l >= 0)") && said("at 4800 points in p") {
+        let printed = |words: &str| finished.output.contains(words);
+        if printed("2401 (l >= 0)") && printed("at 4800 points in p") {
             Ok(())
         } else {
             Err(finished.report("2401 modes, 4800 points expected"))
@@ -238,8 +238,8 @@ fn a_start_that_is_not_flat_is_refused() {
     let grows = "solver.warp.weights=none";
     for ranks in [1, 3] {
         let refused = start(&[grows]).into(directory().path()).on(ranks).run().unwrap();
-        let says = ["initial.warped", "e^p w varies by 2.", "solver.warp.recovery"];
-        refused.ended(2, &says).unwrap();
+        let wording = ["initial.warped", "e^p w varies by 2.", "solver.warp.recovery"];
+        refused.ended(2, &wording).unwrap();
     }
     // Where w is what is asked for, and where nothing comes from below.
     for (settings, most) in [(&[grows, "output.warped_field=true"][..], "e-1 of"), (&[], "e-3 of")]
@@ -273,11 +273,11 @@ fn senseless_starts_are_refused() {
         (&[&from, "solver.warp.points=64"], &["solver.warp.points", "initial.warped"]),
         (&[&from, "solver.warp.recovery=250"], &["solver.warp.recovery", "250", "points"]),
     ];
-    check_all(&rows, |(settings, says)| {
+    check_all(&rows, |(settings, wording)| {
         let to = directory();
         for ranks in [1, 2] {
             let job = small(settings).into(to.path()).on(ranks);
-            job.is_refused(says)?;
+            job.is_refused(wording)?;
         }
         Ok(())
     });

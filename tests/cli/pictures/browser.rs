@@ -119,8 +119,8 @@ fn a_browser_opens_the_report() {
     let measured = place.path().join("measured.html");
     std::fs::write(&measured, text.replace(policy, "").replace("</body>", script)).unwrap();
     for width in [1200, 600, 420] {
-        let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
+        let printed = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
         let expected = format!("pictures={pictures} cut=0 marked=0 times=+++++ over=0");
-        assert!(said.contains(&expected), "{width}: {expected} expected, {said}");
+        assert!(printed.contains(&expected), "{width}: {expected} expected, {printed}");
     }
 }

@@ -111,18 +111,18 @@ fn a_video_has_all_frames() {
         assert!(output.status.success(), "{output:?}");
         String::from_utf8(output.stdout).unwrap()
     };
-    let said = call("for last; do :; done; wc -c > \"$last\"");
+    let printed = call("for last; do :; done; wc -c > \"$last\"");
     let video = place.path().join("plots/movie.webm");
-    assert!(said.contains("movie.webm") && !said.contains("left out"), "{said}");
+    assert!(printed.contains("movie.webm") && !printed.contains("left out"), "{printed}");
     let bytes: usize = std::fs::read_to_string(&video).unwrap().trim().parse().unwrap();
     let found = frames(&place.path().join("plots/movie.gif"));
     let pixels = found[0].size.map(usize::from);
     assert_eq!(bytes, 3 * found.len() * pixels[0] * pixels[1]);
     // One that fails leaves the GIF, and no video, nor an older one.
     for script in ["echo broken >&2; exit 3", "echo broken >&2; cat > /dev/null; exit 3"] {
-        let said = call(script);
-        assert!(said.contains("movie.webm: left out: ffmpeg: broken"), "{said}");
-        assert!(!video.exists() && said.contains("movie.gif"));
+        let printed = call(script);
+        assert!(printed.contains("movie.webm: left out: ffmpeg: broken"), "{printed}");
+        assert!(!video.exists() && printed.contains("movie.gif"));
         let partial = place.path().join("plots/movie.webm.partial");
         assert!(!partial.exists());
     }

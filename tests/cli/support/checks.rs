@@ -100,15 +100,15 @@ pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(),
 }
 
 /// Finished with the required error (`solver.verify`), or refused with a message that contains all
-/// of `says`.
+/// of `wording`.
 pub fn solved_or_refused(
     finished: &Finished,
     directory: &Path,
     tolerance: f64,
-    says: &[&str],
+    wording: &[&str],
 ) -> Result<(), String> {
     if finished.code == Some(2) {
-        return refused(finished, says);
+        return refused(finished, wording);
     }
     require(finished.code == Some(0), finished, || "neither solved nor refused".into())?;
     let value = Summary::read(finished.clone(), directory)?.value;

@@ -286,13 +286,13 @@ impl Job {
         };
         let seconds = started.elapsed().as_secs_f64();
         drop(slots);
-        let [mut said, mut complained] = [&mut output, &mut errors].map(|f| untag(&read(f)));
+        let [mut printed, mut complained] = [&mut output, &mut errors].map(|f| untag(&read(f)));
         if self.ranks.is_none() {
             // No mpirun: what is not marked is the program's.
-            said.swap(0, 2);
+            printed.swap(0, 2);
             complained.swap(0, 2);
         }
-        let ([output, others, _], [errors, more, launcher]) = (said, complained);
+        let ([output, others, _], [errors, more, launcher]) = (printed, complained);
         let finished = Finished {
             command: self.command(),
             code: status.and_then(|s| s.code()),

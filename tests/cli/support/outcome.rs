@@ -7,20 +7,20 @@ use std::path::Path;
 /// The output of rank 0, of the other ranks and of mpirun itself. mpirun marks every piece it gets
 /// from a rank, also in the middle of a line or of a letter, with `[job,rank]<stdout>:`.
 pub fn untag(bytes: &[u8]) -> [String; 3] {
-    let mut said = [const { Vec::new() }; 3];
+    let mut printed = [const { Vec::new() }; 3];
     let (mut speaker, mut rest) = (2, bytes);
     while let Some((&byte, after)) = rest.split_first() {
         if let Some((rank, after)) = mark(rest) {
             (speaker, rest) = (rank.min(1), after);
             continue;
         }
-        said[speaker].push(byte);
+        printed[speaker].push(byte);
         if byte == b'\n' {
             speaker = 2;
         }
         rest = after;
     }
-    said.map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+    printed.map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// The rank of a mark at the start of `bytes`, and what follows it.
@@ -39,22 +39,22 @@ fn mark(bytes: &[u8]) -> Option<(usize, &[u8])> {
 
 #[test]
 fn marks_are_taken_out_of_words_and_letters() {
-    let said = "[7,0]<stdout>:[1 [7,0]<stdout>:2] \u{c3}[7,1]<stderr>:no\nmpirun: [x]\n";
+    let printed = "[7,0]<stdout>:[1 [7,0]<stdout>:2] \u{c3}[7,1]<stderr>:no\nmpirun: [x]\n";
     // The two bytes of ö with a mark between them.
-    let mut bytes: Vec<u8> = said.chars().map(|c| c as u8).collect();
+    let mut bytes: Vec<u8> = printed.chars().map(|c| c as u8).collect();
     bytes.splice(0..0, *b"[7,0]<stdout>:\xc3[7,0]<stdout>:\xb6\n");
     let [first, others, launcher] = untag(&bytes);
     assert_eq!(first, "ö\n[1 2] \u{fffd}");
     assert_eq!((others.as_str(), launcher.as_str()), ("no\n", "mpirun: [x]\n"));
 }
 
-/// `said` without the ends of lines that the program put between words so that lines fit: each
+/// `printed` without the ends of lines that the program put between words so that lines fit: each
 /// behind a line that had no room for the word that follows, which is indented.
-pub fn unwrapped(said: &str) -> String {
+pub fn unwrapped(printed: &str) -> String {
     let width = |text: &str| text.chars().count();
-    let mut joined = String::with_capacity(said.len());
+    let mut joined = String::with_capacity(printed.len());
     let mut last = "";
-    for line in said.split_inclusive('\n') {
+    for line in printed.split_inclusive('\n') {
         let word = line.split_whitespace().next().unwrap_or_default();
         let room = last.trim_end_matches('\n');
         // Not a row of a table.
@@ -107,13 +107,13 @@ impl Finished {
         if self.code != Some(code) {
             return Err(self.report(&format!("exit code {code} expected")));
         }
-        self.says(&self.errors, words)
+        self.contains(&self.errors, words)
     }
 
-    /// An error with the whole output, unless `said` contains each of `words`.
-    pub fn says(&self, said: &str, words: &[&str]) -> Result<(), String> {
-        match words.iter().find(|words| !said.contains(**words)) {
-            Some(words) => Err(self.report(&format!("\"{words}\" is not said"))),
+    /// An error with the whole output, unless `printed` contains each of `words`.
+    pub fn contains(&self, printed: &str, words: &[&str]) -> Result<(), String> {
+        match words.iter().find(|words| !printed.contains(**words)) {
+            Some(words) => Err(self.report(&format!("\"{words}\" is not printed"))),
             None => Ok(()),
         }
     }
@@ -128,18 +128,18 @@ impl Finished {
             format!("{what}\n  command: {}\n  {ending} after {:.1} s", self.command, self.seconds);
         // mpirun's own message about a nonzero exit code is redundant.
         let launcher = if self.errors.is_empty() { self.launcher.as_str() } else { "" };
-        for (who, said) in [
+        for (who, printed) in [
             ("stdout", self.output.as_str()),
             ("stderr", &self.errors),
             ("other ranks", &self.others),
             ("mpirun", launcher),
         ] {
             // Without the frames of a crash.
-            let lines = said.lines().filter(|l| !l.starts_with('['));
-            let said = lines.collect::<Vec<_>>().join("\n");
-            let said: String = said.trim_end().chars().take(1500).collect();
-            if !said.is_empty() {
-                text += &format!("\n  {who}: {}", said.replace('\n', "\n    "));
+            let lines = printed.lines().filter(|l| !l.starts_with('['));
+            let printed = lines.collect::<Vec<_>>().join("\n");
+            let printed: String = printed.trim_end().chars().take(1500).collect();
+            if !printed.is_empty() {
+                text += &format!("\n  {who}: {}", printed.replace('\n', "\n    "));
             }
         }
         text

@@ -7,8 +7,8 @@ use std::process::Command;
 pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(python).arg(script).args(arguments).output();
     let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
-    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    if output.status.success() { Ok(said(&output.stdout)) } else { Err(said(&output.stderr)) }
+    let printed = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() { Ok(printed(&output.stdout)) } else { Err(printed(&output.stderr)) }
 }
 
 /// A Python with the packages of the script: that of `target/FOLDER`, or the one on the path.

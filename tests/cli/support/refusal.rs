@@ -18,23 +18,23 @@ const STACK: usize = 8 << 20;
 
 impl Job {
     /// Runs it, which must be [`refused`].
-    pub fn is_refused(&self, says: &[&str]) -> Result<(), String> {
-        refused(&self.run()?, says)
+    pub fn is_refused(&self, wording: &[&str]) -> Result<(), String> {
+        refused(&self.run()?, wording)
     }
 }
 
 /// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that
-/// contains all of `says`.
-pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
+/// contains all of `wording`.
+pub fn refused(finished: &Finished, wording: &[&str]) -> Result<(), String> {
     require(finished.code == Some(2), finished, || "exit code 2 expected".into())?;
     require(finished.others.is_empty(), finished, || "only rank 0 prints".into())?;
-    one_message(&finished.errors, says).map_err(|what| finished.report(&what))?;
+    one_message(&finished.errors, wording).map_err(|what| finished.report(&what))?;
     let seconds = finished.seconds;
     require(seconds < SECONDS_TO_REFUSE, finished, || format!("refused after {seconds:.1} s"))
 }
 
-/// One message, after warnings only, that contains all of `says`.
-fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
+/// One message, after warnings only, that contains all of `wording`.
+fn one_message(message: &str, wording: &[&str]) -> Result<(), String> {
     let errors = message.matches("error: ").count();
     if errors != 1 {
         return Err(format!("one message expected, \"error: \" occurs {errors} times"));
@@ -48,7 +48,7 @@ fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
             return Err(format!("\"{crash}\""));
         }
     }
-    match says.iter().find(|words| !message.contains(**words)) {
+    match wording.iter().find(|words| !message.contains(**words)) {
         Some(words) => Err(format!("the message does not say \"{words}\"")),
         None => Ok(()),
     }
@@ -61,14 +61,14 @@ pub struct Mistake {
     /// Values of `--set`.
     pub settings: Vec<String>,
     /// Pieces of the message.
-    pub says: Vec<String>,
+    pub wording: Vec<String>,
 }
 
 impl Mistake {
     /// In a file of `cases/` with these settings.
-    pub fn set(name: &str, settings: &[&str], says: &[&str]) -> Self {
+    pub fn set(name: &str, settings: &[&str], wording: &[&str]) -> Self {
         let owned = |list: &[&str]| list.iter().map(|s| (*s).to_owned()).collect();
-        Self { path: case(name), settings: owned(settings), says: owned(says) }
+        Self { path: case(name), settings: owned(settings), wording: owned(wording) }
     }
 
     /// Refused by the reader, in this process: checks as [`refused`] the error that the program
@@ -92,7 +92,7 @@ impl Mistake {
             Err(e) => return Err(format!("no thread: {e}")),
         };
         let fails = |what: String| format!("{what}\n  as in: {command}\n  message: {message}");
-        one_message(&message, &self.says()).map_err(fails)?;
+        one_message(&message, &self.wording()).map_err(fails)?;
         if code != 2 || seconds >= SECONDS_TO_REFUSE {
             return Err(fails(format!("exit code {code} after {seconds:.1} s")));
         }
@@ -101,7 +101,7 @@ impl Mistake {
 
     /// Refused by `phasewarp check` on two ranks.
     pub fn refused_by_program(&self) -> Result<(), String> {
-        self.job().on(2).is_refused(&self.says())
+        self.job().on(2).is_refused(&self.wording())
     }
 
     fn job(&self) -> Job {
@@ -109,8 +109,8 @@ impl Mistake {
         Job::new(["check", &self.path]).set(&settings)
     }
 
-    fn says(&self) -> Vec<&str> {
-        self.says.iter().map(String::as_str).collect()
+    fn wording(&self) -> Vec<&str> {
+        self.wording.iter().map(String::as_str).collect()
     }
 }
 
