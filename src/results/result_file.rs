@@ -33,7 +33,7 @@ use crate::problem::exact::sheet::sums::MultivaluedVelocity;
 use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
 use crate::quantum::readout::Readout;
-use crate::quantum::readout::files::numbers as readout_numbers;
+use crate::quantum::readout::files::{ReadoutColumn, numbers as readout_numbers};
 use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, DatasetLayout, POINT};
 use crate::results::views::{self, Step};
@@ -273,8 +273,8 @@ fn measured(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     for (name, figure) in single {
         attribute(&group, name, &figure.value().unwrap_or(f64::NAN))?;
     }
-    for (name, values, what) in readout.columns() {
-        writer.list(&format!("readout/{name}"), &values, Some(what))?;
+    for ReadoutColumn { name, description, values } in readout.columns() {
+        writer.list(&format!("readout/{name}"), &values, Some(description))?;
     }
     Ok(())
 }

@@ -155,7 +155,9 @@ fn write_all(
     let mut names = axis_names(spread.space.dimension());
     names.push(POINTS);
     let mut field = writer.slabs("w", &names, "warped phase-space density")?;
-    let (mut transpose, mut all, mut values) = spread.buffers(&transform);
+    let mut transpose = spread.transpose(&transform);
+    let mut all = spread.modes_of_a_round(&transform);
+    let mut values = vec![0.0; spread.cells_at_once(points) * points];
     let modes = transform.modes();
     spread.rounds(spread.cells_at_once(points), |cells, slab| {
         transpose.to_cells(kept.values(), kept.rows(), cells, &mut all);

@@ -140,18 +140,26 @@ impl Axis {
         whole && !(0..self.elements() as i64).contains(&e)
     }
 
-    /// Ends and number of elements of the axis that this is a window of.
-    fn extent(&self) -> (f64, f64, usize) {
+    /// Ends of the axis that this is a window of.
+    fn ends_of_whole(&self) -> [f64; 2] {
         match self.part {
-            AxisPart::Window { ends, of, .. } => (ends[0], ends[1], of),
-            _ => (self.lower, self.upper, self.elements()),
+            AxisPart::Window { ends, .. } => ends,
+            _ => [self.lower, self.upper],
+        }
+    }
+
+    /// Number of elements of the axis that this is a window of.
+    fn elements_of_whole(&self) -> usize {
+        match self.part {
+            AxisPart::Window { of, .. } => of,
+            _ => self.elements(),
         }
     }
 
     /// Element width `h`.
     pub fn width(&self) -> f64 {
-        let (lower, upper, elements) = self.extent();
-        (upper - lower) / elements as f64
+        let [lower, upper] = self.ends_of_whole();
+        (upper - lower) / self.elements_of_whole() as f64
     }
 
     /// Width of cell `j`: its quadrature weight. Of degree 0 that of the element.
@@ -207,8 +215,9 @@ impl Axis {
     /// axis give exact mirror images of its points. `twice` counts half elements: an odd number is
     /// a centre, an even one a face.
     fn point(&self, twice: f64) -> f64 {
-        let (lower, upper, elements) = self.extent();
-        let (n, twice) = (2.0 * elements as f64, twice + 2.0 * self.first() as f64);
+        let [lower, upper] = self.ends_of_whole();
+        let n = 2.0 * self.elements_of_whole() as f64;
+        let twice = twice + 2.0 * self.first() as f64;
         ((n - twice) * lower + twice * upper) / n
     }
 
@@ -246,7 +255,7 @@ impl Axis {
     /// How many elements `point` lies above the lower end; the same for a window as for the whole
     /// axis but for the elements before.
     pub fn position(&self, point: f64) -> f64 {
-        (point - self.extent().0) / self.width() - self.first() as f64
+        (point - self.ends_of_whole()[0]) / self.width() - self.first() as f64
     }
 
     /// Cell centres, in order.

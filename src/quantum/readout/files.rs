@@ -37,13 +37,22 @@ pub fn numbers(case: &Case) -> usize {
     COLUMNS.len() * OverlapEstimator::ALL.len() * observables * cells
 }
 
+/// A column of `/readout`.
+pub struct ReadoutColumn {
+    /// Name of its dataset.
+    pub name: &'static str,
+    /// What its numbers are.
+    pub description: &'static str,
+    /// A number for every row and estimator, NaN where it is not known.
+    pub values: Vec<f64>,
+}
+
 impl Readout {
-    /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not
-    /// known), description.
-    pub fn columns(&self) -> Vec<(&'static str, Vec<f64>, &'static str)> {
+    /// The columns of `/readout`.
+    pub fn columns(&self) -> Vec<ReadoutColumn> {
         let known = |figure: &LabelledNumber| figure.value().unwrap_or(f64::NAN);
-        let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> =
-            COLUMNS.iter().map(|&(name, what)| (name, Vec::new(), what)).collect();
+        let mut columns =
+            COLUMNS.map(|(name, description)| ReadoutColumn { name, description, values: vec![] });
         for row in &self.rows {
             for m in &row.measured {
                 let place = [
@@ -54,11 +63,11 @@ impl Readout {
                 ];
                 let numbers = place.into_iter().chain(m.figures().map(known));
                 for (column, number) in columns.iter_mut().zip(numbers) {
-                    column.1.push(number);
+                    column.values.push(number);
                 }
             }
         }
-        columns
+        columns.into()
     }
 
     /// Writes `readout.csv` into `directory`.

@@ -204,7 +204,8 @@ impl WarpedFile {
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
         let mut between = Between::new(series, self.interval, transform.points());
-        let (mut transpose, mut all, _) = spread.buffers(&transform);
+        let mut transpose = spread.transpose(&transform);
+        let mut all = spread.modes_of_a_round(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
         let (mut sum, mut largest) = (0u64, 0.0f64);
         let mut flatness = Flatness::new(domain, self.interval, points);

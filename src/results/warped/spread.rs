@@ -82,14 +82,15 @@ impl Spread<'_> {
         Ok(())
     }
 
-    /// The buffers of this rank: all modes of some cells, and their values.
-    pub fn buffers(&self, transform: &Transform) -> (Transpose<'_>, Vec<Complex64>, Vec<f64>) {
+    /// The transposition between all cells of a mode and all modes of a cell, for a round.
+    pub fn transpose(&self, transform: &Transform) -> Transpose<'_> {
         let most = self.cells_at_once(transform.points());
-        (
-            Transpose::new(&self.communicator.modes, self.modes.to_vec(), most),
-            vec![Complex64::ZERO; most * transform.modes()],
-            vec![0.0; most * transform.points()],
-        )
+        Transpose::new(&self.communicator.modes, self.modes.to_vec(), most)
+    }
+
+    /// Room for all modes of the cells of a round.
+    pub fn modes_of_a_round(&self, transform: &Transform) -> Vec<Complex64> {
+        vec![Complex64::ZERO; self.cells_at_once(transform.points()) * transform.modes()]
     }
 
     /// The phases of all modes. Collective over the mode groups.
