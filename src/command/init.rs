@@ -8,8 +8,21 @@ use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use std::fmt::Write;
 
-/// Cells of a space axis and of a velocity axis, by dimension: a run takes seconds.
-const CELLS: [[usize; 2]; 3] = [[120, 96], [20, 12], [8, 6]];
+/// Elements of a case: a run takes seconds.
+struct Elements {
+    degree: usize,
+    /// Along x and vx, where the step is.
+    first: [usize; 2],
+    /// Along each other axis of space and its velocity.
+    others: [usize; 2],
+}
+
+/// By dimension.
+const ELEMENTS: [Elements; 3] = [
+    Elements { degree: 2, first: [60, 48], others: [0, 0] },
+    Elements { degree: 2, first: [14, 10], others: [5, 4] },
+    Elements { degree: 1, first: [8, 6], others: [3, 2] },
+];
 
 /// Writes a case file, on the first rank. Collective.
 ///
@@ -32,7 +45,7 @@ pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
 
 /// A case in `n` dimensions: a beam meets a step up, which reflects its slow part.
 pub fn text(n: usize) -> String {
-    let [cells, velocities] = CELLS[n - 1];
+    let Elements { degree, first, others } = ELEMENTS[n - 1];
     let mut text = format!(
         "# A case of phasewarp: a cloud of particles meets a potential step, in {n} dimension{}.\n\
          # docs/usage.md lists all keys; `phasewarp schema` lists them for an editor.\n\
@@ -41,6 +54,7 @@ pub fn text(n: usize) -> String {
     );
     for a in 0..n {
         let x = ["x", "y", "z"][a];
+        let [cells, velocities] = if a == 0 { first } else { others };
         // Formatting cannot fail.
         let _ = match a {
             0 => write!(
@@ -79,10 +93,10 @@ pub fn text(n: usize) -> String {
          end = 1.0\n\n\
          [scheme]\n\
          interface = \"conservative\"   # keeps the mass where V jumps\n\
-         # degree = 2                 # elements: more accurate where f is smooth\n\n\
+         degree = {degree}                   # of the elements; 0: finite volumes, first order\n\n\
          [solver]\n\
          method = \"schrodingerized\"   # or \"classical\"\n\
-         tolerance = 1e-4             # relative l2 distance to the semi-discrete solution\n\n\
+         tolerance = 1e-2             # relative l2 distance to the semi-discrete solution\n\n\
          [exact]                      # what the result is compared with\n\
          kind = \"characteristics\"     # particles traced back; or f = \"formula\" of t too\n\n\
          [output]\n\
