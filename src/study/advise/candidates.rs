@@ -1,0 +1,397 @@
+//! Set-ups on the grids that were found, classical and by modes: their plans, tolerances, trials and
+//! errors.
+
+use crate::base::error::Result;
+use crate::base::text::{bytes_text, rounded_down};
+use crate::matrix::bounds::Bounds;
+use crate::plan::Plan;
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
+use crate::problem::potential::overlooked;
+use crate::run::planning;
+use crate::study::advise::density::distance;
+use crate::study::advise::grid_search::{
+    DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, error_on, grid_near,
+};
+use crate::study::advise::report::{MOST_SHOWN, grid_text};
+use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::settings::{command, settings};
+use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
+use crate::study::advise::trials::{cells, mode_updates};
+use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
+use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, shape_text};
+use crate::study::trial::final_fields_only;
+
+/// Largest part of the accuracy that the error of Schrödingerization may take.
+const SCHRODINGERIZATION: f64 = 0.1;
+/// Largest part of the budget that a run by modes on the coarse grid of a tolerance trial may take.
+const FOR_MODES: f64 = 0.05;
+/// Part of the budget up to which tolerances are tried on that grid.
+const FOR_TOLERANCES: f64 = 0.8;
+/// The smallest tolerance that is advised.
+const SMALLEST_TOLERANCE: f64 = 1e-12;
+/// Largest number of tolerances that are tried.
+const MOST_TOLERANCES: usize = 4;
+/// Grids of more elements of space than this are not searched for regions of `V` without a cell.
+const MOST_SEARCHED: usize = 1 << 17;
+/// Largest number of cells of which a plan is made.
+const MOST_CELLS: f64 = 1e11;
+/// Bytes of memory a cell, of runs by modes and of classical runs, for grids that are not planned.
+const BYTES: [f64; 2] = [340.0, 70.0];
+
+/// A tolerance of Schrödingerization, tried on a coarse grid.
+struct ToleranceTrial {
+    tolerance: f64,
+    /// Relative L1 error of the density that Schrödingerization adds on that grid, if it was tried.
+    measured: Option<f64>,
+    /// A bound on that error, if one is known.
+    bound: Option<f64>,
+}
+
+impl Study<'_> {
+    /// The report of the set-up `target` on the grid `reached`, without its cost.
+    fn entry(&self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
+        let settings = settings(self.case, self.trials.base(), target);
+        SetupReport {
+            name: self.name(target.method, scheme),
+            method: target.method,
+            interface: scheme.interface,
+            limiter: scheme.limiter,
+            degree: scheme.degree,
+            flux: target.flux_of_elements(),
+            shape: reached.shape.clone(),
+            cells: cells(&target.space.shape()),
+            computed_cells: cells(&self.trials.merged(target).space.shape()),
+            tolerance: None,
+            error: reached.error,
+            known: reached.known,
+            parts: ErrorParts::of_discretisation(reached.error, reached.part_of_space),
+            order: reached.order.clone(),
+            levels: reached.levels.clone(),
+            moved_edges: self.trials.degree_case(scheme).grids.moved(&reached.shape),
+            applications: 0.0,
+            memory_bytes_per_rank: 0.0,
+            seconds: None,
+            seconds_measured: false,
+            refused: vanished_region(target).or_else(|| self.why_missed(reached)),
+            estimate: None,
+            command: command(self.case, &settings),
+            settings,
+        }
+    }
+
+    /// Why the grid `reached` does not reach the accuracy, if it does not.
+    fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
+        let (error, on) = (reached.error, shape_text(&reached.shape));
+        if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
+            let why =
+                "the budget does not hold two grids to compare; a longer --budget may allow it";
+            return Some(why.to_owned());
+        }
+        if error <= DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF) {
+            return None;
+        }
+        Some(match (reached.order.falls(), reached.order.settled) {
+            (true, _) => format!(
+                "the error is {error:.1e} on {on}, and no finer grid was found that reaches it \
+                 within --budget"
+            ),
+            (false, true) => format!("the error does not fall with the grid: {error:.1e} on {on}"),
+            (false, false) => format!(
+                "the error does not fall with the grid yet: {error:.1e} on {on}; a longer --budget \
+                 compares finer grids"
+            ),
+        })
+    }
+
+    /// The plan of `target`; none if it cannot be run, and then its `entry` says why. Collective.
+    fn plan(&self, entry: &mut SetupReport, target: &Case) -> Option<Plan> {
+        if entry.refused.is_some() {
+            return None;
+        }
+        let merged = self.trials.merged(target);
+        let space = cells(&merged.space.shape()[..merged.space.dimension()]);
+        if space > MOST_PLANNED_SPACE_CELLS || entry.computed_cells > MOST_CELLS {
+            let [by_modes, classical] = BYTES;
+            let each = match target.method {
+                Method::Schrodingerized => by_modes,
+                Method::Classical => classical,
+            };
+            let bytes = entry.computed_cells * each / self.world.group().size() as f64;
+            entry.memory_bytes_per_rank = bytes;
+            let grid = grid_text(&entry.shape, entry.degree);
+            let mut why = format!("{}it takes {grid}", entry.not_settled_yet());
+            if entry.cells <= MOST_SHOWN {
+                why += &format!(", about {} a rank", bytes_text(bytes as u64));
+            }
+            entry.refused = Some(why);
+            return None;
+        }
+        match planning::plan(self.world, target, &Resources::here(self.world)) {
+            Ok(plan) => {
+                entry.memory_bytes_per_rank = plan.memory() as f64;
+                entry.computed_cells = plan.cells as f64;
+                entry.applications = match &plan.warp {
+                    Some(warp) => warp.applications as f64,
+                    None => (plan.classical_steps * target.integrator.stages()) as f64,
+                };
+                Some(plan)
+            }
+            Err(error) => {
+                let (open, grid) = (entry.not_settled_yet(), grid_text(&entry.shape, entry.degree));
+                entry.refused = Some(format!("{open}on {grid}: {error}"));
+                None
+            }
+        }
+    }
+
+    /// Adds `scheme` without Schrödingerization. Collective.
+    pub(super) fn add_classical(
+        &mut self,
+        scheme: SchemeChoice,
+        reached: &ReachedGrid,
+    ) -> Result<()> {
+        let target = scheme.classical(&self.trials.degree_case(scheme).base, &reached.shape);
+        let mut entry = self.entry(&target, scheme, reached);
+        let plan = self.plan(&mut entry, &target);
+        if plan.is_some() && self.trials.has_run(scheme, &reached.shape) {
+            entry.seconds = Some(self.trials.run(scheme, &reached.shape)?.seconds);
+            entry.seconds_measured = true;
+        }
+        self.candidates.push(SetupCandidate { entry, planned: plan.map(|plan| (target, plan)) });
+        Ok(())
+    }
+
+    /// The grid on which tolerances are tried: the finest one but the last of the search on which a
+    /// run by modes takes a small part of the budget. Collective.
+    fn coarse(&self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<Vec<usize>> {
+        let allowed = SCHRODINGERIZATION * self.request.accuracy;
+        for level in reached.levels.iter().rev().skip(1) {
+            let base = &self.trials.degree_case(scheme).base;
+            let mut case = scheme.schrodingerized(base, &level.shape);
+            case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
+            let case = self.trials.merged(&case);
+            let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
+            let is_small =
+                |plan: Plan| (self.trials.budget).holds(mode_updates(&case, &plan), FOR_MODES);
+            if plan.is_ok_and(is_small) {
+                return Ok(level.shape.clone());
+            }
+        }
+        let coarsest = reached.levels.first().map_or(&reached.shape, |level| &level.shape);
+        Ok(coarsest.clone())
+    }
+
+    /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the
+    /// accuracy to the error on the grid `coarse`. Collective.
+    fn tolerance(&mut self, scheme: SchemeChoice, coarse: &[usize]) -> Result<ToleranceTrial> {
+        let allowed = SCHRODINGERIZATION * self.request.accuracy;
+        let reference = self.trials.run(scheme, coarse)?;
+        let (density, spread) = (reference.density.clone(), reference.spread);
+        let guaranteed = matches!(self.case.data, Data::Density);
+        // Level sets enter the density through a delta function as wide as a cell, without a bound:
+        // begin at a tenth of what the field may have, and try it.
+        let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
+        let mut measured = None;
+        let mut target = scheme.schrodingerized(&self.trials.degree_case(scheme).base, coarse);
+        for _ in 0..MOST_TOLERANCES {
+            tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
+            target.tolerance = tolerance;
+            let plan = planning::plan(self.world, &target, &Resources::here(self.world))?;
+            let updates = mode_updates(&target, &plan);
+            if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
+                break;
+            }
+            let added = distance(&self.trials.measure(&target, updates)?.density, &density);
+            measured = Some(added);
+            if added <= allowed || tolerance <= SMALLEST_TOLERANCE {
+                break;
+            }
+            tolerance *= 0.1;
+        }
+        let bound = guaranteed.then_some(tolerance * spread);
+        Ok(ToleranceTrial { tolerance, measured, bound })
+    }
+
+    /// Adds `scheme` by Schrödingerization. Collective.
+    pub(super) fn add_schrodingerized(
+        &mut self,
+        scheme: SchemeChoice,
+        reached: &ReachedGrid,
+    ) -> Result<()> {
+        let coarse = self.coarse(scheme, reached)?;
+        let found = match self.tolerance(scheme, &coarse) {
+            Ok(found) => found,
+            Err(error) => {
+                let name = self.name(Method::Schrodingerized, scheme);
+                self.left_out.push(format!("{name} on {}: {error}", shape_text(&coarse)));
+                return Ok(());
+            }
+        };
+        let mut target =
+            scheme.schrodingerized(&self.trials.degree_case(scheme).base, &reached.shape);
+        target.tolerance = match found.bound {
+            Some(_) => found.tolerance,
+            None => {
+                // The delta function gets narrower with the cells.
+                let last = coarse.len() - 1;
+                let narrower = (coarse[last] as f64 / reached.shape[last] as f64).min(1.0);
+                rounded_down((found.tolerance * narrower).max(SMALLEST_TOLERANCE))
+            }
+        };
+        let mut entry = self.entry(&target, scheme, reached);
+        entry.tolerance = Some(target.tolerance);
+        entry.parts.schrodingerization =
+            found.measured.into_iter().chain(found.bound).reduce(f64::max);
+        let plan = self.plan(&mut entry, &target);
+        if let Some(plan) = &plan {
+            self.try_by_modes(&mut entry, &target, scheme, plan)?;
+        }
+        self.candidates.push(SetupCandidate { entry, planned: plan.map(|plan| (target, plan)) });
+        Ok(())
+    }
+
+    /// Runs `target` if the budget allows, and adds the error of Schrödingerization to that of its
+    /// `entry`. Collective.
+    fn try_by_modes(
+        &mut self,
+        entry: &mut SetupReport,
+        target: &Case,
+        scheme: SchemeChoice,
+        plan: &Plan,
+    ) -> Result<()> {
+        let (trials, updates, share) = (&mut self.trials, mode_updates(target, plan), self.share);
+        if trials.budget.allows(updates, share) && trials.affords(scheme, &entry.shape, share)? {
+            match trials.measure(target, updates) {
+                Ok(found) => {
+                    entry.seconds = Some(found.seconds);
+                    entry.seconds_measured = true;
+                    let reference = trials.run(scheme, &entry.shape)?;
+                    let added = distance(&found.density, &reference.density);
+                    entry.parts.schrodingerization = Some(added);
+                    match trials.error_of(scheme, &found, &entry.shape)? {
+                        Some(error) => (entry.error, entry.known) = (error, Evidence::Measured),
+                        None => entry.error += added,
+                    }
+                }
+                Err(error) => entry.refused = Some(error.to_string()),
+            }
+        } else {
+            entry.error += entry.parts.schrodingerization.unwrap_or(0.0);
+        }
+        if entry.refused.is_none() && entry.error > self.request.accuracy * (1.0 + ROUND_OFF) {
+            let on = shape_text(&entry.shape);
+            entry.refused = Some(format!("the error is {:.2e} on {on}", entry.error));
+        }
+        Ok(())
+    }
+
+    /// Tries other fluxes between elements: for the set-up of least work by each method, unless its
+    /// grid is extrapolated, on grids near its own. Collective.
+    pub(super) fn try_fluxes(&mut self, found: &[(SchemeChoice, ReachedGrid)]) -> Result<()> {
+        self.share = 1.0;
+        for method in [Method::Schrodingerized, Method::Classical] {
+            let can = self.candidates.iter().map(|candidate| &candidate.entry);
+            let can = can.filter(|e| e.method == method && e.refused.is_none());
+            let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
+            let is_best =
+                |scheme: &SchemeChoice| best.as_ref() == Some(&self.name(method, *scheme));
+            let Some((scheme, reached)) = found.iter().find(|(scheme, reached)| {
+                is_best(scheme) && reached.known != Evidence::Extrapolated
+            }) else {
+                continue;
+            };
+            for scheme in scheme.other_fluxes(&self.trials.degree_case(*scheme).base) {
+                self.try_flux(method, scheme, reached)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tries `scheme`, which differs by its flux from the scheme whose grid is `known`. Collective.
+    fn try_flux(
+        &mut self,
+        method: Method,
+        scheme: SchemeChoice,
+        known: &ReachedGrid,
+    ) -> Result<()> {
+        let (start, accuracy) = (&known.shape, self.request.accuracy);
+        let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
+        let why = match grid_near(&mut self.trials, goal, known) {
+            Ok(Some(reached)) if method == Method::Classical => {
+                return self.add_classical(scheme, &reached);
+            }
+            Ok(Some(reached)) => return self.add_schrodingerized(scheme, &reached),
+            Ok(None) => "no grid that reaches it was found within the budget".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        self.left_out.push(format!("{}: {why}", self.name(method, scheme)));
+        Ok(())
+    }
+
+    /// The error of the case as its file has it: of the discretisation by its own `scheme`, and of
+    /// its solver; none if it cannot be estimated. Collective.
+    pub(super) fn given(
+        &mut self,
+        scheme: SchemeChoice,
+        reached: &ReachedGrid,
+    ) -> Result<Option<GivenCase>> {
+        let shape = self.case.space.elements();
+        let start = self.start(scheme);
+        let tried = error_on(&mut self.trials, scheme, &shape, &reached.order, 1.0).unwrap_or(None);
+        // An order that has not settled does not extrapolate.
+        let extrapolated = || reached.extrapolated(&shape).filter(|_| reached.order.settled);
+        let Some(DensityError { error, known }) = tried.or_else(extrapolated) else {
+            return Ok(None);
+        };
+        let mut parts = ErrorParts::of_discretisation(error, reached.part_of_space_on(&shape));
+        let rough = self.trials.run(scheme, &start)?;
+        let (density, spread) = (rough.density.clone(), rough.spread);
+        if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {
+            match self.case.propagator.method.order() {
+                0 => parts.schrodingerization = Some(self.case.tolerance * spread),
+                _ => parts.step = self.error_of_step(scheme, &start, &density),
+            }
+        }
+        if let Some(readout) = &self.case.readout
+            && let MeasurementEffort::Accuracy(accuracy) = readout.effort
+        {
+            let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
+            parts.readout = Some(accuracy / mean);
+        }
+        let added = [parts.schrodingerization, parts.step, parts.readout];
+        let error = error + added.into_iter().flatten().sum::<f64>();
+        Ok(Some(GivenCase { degree: scheme.degree, shape, error, known, parts }))
+    }
+
+    /// The error of the density by the time step of the case's implicit propagator, on the grid
+    /// `start`, whose semi-discrete `density` is given. It is nearly all of the solver's error.
+    /// Collective.
+    fn error_of_step(
+        &mut self,
+        scheme: SchemeChoice,
+        start: &[usize],
+        density: &[f64],
+    ) -> Option<f64> {
+        let own = final_fields_only(&scheme.schrodingerized(self.case, start));
+        let own = Case { exact: None, verify: false, ..own };
+        let updates = planning::plan(self.world, &own, &Resources::here(self.world))
+            .map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
+        if !self.trials.budget.allows(updates, 1.0) {
+            return None;
+        }
+        let found = self.trials.measure(&own, updates).ok()?;
+        Some(distance(&found.density, density))
+    }
+}
+
+/// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than
+/// [`MOST_SEARCHED`] elements of space are not searched: regions between their cells are tiny.
+fn vanished_region(target: &Case) -> Option<String> {
+    if target.space.by_elements().space_cells() > MOST_SEARCHED {
+        return None;
+    }
+    let region = overlooked(target).empty.into_iter().next()?;
+    let grid = shape_text(&target.space.elements());
+    Some(format!("potential.{region} is not there on {grid}: its where holds at no cell's centre"))
+}

@@ -1,0 +1,197 @@
+//! The search for the coarsest grid of each scheme that reaches the accuracy.
+
+use crate::base::error::{Error, Result};
+use crate::problem::case::{Limiter, Method};
+use crate::study::advise::grid_search::{
+    DISCRETISATION, Evidence, Goal, ReachedGrid, coarsest_grid,
+};
+use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::trials::cells;
+use crate::study::advise::{ROUND_OFF, Study};
+use crate::study::grids::shape_text;
+
+/// Part of the budget for the grid searches of all schemes.
+const FOR_GRIDS: f64 = 0.7;
+/// Largest part of the budget that a trial of the case on its own grid may take.
+const FOR_CASE: f64 = 0.1;
+
+/// The result of the search for the grid of a scheme.
+enum SearchResult {
+    /// The grid that was found.
+    Found(ReachedGrid),
+    /// The budget does not hold a run on the first grid, which has this shape.
+    BudgetTooSmall(Vec<usize>),
+    /// A trial failed.
+    Failed(Error),
+}
+
+impl Study<'_> {
+    /// Tries the case's own grid first where that is cheap, so that its error is not extrapolated.
+    /// Collective.
+    pub(super) fn try_as_it_stands(&mut self) -> Result<()> {
+        let (scheme, own) = (SchemeChoice::of(self.case), self.case.space.elements());
+        let trials = &mut self.trials;
+        if trials.is_cheap(scheme, &own, FOR_CASE)? {
+            let twice = trials.degree_case(scheme).grids.twice(&own);
+            let known = match trials.error(scheme, &own) {
+                Ok(None) if trials.is_cheap(scheme, &twice, FOR_CASE)? => {
+                    trials.run(scheme, &twice).map(|_| ())
+                }
+                other => other.map(|_| ()),
+            };
+            if let Err(error) = known {
+                let name = scheme.name(Method::Classical, self.jumps);
+                self.left_out.push(format!("{name} as it stands: {error}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// The first grid of trials of `scheme`: the coarsest; or the case's own, if the data are so
+    /// narrow that no cell of the coarsest grid holds them. Collective.
+    pub(super) fn start(&mut self, scheme: SchemeChoice) -> Vec<usize> {
+        let degree_case = self.trials.degree_case(scheme);
+        let own = degree_case.base.space.elements();
+        let coarsest = degree_case.grids.coarsest(&own);
+        match self.trials.has_run(scheme, &own) && self.trials.run(scheme, &coarsest).is_err() {
+            true => own,
+            false => coarsest,
+        }
+    }
+
+    /// The schemes that can be tried. If a degree is refused, one line says so for all higher ones.
+    fn schemes(&mut self) -> Vec<SchemeChoice> {
+        let mut schemes = SchemeChoice::candidates(self.case, self.jumps);
+        let refused =
+            schemes.iter().find_map(|s| Some((s.degree, self.trials.prepare(s.degree).err()?)));
+        if let Some((degree, error)) = refused {
+            self.left_out.push(format!("elements of degree {degree} and more: {error}"));
+        }
+        schemes.retain(|scheme| self.trials.is_prepared(scheme.degree));
+        schemes
+    }
+
+    /// The coarsest grid of each scheme that reaches the accuracy. Collective.
+    ///
+    /// # Errors
+    /// The last one, where no scheme could be tried.
+    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
+        let schemes = self.schemes();
+        // The first scheme is tried in any case.
+        let first = self.start(schemes[0]);
+        let mut found: Vec<(SchemeChoice, SearchResult)> = Vec::new();
+        for (k, &scheme) in schemes.iter().enumerate() {
+            // Each scheme has its share of the budget for grids.
+            let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
+            let tried = match k {
+                0 => self.search_grid_from(scheme, &first, share),
+                _ => self.search_grid(scheme, share)?,
+            };
+            found.push((scheme, tried));
+        }
+        self.spend_rest_on_modes(&mut found)?;
+        self.reached_grids(found)
+    }
+
+    /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over
+    /// to these schemes one by one, fewest expected unknowns first, until one reaches it.
+    /// Collective.
+    fn spend_rest_on_modes(&mut self, found: &mut [(SchemeChoice, SearchResult)]) -> Result<()> {
+        let by_modes = |scheme: &SchemeChoice| scheme.limiter == Limiter::None;
+        if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
+            return Ok(());
+        }
+        found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
+        for (scheme, tried) in found {
+            if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
+                continue;
+            }
+            // A failed second search does not replace the result of the first.
+            let more = self.search_grid(*scheme, FOR_GRIDS)?;
+            if matches!(more, SearchResult::Found(_)) {
+                *tried = more;
+            }
+            if !self.misses_accuracy(tried) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The grids of `found`; schemes without one are left out, with the reason.
+    ///
+    /// # Errors
+    /// The last error, if there is no grid at all.
+    fn reached_grids(
+        &mut self,
+        found: Vec<(SchemeChoice, SearchResult)>,
+    ) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
+        let (mut grids, mut failure) = (Vec::new(), None);
+        for (scheme, tried) in found {
+            let name = self.name(Method::Classical, scheme);
+            match tried {
+                SearchResult::Found(grid) => grids.push((scheme, grid)),
+                SearchResult::BudgetTooSmall(start) => {
+                    let grid = shape_text(&start);
+                    self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
+                }
+                SearchResult::Failed(error) => {
+                    self.left_out.push(format!("{name}: {error}"));
+                    failure = Some(error);
+                }
+            }
+        }
+        match grids.is_empty() {
+            true => Err(failure.unwrap_or_else(|| Error::Input("nothing to try".to_owned()))),
+            false => Ok(grids),
+        }
+    }
+
+    /// The coarsest grid of `scheme` that reaches the accuracy, within this part of the budget.
+    /// Collective.
+    fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
+        let start = self.start(scheme);
+        match self.trials.affords(scheme, &start, share)? {
+            true => Ok(self.search_grid_from(scheme, &start, share)),
+            false => Ok(SearchResult::BudgetTooSmall(start)),
+        }
+    }
+
+    /// As [`search_grid`](Self::search_grid), from the grid `start` on. Collective.
+    fn search_grid_from(
+        &mut self,
+        scheme: SchemeChoice,
+        start: &[usize],
+        share: f64,
+    ) -> SearchResult {
+        let own = self.trials.degree_case(scheme).base.space.elements();
+        let goal = Goal { scheme, start, own: &own, accuracy: self.request.accuracy, share };
+        match coarsest_grid(&mut self.trials, goal) {
+            Ok(reached) => SearchResult::Found(reached),
+            Err(error) => SearchResult::Failed(error),
+        }
+    }
+
+    /// Unknowns of the grid that is expected to reach the accuracy.
+    fn expected_unknowns(&self, tried: &(SchemeChoice, SearchResult)) -> f64 {
+        match tried {
+            (scheme, SearchResult::Found(reached)) => {
+                let nodes = (scheme.degree + 1) as f64;
+                cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// Whether no grid that was tried reaches the accuracy.
+    fn misses_accuracy(&self, tried: &SearchResult) -> bool {
+        match tried {
+            SearchResult::Found(reached) => {
+                let why_missed =
+                    reached.error > DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
+                reached.known == Evidence::Extrapolated || why_missed
+            }
+            SearchResult::BudgetTooSmall(_) | SearchResult::Failed(_) => true,
+        }
+    }
+}
