@@ -9,7 +9,7 @@ use crate::parallel::communicator::World;
 use std::fmt::Write;
 
 /// Elements of a case: a run takes seconds.
-struct Elements {
+struct StarterGrid {
     degree: usize,
     /// Along x and vx, where the step is.
     first: [usize; 2],
@@ -18,10 +18,10 @@ struct Elements {
 }
 
 /// By dimension.
-const ELEMENTS: [Elements; 3] = [
-    Elements { degree: 2, first: [60, 48], others: [0, 0] },
-    Elements { degree: 2, first: [14, 10], others: [5, 4] },
-    Elements { degree: 1, first: [8, 6], others: [3, 2] },
+const STARTER_GRIDS: [StarterGrid; 3] = [
+    StarterGrid { degree: 2, first: [60, 48], others: [0, 0] },
+    StarterGrid { degree: 2, first: [14, 10], others: [5, 4] },
+    StarterGrid { degree: 1, first: [8, 6], others: [3, 2] },
 ];
 
 /// Writes a case file, on the first rank. Collective.
@@ -45,7 +45,7 @@ pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
 
 /// A case in `n` dimensions: a beam meets a step up, which reflects its slow part.
 pub fn text(n: usize) -> String {
-    let Elements { degree, first, others } = ELEMENTS[n - 1];
+    let StarterGrid { degree, first, others } = STARTER_GRIDS[n - 1];
     let mut text = format!(
         "# A case of phasewarp: a cloud of particles meets a potential step, in {n} dimension{}.\n\
          # docs/usage.md lists all keys; `phasewarp schema` lists them for an editor.\n\

@@ -1,5 +1,4 @@
-//! Set-ups on the grids that were found, classical and by modes: their plans, tolerances, trials and
-//! errors.
+//! Set-ups on the grids that were found, classical and by modes: plans, tolerances, trials, errors.
 
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, rounded_down};
