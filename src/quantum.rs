@@ -11,6 +11,7 @@
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
 //! | [`phases`] | the rotations of `e^{−iτH}` by generalised quantum signal processing |
+//! | [`synthesis`] | T gates of rotations, by a model |
 //! | [`surface_code`] | physical qubits, under stated assumptions |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
@@ -40,6 +41,7 @@ pub mod readout;
 pub mod resources;
 pub mod sparsity;
 pub mod surface_code;
+pub mod synthesis;
 pub mod walk;
 
 /// The modes that `plan` has for `case`.

@@ -1,7 +1,7 @@
 //! The record as a table.
 
 use crate::base::text::{counted, rounded, short, word};
-use crate::quantum::cost::CostTable;
+use crate::quantum::cost::{CostTable, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
@@ -11,6 +11,11 @@ use std::fmt;
 
 /// Columns of the name of a figure.
 const WIDTH: usize = 30;
+
+/// The columns of the table of costs.
+const MEANING: &str = "Toffoli, rot.: Toffoli gates and rotations of a step; evolution: gates of 2K steps, in Toffoli \
+     gates (4 T gates are one; T gates of rotations are a model); half calls: the same by about \
+     half as many steps; measured: until the field is measured, the cheapest way; qb.: qubits";
 
 impl Comparison {
     /// The costs of all set-ups.
@@ -28,6 +33,18 @@ impl fmt::Display for Comparison {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
         write!(f, "{}", self.costs())?;
+        writeln!(f, "{MEANING}")?;
+        if let Some(weights) = &self.cheapest.mode_weights {
+            let ModeWeightsCost { sum, rotations, cheaper } = weights;
+            writeln!(
+                f,
+                "weights of modes of the cheapest set-up: by one sum {}, by rotations of each mode \
+                 {}; cheaper: {}",
+                sum.marked(),
+                rotations.marked(),
+                word(cheaper)
+            )?;
+        }
         for (what, why) in [
             ("no circuit", &self.cheapest.no_circuit),
             ("no circuit of the case's own set-up", &self.own.no_circuit),
