@@ -5,7 +5,7 @@
 //! | [`access`] | the sparse-access oracles of `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2) |
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
-//! | [`cost`] | Toffoli gates until the field is measured, of every access to `H` |
+//! | [`cost`] | gates until the field is measured, of every access to `H` |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |

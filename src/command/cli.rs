@@ -445,7 +445,7 @@ pub struct ResourcesArgs {
     /// program of QREF v1
     #[arg(long, value_enum, default_value = "text")]
     pub format: RecordFormat,
-    /// Instead: which profile, recovery point, delta and access to H take the fewest Toffoli gates
+    /// Instead: which profile, recovery point, delta and access to H take the fewest gates
     #[arg(long)]
     pub optimise: bool,
     /// Instead: the density at a point (that of the first readout, or the largest) to this relative
@@ -465,7 +465,7 @@ pub struct ResourcesArgs {
         value_name = "FACTOR,CONSTANT",
         value_parser = synthesis,
         default_value_t = RotationSynthesis::default(),
-        allow_negative_numbers = true
+        allow_hyphen_values = true
     )]
     pub t_of_rotation: RotationSynthesis,
 }

@@ -480,18 +480,23 @@ impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<26}{:>10}{:>9}{:>10}{:>7}{:>10}{:>11}{:>11}{:>6}",
-            "", "alpha", "steps", "Toffoli", "rot.", "evolution", "half calls", "measured", "qb."
+            "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
+            "", "alpha", "steps", "Toffoli", "rot.", "evolution", "halved", "measured", "qb."
         )?;
+        // Gates of a model are no whole numbers.
+        let whole = |figure: &LabelledNumber| match figure.value() {
+            Some(value) => figure.with(value.round()).marked(),
+            None => figure.marked(),
+        };
         for (name, cost) in &self.0 {
             let Cost { evolution, half_calls, .. } = cost;
             writeln!(
                 f,
-                "{:<26}{:>10}{:>9}{:>10}{:>7}{:>10}{:>11}{:>11}{:>6}",
+                "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
                 format!("{name}, {}", cost.access),
                 cost.alpha.marked(),
                 evolution.steps.marked(),
-                evolution.toffoli_a_step.marked(),
+                whole(&evolution.toffoli_a_step),
                 evolution.rotations_a_step.marked(),
                 evolution.gates.marked(),
                 half_calls.gates.marked(),
@@ -499,6 +504,12 @@ impl fmt::Display for CostTable<'_> {
                 cost.qubits.marked(),
             )?;
         }
-        writeln!(f, "x exact, g exact (emitted gates), b upper bound, m model or estimate")
+        writeln!(
+            f,
+            "x exact, g exact (emitted gates), b upper bound, m model or estimate. Toffoli, rot.: \
+             Toffoli gates and rotations of a step. evolution: gates of 2K steps, in Toffoli gates \
+             (4 T gates are one; T gates of rotations are a model). halved: the same by about half \
+             as many steps. measured: until the result is measured, the cheapest way. qb.: qubits"
+        )
     }
 }

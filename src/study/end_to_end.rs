@@ -85,6 +85,14 @@ pub struct QuantumMethod {
 }
 
 impl QuantumMethod {
+    /// Its flux, of a grid method; the table of costs has no room for more.
+    fn short_name(&self) -> &'static str {
+        match self.name {
+            name if name.ends_with("unitary") => "unitary",
+            _ => "upwind",
+        }
+    }
+
     /// Without a grid, and with no number for this reason.
     fn unavailable(name: &'static str, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
@@ -555,7 +563,7 @@ fn verdict(quantum: &[QuantumMethod], classical: &[ClassicalMethod]) -> Vec<Stri
     });
     let mut lines = Vec::new();
     if let Some(best) = quantum.iter().filter(known).min_by(least) {
-        lines.push(format!("fewest Toffoli gates: {}", best.name));
+        lines.push(format!("fewest gates: {}", best.name));
         for way in quantum.iter().filter(known).filter(|way| way.name != best.name) {
             let ratio =
                 way.toffoli.value().unwrap_or(f64::NAN) / best.toffoli.value().unwrap_or(f64::NAN);
@@ -634,7 +642,7 @@ impl fmt::Display for EndToEnd {
             for (name, figure) in [
                 ("probability", &way.probability),
                 ("evolutions", &way.evolutions),
-                ("Toffoli gates", &way.toffoli),
+                ("gates, as Toffoli", &way.toffoli),
                 ("physical qubits", &way.physical_qubits),
             ] {
                 writeln!(f, "  {name:<20}{figure}")?;
@@ -642,7 +650,7 @@ impl fmt::Display for EndToEnd {
             writeln!(f)?;
         }
         let rows: Vec<(&str, &Cost)> = (self.quantum.iter())
-            .filter_map(|way| Some((way.name.rsplit(", ").next()?, way.cost.as_ref()?)))
+            .filter_map(|way| Some((way.short_name(), way.cost.as_ref()?)))
             .collect();
         writeln!(f, "{}", CostTable(rows))?;
         writeln!(f, "CLASSICAL")?;

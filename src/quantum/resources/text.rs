@@ -12,11 +12,6 @@ use std::fmt;
 /// Columns of the name of a figure.
 const WIDTH: usize = 30;
 
-/// The columns of the table of costs.
-const MEANING: &str = "Toffoli, rot.: Toffoli gates and rotations of a step; evolution: gates of 2K steps, in Toffoli \
-     gates (4 T gates are one; T gates of rotations are a model); half calls: the same by about \
-     half as many steps; measured: until the field is measured, the cheapest way; qb.: qubits";
-
 impl Comparison {
     /// The costs of all set-ups.
     pub fn costs(&self) -> CostTable<'_> {
@@ -33,7 +28,6 @@ impl fmt::Display for Comparison {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
         write!(f, "{}", self.costs())?;
-        writeln!(f, "{MEANING}")?;
         if let Some(weights) = &self.cheapest.mode_weights {
             let ModeWeightsCost { sum, rotations, cheaper } = weights;
             writeln!(
