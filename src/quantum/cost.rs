@@ -18,17 +18,23 @@
 //!
 //! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
 
-use crate::base::table::ColumnValues;
+mod sequence;
+mod table;
+
+pub use sequence::SequenceCost;
+pub use table::CostTable;
+
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels, ModeWeights};
+use crate::quantum::cost::sequence::SequenceCounts;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
-use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
-use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters, calls_both_ways};
+use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -76,82 +82,6 @@ pub struct Cost {
     pub qubits: LabelledNumber,
     /// Ancillas among the qubits, which are zero before and after.
     pub ancillas: LabelledNumber,
-}
-
-/// The cost of `e^{−iHT}` by a sequence of calls, and of the measurement of the field.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SequenceCost {
-    /// Calls of the block encoding in an evolution.
-    pub steps: LabelledNumber,
-    /// Toffoli gates of a call and its reflection.
-    pub toffoli_a_step: LabelledNumber,
-    /// Rotations of a call, and of the sequence for it.
-    pub rotations_a_step: LabelledNumber,
-    /// Toffoli gates of an evolution.
-    pub toffoli: LabelledNumber,
-    /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
-    pub t: LabelledNumber,
-    /// Rotations of an evolution, phases of the sequence included.
-    pub rotations: LabelledNumber,
-    /// T gates that each of these rotations takes.
-    pub t_a_rotation: LabelledNumber,
-    /// Toffoli gates, T gates and rotations of an evolution, in Toffoli gates.
-    pub gates: LabelledNumber,
-    /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
-    pub until_measured: [LabelledNumber; 2],
-    /// All `gates` until then.
-    pub gates_until_measured: [LabelledNumber; 2],
-}
-
-/// Counts of a sequence.
-struct SequenceCounts {
-    steps: LabelledNumber,
-    toffoli_a_step: LabelledNumber,
-    rotations_a_step: LabelledNumber,
-    /// Of an evolution, with what its ends have in addition.
-    toffoli: LabelledNumber,
-    t: LabelledNumber,
-    rotations: LabelledNumber,
-}
-
-impl SequenceCounts {
-    /// With T gates for the rotations of an evolution that is to be exact to `tolerance`, and with
-    /// this many evolutions until the field is measured.
-    fn cost(
-        self,
-        synthesis: RotationSynthesis,
-        tolerance: f64,
-        evolutions: &[LabelledNumber; 2],
-    ) -> SequenceCost {
-        let Self { steps, toffoli_a_step, rotations_a_step, toffoli, t, rotations } = self;
-        let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
-        let t_a_rotation = synthesis.t_of_each(number(&rotations), tolerance);
-        let all_t = number(&t) + number(&rotations) * number(&t_a_rotation);
-        // Of the least trust of the factors.
-        let gates = toffoli.times(&t_a_rotation);
-        let gates = gates.with(number(&toffoli) + all_t / T_OF_TOFFOLI_STATE);
-        SequenceCost {
-            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
-            gates_until_measured: evolutions.each_ref().map(|n| n.times(&gates)),
-            steps,
-            toffoli_a_step,
-            rotations_a_step,
-            toffoli,
-            t,
-            rotations,
-            t_a_rotation,
-            gates,
-        }
-    }
-}
-
-impl SequenceCost {
-    /// Gates until the field is measured, repeated or amplified, the fewer of both; infinite where
-    /// there is no number.
-    pub fn least(&self) -> f64 {
-        let known = self.gates_until_measured.iter().filter_map(LabelledNumber::value);
-        known.fold(f64::INFINITY, f64::min)
-    }
 }
 
 impl Cost {
@@ -323,28 +253,16 @@ impl Accesses {
         let gates = gates_factor(system as f64, f64::from(evolution.bits));
         let a_step = LabelledNumber::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
         let walk = WalkRegisters::new(system, evolution.bits);
-        // Phases only: the oracles' rotations are in their model.
-        let sequence = |steps: LabelledNumber, each: f64| {
-            let count = steps.value().unwrap_or_default();
-            SequenceCounts {
-                toffoli: steps.times(&a_step),
-                toffoli_a_step: a_step.clone(),
-                rotations_a_step: LabelledNumber::exact(each),
-                t: LabelledNumber::unavailable("no circuit of the oracles is compiled"),
-                rotations: steps.with(each * count + 1.0),
-                steps,
-            }
-            .cost(self.synthesis, demand.tolerance, evolutions)
-        };
-        let steps = label(1.0).times(&evolution.steps);
-        let both = steps_both_ways(&evolution, tau);
-        let ends = both.with(both.value().unwrap_or_default() + CALLS_AT_ENDS);
+        let tau = label(tau);
+        let sequences = SequenceCounts::of_oracles(&evolution, &tau, &a_step);
+        let [evolution, half_calls] =
+            sequences.map(|counts| counts.cost(self.synthesis, demand.tolerance, evolutions));
         Cost {
             access: Access::Sparse,
             alpha: label(alpha),
-            tau: label(tau),
-            evolution: sequence(steps, 1.0),
-            half_calls: sequence(ends, 2.0),
+            tau,
+            evolution,
+            half_calls,
             qubits: walk.total,
             ancillas: walk.arithmetic,
         }
@@ -382,134 +300,10 @@ impl Accesses {
             access,
             alpha: LabelledNumber::exact(alpha),
             tau: LabelledNumber::exact(tau),
-            evolution: costs(whole_sequence(&evolution, &controlled)),
-            half_calls: costs(half_sequence(&evolution, tau, &call, &controlled)),
+            evolution: costs(SequenceCounts::whole(&evolution, &controlled)),
+            half_calls: costs(SequenceCounts::both_ways(&evolution, tau, &call, &controlled)),
             qubits: LabelledNumber::emitted(controlled.qubits as f64),
             ancillas: LabelledNumber::emitted(controlled.scratch_qubits as f64),
         }
-    }
-}
-
-/// Controlled calls at the ends of a sequence of steps forward and back.
-const CALLS_AT_ENDS: f64 = 2.0;
-
-/// `2K` calls of a `controlled` circuit.
-fn whole_sequence(evolution: &WalkCost, controlled: &GateCounts) -> SequenceCounts {
-    let steps = evolution.steps.clone();
-    let emitted = |count: usize| LabelledNumber::emitted(count as f64);
-    let all = |count: usize| steps.times(&emitted(count));
-    let rotations = all(controlled.rotations_a_step());
-    SequenceCounts {
-        toffoli_a_step: emitted(controlled.toffoli_a_step()),
-        rotations_a_step: emitted(controlled.rotations_a_step()),
-        toffoli: all(controlled.toffoli_a_step()),
-        t: all(controlled.t),
-        rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
-        steps,
-    }
-}
-
-/// `d` of a sequence of steps forward and back.
-fn steps_both_ways(evolution: &WalkCost, tau: f64) -> LabelledNumber {
-    const WHY: &str = "d + 2 calls, d the least odd number from K and tau on (Berry and others \
-                       2024); the rotations of this sequence are not computed";
-    let degree = evolution.degree.value().unwrap_or_default();
-    LabelledNumber::model(calls_both_ways(degree, tau), WHY)
-}
-
-/// `d` calls of a circuit between two reflections, of which neighbouring ones share the qubit that
-/// marks the zeros; two controlled calls. A step has two rotations, since its series is complex.
-fn half_sequence(
-    evolution: &WalkCost,
-    tau: f64,
-    call: &GateCounts,
-    controlled: &GateCounts,
-) -> SequenceCounts {
-    const ROTATIONS: usize = 2;
-    let steps = steps_both_ways(evolution, tau);
-    let count = steps.value().unwrap_or_default();
-    let all = |of_call: usize, of_end: usize| {
-        steps.with(count * of_call as f64 + CALLS_AT_ENDS * of_end as f64)
-    };
-    let a_step = call.toffoli + call.toffoli_of_reflection();
-    SequenceCounts {
-        steps: steps.with(count + CALLS_AT_ENDS),
-        toffoli_a_step: LabelledNumber::emitted(a_step as f64),
-        rotations_a_step: LabelledNumber::emitted((call.rotations + ROTATIONS) as f64),
-        toffoli: steps.with(call.toffoli_both_ways(controlled, count)),
-        t: all(call.t, controlled.t),
-        rotations: all(call.rotations + ROTATIONS, controlled.rotations + 1),
-    }
-}
-
-/// A table of costs, each by its name.
-pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
-
-impl CostTable<'_> {
-    /// The columns of the table, a row for each cost.
-    pub fn columns(&self) -> Vec<ColumnValues> {
-        let figures = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
-            LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
-        };
-        vec![
-            ColumnValues::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
-            ColumnValues::new(
-                "access",
-                self.0.iter().map(|(_, cost)| cost.access.to_string().into()),
-            ),
-            figures("alpha", |cost| &cost.alpha),
-            figures("steps", |cost| &cost.evolution.steps),
-            figures("toffoli_a_step", |cost| &cost.evolution.toffoli_a_step),
-            figures("rotations_a_step", |cost| &cost.evolution.rotations_a_step),
-            figures("toffoli", |cost| &cost.evolution.toffoli),
-            figures("t", |cost| &cost.evolution.t),
-            figures("rotations", |cost| &cost.evolution.rotations),
-            figures("t_a_rotation", |cost| &cost.evolution.t_a_rotation),
-            figures("gates", |cost| &cost.evolution.gates),
-            figures("half_calls_steps", |cost| &cost.half_calls.steps),
-            figures("half_calls_gates", |cost| &cost.half_calls.gates),
-            figures("qubits", |cost| &cost.qubits),
-            figures("until_measured_repeated", |cost| &cost.evolution.until_measured[0]),
-            figures("until_measured_amplified", |cost| &cost.evolution.until_measured[1]),
-            figures("gates_until_measured", Cost::measured),
-        ]
-    }
-}
-
-impl fmt::Display for CostTable<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
-            "", "alpha", "steps", "Toffoli", "rot.", "evolution", "halved", "measured", "qb."
-        )?;
-        // Gates of a model are no whole numbers.
-        let whole = |figure: &LabelledNumber| match figure.value() {
-            Some(value) => figure.with(value.round()).marked(),
-            None => figure.marked(),
-        };
-        for (name, cost) in &self.0 {
-            let Cost { evolution, half_calls, .. } = cost;
-            writeln!(
-                f,
-                "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
-                format!("{name}, {}", cost.access),
-                cost.alpha.marked(),
-                evolution.steps.marked(),
-                whole(&evolution.toffoli_a_step),
-                evolution.rotations_a_step.marked(),
-                evolution.gates.marked(),
-                half_calls.gates.marked(),
-                cost.measured().marked(),
-                cost.qubits.marked(),
-            )?;
-        }
-        writeln!(
-            f,
-            "x exact, g exact (emitted gates), b upper bound, m model or estimate. Toffoli, rot.: \
-             Toffoli gates and rotations of a step. evolution: gates of 2K steps, in Toffoli gates \
-             (4 T gates are one; T gates of rotations are a model). halved: the same by about half \
-             as many steps. measured: until the result is measured, the cheapest way. qb.: qubits"
-        )
     }
 }
