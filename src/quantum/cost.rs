@@ -18,11 +18,8 @@
 //!
 //! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
 
-mod sequence;
-mod table;
-
-pub use sequence::SequenceCost;
-pub use table::CostTable;
+pub mod sequence;
+pub mod table;
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
@@ -30,7 +27,7 @@ use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels, ModeWeights};
-use crate::quantum::cost::sequence::SequenceCounts;
+use crate::quantum::cost::sequence::{SequenceCost, SequenceCounts};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
 use crate::quantum::synthesis::RotationSynthesis;
@@ -122,12 +119,12 @@ pub struct ModeWeightsCost {
 impl ModeWeightsCost {
     /// Of these costs of a set-up; none without circuits of many modes.
     pub fn of(costs: &[Cost]) -> Option<Self> {
-        let least = |wanted: fn(&Access) -> bool| {
+        let least = |wanted: &dyn Fn(&Access) -> bool| {
             let all = costs.iter().filter(|cost| wanted(&cost.access));
             all.reduce(|a, b| if b.least() < a.least() { b } else { a }).map(Cost::measured)
         };
-        let sum = least(|access| matches!(access, Access::Circuit(_)))?;
-        let rotations = least(|access| matches!(access, Access::Rotated(_)))?;
+        let sum = least(&|access| matches!(access, Access::Circuit(_)))?;
+        let rotations = least(&|access| matches!(access, Access::Rotated(_)))?;
         let cheaper = match rotations.value() < sum.value() {
             true => ModeWeights::Rotations,
             false => ModeWeights::Sum,

@@ -113,8 +113,8 @@ pub struct CostedChoice {
     pub half_calls: Option<bool>,
     /// Probability of slice and window, all conditions met.
     pub probability: [LabelledNumber; 2],
-    /// Toffoli gates, with T gates and rotations as such, until it succeeds in the window, or in the
-    /// slice where there is none: repeated, and by amplitude amplification.
+    /// Toffoli gates, with T gates and rotations as such, until it succeeds in the window, or in
+    /// the slice where there is none: repeated, and by amplitude amplification.
     pub cost: [LabelledNumber; 2],
     /// The required evolution; none if it is not known.
     #[serde(skip)]

@@ -133,7 +133,8 @@ fn resources_are_counted() {
     }
 }
 
-/// The cost of the access that takes the fewest gates, by the sequence whose rotations are computed.
+/// The cost of the access that takes the fewest gates, by the sequence whose rotations are
+/// computed.
 fn least_cost(record: &Value) -> Value {
     let number = |cost: &Value| {
         let both = cost["gates_until_measured"].as_array();
@@ -388,8 +389,8 @@ fn consistent(record: &Value) -> Result<(), String> {
     }
 }
 
-/// T gates and rotations as Toffoli gates, by a model; a sequence of half as many calls. `evolutions`
-/// are those until the field is measured.
+/// T gates and rotations as Toffoli gates, by a model; a sequence of half as many calls.
+/// `evolutions` are those until the field is measured.
 fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
     let tau = cost["tau"]["value"].as_f64().unwrap_or(f64::NAN);
     let half = &cost["half_calls"];

@@ -273,8 +273,8 @@ impl GateCounts {
         self.rotations + 1
     }
 
-    /// Toffoli gates of `steps` forward or back by this circuit, and of two of the `controlled` one.
-    /// Each call is between two reflections; neighbouring ones share the qubit that marks the zeros.
+    /// Toffoli gates of `steps` forward or back by this circuit, and of two of the `controlled`
+    /// one. Each call is between two reflections; neighbours share the qubit that marks the zeros.
     pub fn toffoli_both_ways(&self, controlled: &Self, steps: f64) -> f64 {
         let reflection = self.toffoli_of_reflection();
         let ends = 2 * controlled.toffoli_a_step() + reflection;

@@ -489,8 +489,8 @@ fn sequences_are_exponentials() {
 
 /// The sequence of steps forward and back of `d = 1`, whose polynomials are known in full: with
 /// `y` of [`Phases`](crate::quantum::phases), `P = y(cJ_0 + i√a)`, `Q = 2cJ_1 y`. Between a
-/// controlled step before and one back behind, and Hadamard gates, it is `c Σ_{|k|≤1} J_k y^k`; with
-/// the emitted gates that are counted.
+/// controlled step before and one back behind, and Hadamard gates, it is `c Σ_{|k|≤1} J_k y^k`, by
+/// as many gates as are counted.
 #[test]
 fn steps_forward_and_back_are_exponentials() {
     const TAU_OF_TEST: f64 = 0.4;

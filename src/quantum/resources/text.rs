@@ -1,7 +1,8 @@
 //! The record as a table.
 
 use crate::base::text::{counted, rounded, short, word};
-use crate::quantum::cost::{CostTable, ModeWeightsCost};
+use crate::quantum::cost::ModeWeightsCost;
+use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
