@@ -260,6 +260,16 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     let choices = read(&["--optimise"], "json").unwrap().json().unwrap();
     let lines = csv_records(&read(&["--optimise"], "csv").unwrap().printed);
     assert_eq!(lines.len(), choices.as_array().map_or(0, Vec::len) + 1);
+    // The unitary scheme is among them, once, with the least of its costs.
+    let unitary = choices.as_array().into_iter().flatten();
+    let unitary: Vec<&Value> = unitary.filter(|choice| choice["unitary_scheme"] == true).collect();
+    let gates = |cost: &Value, sequence: fn(&Value) -> &Value| {
+        sequence(cost)["gates_until_measured"][0]["value"].as_f64().unwrap_or(f64::INFINITY)
+    };
+    let least = costs(&record["unitary"]).iter().fold(f64::INFINITY, |least, cost| {
+        least.min(gates(cost, |cost| cost)).min(gates(cost, |cost| &cost["half_calls"]))
+    });
+    assert!(unitary.len() == 1 && unitary[0]["cost"][0]["value"] == least, "{unitary:?} {least}");
     read(&["--optimise"], "azure").unwrap_err();
 }
 
