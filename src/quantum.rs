@@ -5,12 +5,13 @@
 //! | [`access`] | the sparse-access oracles of `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2) |
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
-//! | [`cost`] | Toffoli gates until the field is measured, of every access to `H` |
+//! | [`cost`] | gates until the field is measured, of every access to `H` |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
 //! | [`phases`] | the rotations of `e^{−iτH}` by generalised quantum signal processing |
+//! | [`synthesis`] | T gates of rotations, by a model |
 //! | [`surface_code`] | physical qubits, under stated assumptions |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
@@ -40,6 +41,7 @@ pub mod readout;
 pub mod resources;
 pub mod sparsity;
 pub mod surface_code;
+pub mod synthesis;
 pub mod walk;
 
 /// The modes that `plan` has for `case`.

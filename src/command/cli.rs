@@ -2,10 +2,11 @@
 
 use crate::base::version::VERSION;
 use crate::command::values::{
-    RankNumbers, accuracy, bytes, duration, ranks, refinement, wavenumber,
+    RankNumbers, accuracy, bytes, duration, ranks, refinement, synthesis, wavenumber,
 };
 use crate::quantum::circuit::scene::MOST_BIN_BITS;
 use crate::quantum::circuit::transport::{Levels, ModeWeights};
+use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::stability::panel::PanelName;
 use clap::{Args, Parser, Subcommand, ValueEnum, value_parser};
 use std::path::PathBuf;
@@ -444,7 +445,7 @@ pub struct ResourcesArgs {
     /// program of QREF v1
     #[arg(long, value_enum, default_value = "text")]
     pub format: RecordFormat,
-    /// Instead: which profile, recovery point, delta and access to H take the fewest Toffoli gates
+    /// Instead: which profile, recovery point, delta and access to H take the fewest gates
     #[arg(long)]
     pub optimise: bool,
     /// Instead: the density at a point (that of the first readout, or the largest) to this relative
@@ -457,6 +458,16 @@ pub struct ResourcesArgs {
         conflicts_with = "optimise"
     )]
     pub accuracy: Option<f64>,
+    /// T gates of a rotation to accuracy e: FACTOR log2(1/e) + CONSTANT; 4 T gates count as a
+    /// Toffoli gate
+    #[arg(
+        long,
+        value_name = "FACTOR,CONSTANT",
+        value_parser = synthesis,
+        default_value_t = RotationSynthesis::default(),
+        allow_hyphen_values = true
+    )]
+    pub t_of_rotation: RotationSynthesis,
 }
 
 /// Options of `stability`.

@@ -16,6 +16,7 @@ use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::resources::Record;
+use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
 use std::path::{Path, PathBuf};
@@ -103,7 +104,8 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let ratio = prepared.probe();
     let mut prepared = prepared.plan_modes(world, &here, ratio)?;
     let norms = norms(&mut prepared);
-    let record = Record::new(&prepared, planned_modes(&case, &prepared.plan)?.into(), norms)?;
+    let planned = planned_modes(&case, &prepared.plan)?.into();
+    let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
         levels: args.levels,

@@ -10,9 +10,12 @@ use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::optimise::{System, choices, deltas, preparation, scheme_of, unitary_of};
+use crate::quantum::optimise::{
+    CostedChoice, System, choices, deltas, preparation, scheme_of, unitary_of,
+};
 use crate::quantum::planned_modes;
 use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
+use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::end_to_end::EndToEnd;
@@ -38,18 +41,24 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
              qref hold one"
         )));
     }
+    let synthesis = args.t_of_rotation;
     if let Some(accuracy) = args.accuracy {
         has_counts(&case)?;
-        let found = EndToEnd::new(world, &case, accuracy)?;
+        let found = EndToEnd::new(world, &case, accuracy, synthesis)?;
         show(world, args.format, &found, EndToEnd::columns);
         return Ok(());
     }
     if args.optimise {
         has_counts(&case)?;
-        show(world, args.format, &optimise(world, &case)?, Ranking::columns);
+        let Ranking(mut all) = optimise(world, &case, synthesis)?;
+        // Where there is one, and the case's own scheme is another.
+        let other = unitary(world, &case, synthesis).ok().filter(|_| !case.is_unitary());
+        let least = other.as_ref().and_then(Unitary::least);
+        all.extend(least.map(CostedChoice::unitary));
+        show(world, args.format, &Ranking::new(all), Ranking::columns);
         return Ok(());
     }
-    let found = compare(world, &case)?;
+    let found = compare(world, &case, synthesis)?;
     match args.format {
         RecordFormat::Azure => print_json(world, &found.cheapest.logical_counts()),
         RecordFormat::Qref => print_json(world, &found.cheapest.qref()),
@@ -83,17 +92,17 @@ fn show<T: Serialize + Display>(
 /// # Errors
 /// [`Error::Input`] for a classical case; as [`Prepared::new`], [`Prepared::plan_modes`] and
 /// [`preparation`].
-fn compare(world: &World, case: &Case) -> Result<Comparison> {
+fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Comparison> {
     has_counts(case)?;
     let mut prepared = prepare(world, case)?;
     let ratio = prepared.probe();
     let mut prepared = prepared.plan_modes(world, &Resources::here(world), ratio)?;
     let norms_of_own = norms(&mut prepared);
     let warp = planned_modes(case, &prepared.plan)?;
-    let own = Record::new(&prepared, warp.into(), norms_of_own)?;
+    let own = Record::new(&prepared, warp.into(), norms_of_own, synthesis)?;
     drop(prepared);
-    let ranking = optimise(world, case)?;
-    let (unitary, not_unitary) = match unitary(world, case) {
+    let ranking = optimise(world, case, synthesis)?;
+    let (unitary, not_unitary) = match unitary(world, case, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(why.to_string())),
     };
@@ -109,7 +118,7 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
     let norms = norms(&mut prepared);
     prepared.case = choice.of(&prepared.case, &prepared.bounds);
     let planned = preparation(&prepared.case, &prepared.bounds, ratio)?;
-    let cheapest = Record::new(&prepared, planned, norms)?;
+    let cheapest = Record::new(&prepared, planned, norms, synthesis)?;
     Ok(Comparison { cheapest, own, unitary, not_unitary })
 }
 
@@ -117,16 +126,16 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
 ///
 /// # Errors
 /// As [`unitary_of`]; as [`Prepared::new`].
-fn unitary(world: &World, case: &Case) -> Result<Unitary> {
+fn unitary(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Unitary> {
     let prepared = prepare(world, &unitary_of(case)?)?;
-    Ok(Unitary::new(&accesses(&prepared, 1.0), case.tolerance))
+    Ok(Unitary::new(&accesses(&prepared, 1.0, synthesis), case.tolerance))
 }
 
 /// Every choice of profile, parameter, recovery point and `δ`, the cheapest first. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
-fn optimise(world: &World, case: &Case) -> Result<Ranking> {
+fn optimise(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Ranking> {
     let case = scheme_of(case);
     let mut all = Vec::new();
     let largest = if case.enters() { largest_inflow(world, &case)? } else { 0.0 };
@@ -135,7 +144,7 @@ fn optimise(world: &World, case: &Case) -> Result<Ranking> {
         let mut prepared = prepare(world, &case)?;
         let ratio = prepared.probe();
         let norms = norms(&mut prepared);
-        let accesses = &accesses(&prepared, ratio);
+        let accesses = &accesses(&prepared, ratio, synthesis);
         all.extend(choices(&System {
             world: Some(&world.group()),
             case: &prepared.case,

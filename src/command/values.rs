@@ -1,5 +1,6 @@
 //! Values of options: accuracies, durations, sizes.
 
+use crate::quantum::synthesis::RotationSynthesis;
 use std::time::Duration;
 
 /// A number between 0 and 1.
@@ -15,6 +16,17 @@ pub fn wavenumber(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(mu) if f64::is_finite(mu) => Ok(mu),
         _ => Err("a finite number expected".into()),
+    }
+}
+
+/// T gates of a rotation: FACTOR,CONSTANT.
+pub fn synthesis(text: &str) -> Result<RotationSynthesis, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok(&[factor, constant]) if [factor, constant].iter().all(|x| (0.0..=1e6).contains(x)) => {
+            Ok(RotationSynthesis { factor, constant })
+        }
+        _ => Err("two numbers from 0 to 1e6 expected, such as 3,4".into()),
     }
 }
 

@@ -1,27 +1,36 @@
-//! One cost model: Toffoli gates until the field is measured, of every access to `H`.
+//! One cost model: gates until the field is measured, of every access to `H`.
 //!
 //! ```text
-//! cost = (calls of a block encoding in e^{−iHT}) × (Toffoli gates of a call) × (1/P or 2r + 1)
+//! cost = (calls of a block encoding in e^{−iHT}) × (gates of a call) × (1/P or 2r + 1)
 //! ```
 //!
-//! A block encoding of `H/α` takes `2K` calls for `τ = αT` (see [`walk`](crate::quantum::walk)).
+//! A block encoding of `H/α` takes `2K` calls for `τ = αT`, or about half as many (see
+//! [`walk`](crate::quantum::walk)).
 //!
 //! | access | `α` | Toffoli gates of a call |
 //! |---|---|---|
 //! | sparse | `d‖H‖_max` | model: `n + m log₂(m)²` for each of 6 calls of the oracles |
 //! | [circuit](crate::quantum::circuit) | of the circuit | counted, with the reflection |
+//! | the same, rotated | of the highest mode | counted; weights of modes by rotations |
+//!
+//! T gates and rotations are compared with Toffoli gates by a model of their
+//! [`synthesis`](crate::quantum::synthesis).
 //!
 //! Of `S = 0`, the unitary scheme, `H = iK` is one mode, which is the field: `P = 1`.
 
-use crate::base::table::ColumnValues;
+pub mod sequence;
+pub mod table;
+
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
-use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels, ModeWeights};
+use crate::quantum::cost::sequence::{SequenceCost, SequenceCounts};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
+use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
 use serde::Serialize;
 use std::cell::RefCell;
@@ -29,13 +38,15 @@ use std::collections::HashMap;
 use std::fmt;
 
 /// How a quantum computer has `H`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Access {
     /// Sparse access, by oracles of the rows of `H`.
     Sparse,
     /// A compiled circuit with this register of levels.
     Circuit(Levels),
+    /// The same, with the weights of each mode by rotations.
+    Rotated(Levels),
 }
 
 impl fmt::Display for Access {
@@ -44,6 +55,8 @@ impl fmt::Display for Access {
             Self::Sparse => "sparse access",
             Self::Circuit(Levels::Hadamard) => "circuit",
             Self::Circuit(Levels::Uniform) => "circuit, uniform",
+            Self::Rotated(Levels::Hadamard) => "rotated",
+            Self::Rotated(Levels::Uniform) => "rotated, uniform",
         })
     }
 }
@@ -57,28 +70,66 @@ pub struct Cost {
     pub alpha: LabelledNumber,
     /// `αT`.
     pub tau: LabelledNumber,
-    /// `2K`: calls of the block encoding in an evolution.
-    pub steps: LabelledNumber,
-    /// Toffoli gates of a call and its reflection.
-    pub toffoli_a_step: LabelledNumber,
-    /// Toffoli gates of an evolution.
-    pub toffoli: LabelledNumber,
-    /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
-    pub t: LabelledNumber,
-    /// Rotations of an evolution, phases of the sequence included.
-    pub rotations: LabelledNumber,
+    /// By a sequence of `2K` steps, whose rotations are computed.
+    #[serde(flatten)]
+    pub evolution: SequenceCost,
+    /// By steps forward and back, about half as many.
+    pub half_calls: SequenceCost,
     /// All qubits.
     pub qubits: LabelledNumber,
     /// Ancillas among the qubits, which are zero before and after.
     pub ancillas: LabelledNumber,
-    /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
-    pub until_measured: [LabelledNumber; 2],
 }
 
 impl Cost {
-    /// The lower of both; infinite where there is none.
+    /// The sequence with fewer gates.
+    pub fn cheaper(&self) -> &SequenceCost {
+        match self.half_calls.least() < self.evolution.least() {
+            true => &self.half_calls,
+            false => &self.evolution,
+        }
+    }
+
+    /// Its gates until the field is measured.
     pub fn least(&self) -> f64 {
-        self.until_measured.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
+        self.cheaper().least()
+    }
+
+    /// The same as a number with its label.
+    pub fn measured(&self) -> &LabelledNumber {
+        let [repeated, amplified] = &self.cheaper().gates_until_measured;
+        match amplified.value() < repeated.value() {
+            true => amplified,
+            false => repeated,
+        }
+    }
+}
+
+/// Gates until the field is measured by both ways to have the weights of modes in a circuit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModeWeightsCost {
+    /// As one sum of signs of bits.
+    pub sum: LabelledNumber,
+    /// By rotations of each mode.
+    pub rotations: LabelledNumber,
+    /// The cheaper one.
+    pub cheaper: ModeWeights,
+}
+
+impl ModeWeightsCost {
+    /// Of these costs of a set-up; none without circuits of many modes.
+    pub fn of(costs: &[Cost]) -> Option<Self> {
+        let least = |wanted: &dyn Fn(&Access) -> bool| {
+            let all = costs.iter().filter(|cost| wanted(&cost.access));
+            all.reduce(|a, b| if b.least() < a.least() { b } else { a }).map(Cost::measured)
+        };
+        let sum = least(&|access| matches!(access, Access::Circuit(_)))?;
+        let rotations = least(&|access| matches!(access, Access::Rotated(_)))?;
+        let cheaper = match rotations.value() < sum.value() {
+            true => ModeWeights::Rotations,
+            false => ModeWeights::Sum,
+        };
+        Some(Self { sum: sum.clone(), rotations: rotations.clone(), cheaper })
     }
 }
 
@@ -113,8 +164,10 @@ pub struct Accesses {
     skew: bool,
     /// In whole numbers, for a circuit; or why there is none.
     transport: Result<CaseTransport, String>,
-    /// Counts of controlled circuits, by the qubits of `p`.
-    counts: RefCell<HashMap<(usize, Levels), GateCounts>>,
+    /// T gates of rotations.
+    synthesis: RotationSynthesis,
+    /// Counts of circuits, controlled and not, by the qubits of `p`.
+    counts: RefCell<HashMap<(usize, Access), [GateCounts; 2]>>,
 }
 
 impl Accesses {
@@ -126,6 +179,7 @@ impl Accesses {
         entries: LargestEntries,
         qubits: usize,
         rounding: f64,
+        synthesis: RotationSynthesis,
     ) -> Self {
         let time = case.duration();
         let scene = scene::refuse(case)
@@ -133,7 +187,7 @@ impl Accesses {
             .map(|scene| scene.transport)
             .map_err(|error| error.to_string());
         let counts = RefCell::default();
-        Self { time, entries, qubits, skew: bounds.is_skew(), transport: scene, counts }
+        Self { time, entries, qubits, skew: bounds.is_skew(), transport: scene, synthesis, counts }
     }
 
     /// `‖H‖_max` for wavenumbers up to `highest`.
@@ -163,9 +217,14 @@ impl Accesses {
         demand: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> impl Iterator<Item = Cost> {
+        // One mode has one weight.
+        let weights = [ModeWeights::Sum, ModeWeights::Rotations];
+        let weights = weights.into_iter().filter(|&w| !self.skew || w == ModeWeights::Sum);
+        let choices = weights.flat_map(|w| [Levels::Hadamard, Levels::Uniform].map(|l| (w, l)));
         self.transport.iter().flat_map(move |transport| {
-            [Levels::Hadamard, Levels::Uniform]
-                .map(|levels| self.by_circuit(transport, levels, demand, evolutions))
+            choices.clone().map(move |(weights, levels)| {
+                self.by_circuit(transport, weights, levels, demand, evolutions)
+            })
         })
     }
 
@@ -184,26 +243,25 @@ impl Accesses {
             None => LabelledNumber::exact(x),
             Some(how) => LabelledNumber::estimate(x, how),
         };
-        let evolution = WalkCost::new(alpha * self.time, demand.tolerance);
+        let tau = alpha * self.time;
+        let evolution = WalkCost::new(tau, demand.tolerance);
         let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
         let system = self.qubits + of_p;
         let gates = gates_factor(system as f64, f64::from(evolution.bits));
         let a_step = LabelledNumber::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
         let walk = WalkRegisters::new(system, evolution.bits);
-        let steps = label(1.0).times(&evolution.steps);
-        let toffoli = steps.times(&a_step);
+        let tau = label(tau);
+        let sequences = SequenceCounts::of_oracles(&evolution, &tau, &a_step);
+        let [evolution, half_calls] =
+            sequences.map(|counts| counts.cost(self.synthesis, demand.tolerance, evolutions));
         Cost {
             access: Access::Sparse,
             alpha: label(alpha),
-            tau: label(alpha * self.time),
-            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
-            toffoli,
-            toffoli_a_step: a_step,
-            t: LabelledNumber::unavailable("no circuit of the oracles is compiled"),
-            rotations: steps.with(steps.value().unwrap_or_default() + 1.0),
+            tau,
+            evolution,
+            half_calls,
             qubits: walk.total,
             ancillas: walk.arithmetic,
-            steps,
         }
     }
 
@@ -211,96 +269,38 @@ impl Accesses {
     fn by_circuit(
         &self,
         transport: &CaseTransport,
+        weights: ModeWeights,
         levels: Levels,
         demand: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Cost {
-        let modes = match self.skew {
-            true => CircuitModes::One(0.0),
-            false => CircuitModes::Register {
-                qubits: demand.points.trailing_zeros() as usize,
-                period: demand.period,
-            },
+        let EvolutionRequirements { highest, points, period, tolerance } = *demand;
+        let qubits = points.trailing_zeros() as usize;
+        let (access, modes) = match weights {
+            _ if self.skew => (Access::Circuit(levels), CircuitModes::One(0.0)),
+            ModeWeights::Sum => {
+                (Access::Circuit(levels), CircuitModes::Register { qubits, period })
+            }
+            ModeWeights::Rotations => {
+                (Access::Rotated(levels), CircuitModes::Rotated { qubits, period, highest })
+            }
         };
-        let counted = *self
-            .counts
-            .borrow_mut()
-            .entry((demand.points, levels))
-            .or_insert_with(|| transport.encode(modes, levels, true).counts());
+        let [call, controlled] =
+            *self.counts.borrow_mut().entry((points, access)).or_insert_with(|| {
+                [false, true].map(|controlled| transport.encode(modes, levels, controlled).counts())
+            });
         let alpha = transport.alpha(modes, levels);
-        let WalkCost { steps, .. } = WalkCost::new(alpha * self.time, demand.tolerance);
-        let all = |count: usize| steps.times(&LabelledNumber::emitted(count as f64));
-        let toffoli = all(counted.toffoli_a_step());
-        let rotations = all(counted.rotations_a_step());
+        let tau = alpha * self.time;
+        let evolution = WalkCost::new(tau, tolerance);
+        let costs = |counts: SequenceCounts| counts.cost(self.synthesis, tolerance, evolutions);
         Cost {
-            access: Access::Circuit(levels),
+            access,
             alpha: LabelledNumber::exact(alpha),
-            tau: LabelledNumber::exact(alpha * self.time),
-            toffoli_a_step: LabelledNumber::emitted(counted.toffoli_a_step() as f64),
-            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
-            toffoli,
-            t: all(counted.t),
-            rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
-            qubits: LabelledNumber::emitted(counted.qubits as f64),
-            ancillas: LabelledNumber::emitted(counted.scratch_qubits as f64),
-            steps,
+            tau: LabelledNumber::exact(tau),
+            evolution: costs(SequenceCounts::whole(&evolution, &controlled)),
+            half_calls: costs(SequenceCounts::both_ways(&evolution, tau, &call, &controlled)),
+            qubits: LabelledNumber::emitted(controlled.qubits as f64),
+            ancillas: LabelledNumber::emitted(controlled.scratch_qubits as f64),
         }
-    }
-}
-
-/// A table of costs, each by its name.
-pub struct CostTable<'a>(pub Vec<(&'a str, &'a Cost)>);
-
-impl CostTable<'_> {
-    /// The columns of the table, a row for each cost.
-    pub fn columns(&self) -> Vec<ColumnValues> {
-        let figures = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
-            LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
-        };
-        vec![
-            ColumnValues::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
-            ColumnValues::new(
-                "access",
-                self.0.iter().map(|(_, cost)| cost.access.to_string().into()),
-            ),
-            figures("alpha", |cost| &cost.alpha),
-            figures("steps", |cost| &cost.steps),
-            figures("toffoli_a_step", |cost| &cost.toffoli_a_step),
-            figures("toffoli", |cost| &cost.toffoli),
-            figures("t", |cost| &cost.t),
-            figures("rotations", |cost| &cost.rotations),
-            figures("qubits", |cost| &cost.qubits),
-            figures("until_measured_repeated", |cost| &cost.until_measured[0]),
-            figures("until_measured_amplified", |cost| &cost.until_measured[1]),
-        ]
-    }
-}
-
-impl fmt::Display for CostTable<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{:<27}{:>11}{:>9}{:>10}{:>11}{:>12}{:>11}{:>7}",
-            "", "alpha", "steps", "Toffoli", "evolution", "repeated", "amplified", "qubits"
-        )?;
-        for (name, cost) in &self.0 {
-            writeln!(
-                f,
-                "{:<27}{:>11}{:>9}{:>10}{:>11}{:>12}{:>11}{:>7}",
-                format!("{name}, {}", cost.access),
-                cost.alpha.marked(),
-                cost.steps.marked(),
-                cost.toffoli_a_step.marked(),
-                cost.toffoli.marked(),
-                cost.until_measured[0].marked(),
-                cost.until_measured[1].marked(),
-                cost.qubits.marked(),
-            )?;
-        }
-        writeln!(
-            f,
-            "x exact, g exact (emitted gates), b upper bound, m model or estimate; Toffoli: of a \
-             step; repeated, amplified: Toffoli gates until the field is measured"
-        )
     }
 }

@@ -23,7 +23,7 @@ use crate::problem::case::{
     RecoveryMethod, Shift,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
-use crate::quantum::cost::{Access, Accesses, EvolutionRequirements};
+use crate::quantum::cost::{Access, Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
@@ -97,6 +97,8 @@ pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
 pub struct CostedChoice {
     /// The profile.
     pub profile: ProfileChoice,
+    /// Whether this is the unitary scheme, beside a case that has another.
+    pub unitary_scheme: bool,
     /// `δ`; none without inflow.
     pub delta: Option<Delta>,
     /// `p◇`.
@@ -105,12 +107,14 @@ pub struct CostedChoice {
     pub points: LabelledNumber,
     /// The access to `H`; none if the cost is not known.
     pub access: Option<Access>,
-    /// Calls of the block encoding in an evolution.
+    /// Calls of the block encoding in an evolution, of the cheaper sequence.
     pub walk_steps: LabelledNumber,
+    /// Whether that is the sequence of about half as many calls; none if the cost is not known.
+    pub half_calls: Option<bool>,
     /// Probability of slice and window, all conditions met.
     pub probability: [LabelledNumber; 2],
-    /// Toffoli gates until it succeeds in the window, or in the slice where there is none:
-    /// repeated, and by amplitude amplification.
+    /// Toffoli gates, with T gates and rotations as such, until it succeeds in the window, or in
+    /// the slice where there is none: repeated, and by amplitude amplification.
     pub cost: [LabelledNumber; 2],
     /// The required evolution; none if it is not known.
     #[serde(skip)]
@@ -126,15 +130,33 @@ impl CostedChoice {
         let none = || LabelledNumber::unavailable(why);
         Self {
             profile: candidate.profile.clone(),
+            unitary_scheme: false,
             candidate: candidate.clone(),
             delta,
             recovery: none(),
             points: none(),
             access: None,
             walk_steps: none(),
+            half_calls: None,
             probability: [none(), none()],
             cost: [none(), none()],
             demand: None,
+        }
+    }
+
+    /// The unitary scheme, whose cheapest access costs this: one mode, which is the field.
+    pub fn unitary(cost: &Cost) -> Self {
+        let one = || LabelledNumber::exact(1.0);
+        Self {
+            unitary_scheme: true,
+            recovery: LabelledNumber::exact(0.0),
+            points: one(),
+            probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
+            access: Some(cost.access),
+            cost: cost.cheaper().gates_until_measured.clone(),
+            walk_steps: cost.cheaper().steps.clone(),
+            half_calls: Some(cost.cheaper() == &cost.half_calls),
+            ..Self::unavailable(&ProfileCandidate::planned(ProfileChoice::Planned), None, "")
         }
     }
 
@@ -448,14 +470,16 @@ fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
     let least = system.accesses.least(&demand, &found.evolutions());
     CostedChoice {
         profile: candidate.profile.clone(),
+        unitary_scheme: false,
         candidate: candidate.clone(),
         delta,
         recovery: LabelledNumber::exact(found.recovery),
         points: LabelledNumber::exact(found.points as f64),
         access: Some(least.access),
-        cost: least.until_measured,
+        cost: least.cheaper().gates_until_measured.clone(),
         demand: Some(demand),
-        walk_steps: least.steps,
+        walk_steps: least.cheaper().steps.clone(),
+        half_calls: Some(least.cheaper() == &least.half_calls),
         probability: [found.at_slice.all, found.in_window.all],
     }
 }
@@ -465,6 +489,7 @@ mod tests {
     use super::*;
     use crate::quantum::access::LargestEntries;
     use crate::quantum::optimise::ranking::Ranking;
+    use crate::quantum::synthesis::RotationSynthesis;
 
     /// Example 1 on 8² cells, with norms as of a run.
     fn case() -> Case {
@@ -495,7 +520,8 @@ mod tests {
         let bounds = Bounds::new(&case).expect("bounds");
         let entries = LargestEntries::new(vec![[4.0, 2.0]], 5);
         let norms = StateNorms { start: 1.3, weighted: 1.0, field: 1.0, auxiliary: 0.0 };
-        let accesses = &Accesses::new(&case, &bounds, entries, 6, 5e-4);
+        let synthesis = RotationSynthesis::default();
+        let accesses = &Accesses::new(&case, &bounds, entries, 6, 5e-4, synthesis);
         test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, accesses });
     }
 

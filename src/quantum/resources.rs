@@ -21,14 +21,15 @@ mod text;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
-use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
+use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
-use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
+use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::walk::{LOCATION_CALLS, OF_ROUNDING, VALUE_CALLS, WalkCost, WalkRegisters};
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
@@ -178,6 +179,8 @@ pub struct Record {
     pub costs: Vec<Cost>,
     /// Why no circuit is compiled; none where one is.
     pub no_circuit: Option<String>,
+    /// The weights of modes in a circuit, both ways; none without circuits of many modes.
+    pub mode_weights: Option<ModeWeightsCost>,
     /// The table of the weights; none without weights.
     pub weights_table: Option<WeightsTable>,
     /// Registers.
@@ -230,6 +233,11 @@ pub struct Comparison {
 }
 
 impl Unitary {
+    /// The access that takes the fewest gates.
+    pub fn least(&self) -> Option<&Cost> {
+        self.costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a })
+    }
+
     /// For `accesses` of a skew matrix.
     pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
         let once = || LabelledNumber::exact(1.0);
@@ -242,17 +250,14 @@ impl Unitary {
     }
 }
 
-/// Of the relative error of the field, what the rounding of jumps to levels may take: half of the
-/// tolerance, by the same share as the rounding of values in sparse access.
-pub const OF_ROUNDING: f64 = 0.5;
-
-/// The data on which the accesses to the `H` of `prepared` depend. Collective.
-pub fn accesses(prepared: &Prepared, ratio: f64) -> Accesses {
+/// The data on which the accesses to the `H` of `prepared` depend. Of the relative error of the
+/// field the rounding of jumps to levels may take as much as the rounding of values. Collective.
+pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -> Accesses {
     let Prepared { case, bounds, .. } = prepared;
     // A unitary flow keeps the norm; a rough solution does so to some digits.
     let ratio = if bounds.is_skew() { 1.0 } else { ratio };
     let rounding = OF_ROUNDING * case.tolerance / ratio;
-    Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding)
+    Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
 }
 
 /// The largest entries of `(S, K)`. Collective.
@@ -280,9 +285,14 @@ impl Record {
     ///
     /// # Errors
     /// As [`sparsity::measure`].
-    pub fn new(prepared: &Prepared, preparation: Preparation, norms: StateNorms) -> Result<Self> {
+    pub fn new(
+        prepared: &Prepared,
+        preparation: Preparation,
+        norms: StateNorms,
+        synthesis: RotationSynthesis,
+    ) -> Result<Self> {
         let Prepared { case, bounds, system, communicator, .. } = prepared;
-        let accesses = accesses(prepared, norms.start / norms.weighted);
+        let accesses = accesses(prepared, norms.start / norms.weighted, synthesis);
         let Preparation { series, point, state_tolerance, planned } = preparation;
         let space = &communicator.space;
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
@@ -307,6 +317,10 @@ impl Record {
         let weights_table = bounds.weighted.then(|| {
             WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
         });
+        let costs = accesses.costs(
+            &EvolutionRequirements { highest, points, period: series.period, tolerance: fine },
+            &probabilities.evolutions(),
+        );
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -327,10 +341,8 @@ impl Record {
             value_bits: estimate(bits),
             gates_factor: qubits.gates_factor(bits),
             transform_gates: qubits.transform_gates(),
-            costs: accesses.costs(
-                &EvolutionRequirements { highest, points, period: series.period, tolerance: fine },
-                &probabilities.evolutions(),
-            ),
+            mode_weights: ModeWeightsCost::of(&costs),
+            costs,
             no_circuit: accesses.no_circuit().map(str::to_owned),
             weights_table,
             qubits,

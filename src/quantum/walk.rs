@@ -23,8 +23,19 @@
 //!
 //! **Bits.** Both parts of a value are rounded to multiples of `X/(2^{m−1} − 1)`, so that an entry
 //! is off by `X/(√2 (2^{m−1} − 1))`, `H` by `d` times that, and `e^{−iHT}` by `τ/(√2 (2^{m−1} −
-//! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems. The cut series and
-//! the rounded values have half of the tolerance each.
+//! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems.
+//!
+//! **Budget.** Of the tolerance the cut series has [`OF_SERIES`], rounded values, or jumps that are
+//! rounded to levels, have [`OF_ROUNDING`], and rotations by Clifford and T gates [`OF_ROTATIONS`].
+//!
+//! **Half as many calls.** With its reflection before the call instead of behind it the walk is its
+//! inverse. So the qubit of the sequence may choose between a step forward and a step back, where
+//! it chooses between a step and none above, and a call serves two powers of the walk. All powers
+//! in such a sequence are odd, or all are even: the even part of the series is multiplied by one
+//! more step, which a controlled call before and one behind undo (Berry, Motlagh, Pantaleoni and
+//! Wiebe 2024). These are `d + 2` calls, `d` being the least odd number that is neither below `K`
+//! nor below `τ` ([`calls_both_ways`]). The rotations of this sequence exist; they are not computed
+//! here.
 
 use crate::propagate::chebyshev::degree;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -35,8 +46,12 @@ use std::f64::consts::SQRT_2;
 pub const LOCATION_CALLS: f64 = 2.0;
 /// Calls of the value oracle in a step of the walk, inverses included.
 pub const VALUE_CALLS: f64 = 4.0;
-/// Part of the tolerance that the cut series may take; the rounded values have the rest.
-const OF_SERIES: f64 = 0.5;
+/// Part of the tolerance that the cut series may take.
+pub const OF_SERIES: f64 = 0.5;
+/// Part of the tolerance for what is rounded: values, or jumps of `V` to levels.
+pub const OF_ROUNDING: f64 = 0.25;
+/// Part of the tolerance for the synthesis of rotations.
+pub const OF_ROTATIONS: f64 = 0.25;
 
 /// The cost of `e^{−iHT}`.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +71,7 @@ impl WalkCost {
         const SUMMED: f64 = 1e4;
         let order = degree(&mut Vec::new(), tau, OF_SERIES * tolerance) as f64;
         let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
-        let bits = value_bits(tau, (1.0 - OF_SERIES) * tolerance);
+        let bits = value_bits(tau, OF_ROUNDING * tolerance);
         Self { degree: label(order), steps: label(2.0 * order), bits }
     }
 
@@ -64,6 +79,12 @@ impl WalkCost {
     pub fn calls(&self, each: f64) -> LabelledNumber {
         self.steps.value().map_or(self.steps.clone(), |steps| self.steps.with(each * steps))
     }
+}
+
+/// `d`: calls of a sequence of steps forward and back, for a series of this degree and `τ`.
+pub fn calls_both_ways(degree: f64, tau: f64) -> f64 {
+    let least = degree.max(tau.ceil());
+    if least % 2.0 == 1.0 { least } else { least + 1.0 }
 }
 
 /// The least `m` with `τ/(√2 (2^{m−1} − 1)) ≤ tolerance`; 2 or more.

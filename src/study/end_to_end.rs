@@ -28,14 +28,17 @@ use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
-use crate::quantum::cost::{Accesses, Cost, CostTable, EvolutionRequirements};
+use crate::quantum::cost::table::CostTable;
+use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::optimise::{CostedChoice, System, choices, scheme_of, unitary_of};
 use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
-use crate::quantum::resources::{OF_ROUNDING, entries_of, qubits_of};
+use crate::quantum::resources::{entries_of, qubits_of};
 use crate::quantum::surface_code::physical_qubits;
+use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::walk::OF_ROUNDING;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
@@ -76,13 +79,21 @@ pub struct QuantumMethod {
     pub evolutions: LabelledNumber,
     /// Cost of these evolutions; none where it is unknown.
     pub cost: Option<Cost>,
-    /// Toffoli gates of all.
+    /// Gates of all, in Toffoli gates.
     pub toffoli: LabelledNumber,
     /// Physical qubits, of a model of the surface code.
     pub physical_qubits: LabelledNumber,
 }
 
 impl QuantumMethod {
+    /// Its flux, of a grid method; the table of costs has no room for more.
+    fn short_name(&self) -> &'static str {
+        match self.name {
+            name if name.ends_with("unitary") => "unitary",
+            _ => "upwind",
+        }
+    }
+
     /// Without a grid, and with no number for this reason.
     fn unavailable(name: &'static str, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
@@ -272,12 +283,18 @@ impl TracedDensity {
 }
 
 impl EndToEnd {
-    /// The task of `case` to a relative error `accuracy` of the density. Collective.
+    /// The task of `case` to a relative error `accuracy` of the density, with T gates of rotations
+    /// by `synthesis`. Collective.
     ///
     /// # Errors
     /// [`Error::Input`] for measure-valued data, and where nothing exact is known to measure errors
     /// against; as a trial and [`Prepared::new`].
-    pub fn new(world: &World, case: &Case, accuracy: f64) -> Result<Self> {
+    pub fn new(
+        world: &World,
+        case: &Case,
+        accuracy: f64,
+        synthesis: RotationSynthesis,
+    ) -> Result<Self> {
         if matches!(case.data, Data::Measure { .. }) {
             return Err(Error::Input(format!("{}: {MEASURE_VALUED}", case.name)));
         }
@@ -293,7 +310,8 @@ impl EndToEnd {
         let tracer = Tracer::new(case)?;
         let traced = TracedDensity::by_quadrature(case, &tracer, &point, accuracy);
         let sampled = TracedDensity::by_monte_carlo(case, &tracer, &point, accuracy);
-        let task = DensityTask { world, exact: &exact, accuracy, density: traced.density.abs() };
+        let density = traced.density.abs();
+        let task = DensityTask { world, exact: &exact, accuracy, density, synthesis };
         let upwind = classical(&scheme_of(case), Integrator::Exponential, Limiter::None);
         let upwind_found = MeasuredScheme::new(world, &upwind, &exact)?;
         let quantum = vec![
@@ -380,6 +398,7 @@ struct DensityTask<'a> {
     accuracy: f64,
     /// Size of the density.
     density: f64,
+    synthesis: RotationSynthesis,
 }
 
 /// Elements along each axis of a grid of `scheme` that is `factor` times finer, as the `order` of
@@ -447,6 +466,7 @@ impl DensityTask<'_> {
             entries.scaled(factor, fuller, FINER),
             qubits_of(&target),
             OF_ROUNDING * tolerance / ratio,
+            self.synthesis,
         );
         let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
         let velocities = target.space.velocity_cells() as f64;
@@ -469,8 +489,8 @@ impl DensityTask<'_> {
             order: Some(measured.order.counted_on),
             probability: LabelledNumber::estimate(probability, why),
             evolutions,
-            toffoli: cost.until_measured[0].clone(),
-            physical_qubits: physical_qubits(&cost.qubits, &cost.until_measured[0]),
+            toffoli: cost.measured().clone(),
+            physical_qubits: physical_qubits(&cost.qubits, cost.measured()),
             cost: Some(cost),
         })
     }
@@ -544,7 +564,7 @@ fn verdict(quantum: &[QuantumMethod], classical: &[ClassicalMethod]) -> Vec<Stri
     });
     let mut lines = Vec::new();
     if let Some(best) = quantum.iter().filter(known).min_by(least) {
-        lines.push(format!("fewest Toffoli gates: {}", best.name));
+        lines.push(format!("fewest gates: {}", best.name));
         for way in quantum.iter().filter(known).filter(|way| way.name != best.name) {
             let ratio =
                 way.toffoli.value().unwrap_or(f64::NAN) / best.toffoli.value().unwrap_or(f64::NAN);
@@ -623,7 +643,7 @@ impl fmt::Display for EndToEnd {
             for (name, figure) in [
                 ("probability", &way.probability),
                 ("evolutions", &way.evolutions),
-                ("Toffoli gates", &way.toffoli),
+                ("gates, as Toffoli", &way.toffoli),
                 ("physical qubits", &way.physical_qubits),
             ] {
                 writeln!(f, "  {name:<20}{figure}")?;
@@ -631,7 +651,7 @@ impl fmt::Display for EndToEnd {
             writeln!(f)?;
         }
         let rows: Vec<(&str, &Cost)> = (self.quantum.iter())
-            .filter_map(|way| Some((way.name.rsplit(", ").next()?, way.cost.as_ref()?)))
+            .filter_map(|way| Some((way.short_name(), way.cost.as_ref()?)))
             .collect();
         writeln!(f, "{}", CostTable(rows))?;
         writeln!(f, "CLASSICAL")?;

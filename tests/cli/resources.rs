@@ -133,10 +133,11 @@ fn resources_are_counted() {
     }
 }
 
-/// The cost of the access that takes the fewest Toffoli gates.
+/// The cost of the access that takes the fewest gates, by the sequence whose rotations are
+/// computed.
 fn least_cost(record: &Value) -> Value {
     let number = |cost: &Value| {
-        let both = cost["until_measured"].as_array();
+        let both = cost["gates_until_measured"].as_array();
         let known = both.into_iter().flatten().filter_map(|cost| cost["value"].as_f64());
         known.fold(f64::INFINITY, f64::min)
     };
@@ -259,6 +260,16 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     let choices = read(&["--optimise"], "json").unwrap().json().unwrap();
     let lines = csv_records(&read(&["--optimise"], "csv").unwrap().printed);
     assert_eq!(lines.len(), choices.as_array().map_or(0, Vec::len) + 1);
+    // The unitary scheme is among them, once, with the least of its costs.
+    let unitary = choices.as_array().into_iter().flatten();
+    let unitary: Vec<&Value> = unitary.filter(|choice| choice["unitary_scheme"] == true).collect();
+    let gates = |cost: &Value, sequence: fn(&Value) -> &Value| {
+        sequence(cost)["gates_until_measured"][0]["value"].as_f64().unwrap_or(f64::INFINITY)
+    };
+    let least = costs(&record["unitary"]).iter().fold(f64::INFINITY, |least, cost| {
+        least.min(gates(cost, |cost| cost)).min(gates(cost, |cost| &cost["half_calls"]))
+    });
+    assert!(unitary.len() == 1 && unitary[0]["cost"][0]["value"] == least, "{unitary:?} {least}");
     read(&["--optimise"], "azure").unwrap_err();
 }
 
@@ -291,7 +302,9 @@ fn a_density_from_end_to_end() {
         assert!((cells / finer - 1.0).abs() < 0.1, "{cells} {finer}");
         let cost = &way["cost"];
         assert_eq!(cost["toffoli_a_step"]["label"], "emitted");
-        let all = value(&cost["toffoli"]) * value(&way["evolutions"]);
+        // By the sequence of fewer gates, T gates and rotations among them.
+        let gates = value(&cost["gates"]).min(value(&cost["half_calls"]["gates"]));
+        let all = gates * value(&way["evolutions"]);
         assert!((value(&way["toffoli"]) / all - 1.0).abs() < 1e-9);
         assert_eq!(way["physical_qubits"]["label"], "model");
         assert!(value(&way["physical_qubits"]) > 100.0 * value(&cost["qubits"]));
@@ -362,6 +375,7 @@ fn consistent(record: &Value) -> Result<(), String> {
         if !follows || cost["toffoli_a_step"]["label"] != label {
             return Err(format!("a cost that does not follow: {cost}"));
         }
+        all_gates(cost, [evolutions("repetitions"), evolutions("amplified_evolutions")])?;
     }
     // Bits: about log₂ τ more than log₂ 1/ε, of real and imaginary part.
     let (bits, fine) = (value("value_bits"), value("walk_tolerance"));
@@ -382,6 +396,72 @@ fn consistent(record: &Value) -> Result<(), String> {
     match product && p.iter().all(|p| (0.0..=1.0 + 1e-12).contains(p)) {
         true => Ok(()),
         false => Err("probabilities that are none".to_owned()),
+    }
+}
+
+/// T gates and rotations as Toffoli gates, by a model; a sequence of half as many calls.
+/// `evolutions` are those until the field is measured.
+fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
+    let tau = cost["tau"]["value"].as_f64().unwrap_or(f64::NAN);
+    let half = &cost["half_calls"];
+    for sequence in [cost, half] {
+        let of = |key: &str| sequence[key]["value"].as_f64().unwrap_or(f64::NAN);
+        let t = if cost["access"] == "sparse" { 0.0 } else { of("t") };
+        let gates = of("toffoli") + (t + of("rotations") * of("t_a_rotation")) / 4.0;
+        let measured = |k: usize| sequence["gates_until_measured"][k]["value"].as_f64();
+        let times = |k: usize| measured(k).unwrap_or(f64::NAN) / (gates * evolutions[k]);
+        // 3 log₂ of the accuracy and 4: a quarter of what is left of the tolerance, of many.
+        let least = 3.0 * (4.0 * of("rotations")).log2() + 4.0;
+        let follows = (of("gates") / gates - 1.0).abs() < 1e-12
+            && [0, 1].iter().all(|&k| (times(k) - 1.0).abs() < 1e-9)
+            && of("t_a_rotation") >= least
+            && of("rotations") >= of("rotations_a_step") * (of("steps") - 2.0);
+        if !follows || sequence["gates"]["label"] != "model" {
+            return Err(format!("gates that do not follow: {sequence}"));
+        }
+    }
+    let steps = |of: &Value| of["steps"]["value"].as_f64().unwrap_or(f64::NAN);
+    let way_back = steps(half) - 2.0;
+    let half_as_many = way_back % 2.0 == 1.0
+        && way_back >= tau
+        && 2.0 * way_back >= steps(cost)
+        && way_back <= (0.5 * steps(cost)).max(tau.ceil()) + 1.0;
+    match half_as_many && half["steps"]["label"] == "model" {
+        true => Ok(()),
+        false => Err(format!("not half as many calls: {cost}")),
+    }
+}
+
+/// The planner compares both ways to have the weights of modes, and says which is cheaper: with
+/// rotations that cost nothing it is the other one.
+#[test]
+fn weights_of_modes_are_compared() {
+    let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];
+    let read = |t: &str| {
+        let job = Job::new(["resources", &case("example1.toml"), "--format", "json"]).set(&grid);
+        job.with(["--t-of-rotation", t]).succeed().unwrap().json().unwrap()
+    };
+    let [usual, free] = [read("3,4"), read("0,0")];
+    for (record, cheaper) in [(&usual, "sum"), (&free, "rotations")] {
+        let weights = &record["mode_weights"];
+        assert_eq!(weights["cheaper"], cheaper, "{weights}");
+        let value = |key: &str| weights[key]["value"].as_f64().unwrap();
+        assert_eq!(value("rotations") < value("sum"), cheaper == "rotations", "{weights}");
+        // α of the highest mode, which is about half of that of all in one sum.
+        let alpha = |access: &str| {
+            let costs = record["costs"].as_array().unwrap();
+            let cost = costs.iter().find(|cost| cost["access"][access] == "uniform").unwrap();
+            cost["alpha"]["value"].as_f64().unwrap()
+        };
+        let ratio = alpha("rotated") / alpha("circuit");
+        assert!(ratio > 0.4 && ratio < 1.0, "{ratio}");
+    }
+    let job = Job::new(["resources", &case("example1.toml")]).set(&grid);
+    let text = job.succeed().unwrap();
+    text.says(&text.printed, &["by rotations of each mode", "cheaper: sum"]).unwrap();
+    for wrong in ["3", "3,x", "-1,4", "nan,4", "1,2,3"] {
+        let job = Job::new(["resources", &case("example1.toml"), "--t-of-rotation", wrong]);
+        job.is_refused(&["two numbers"]).unwrap();
     }
 }
 

@@ -96,6 +96,8 @@ const COMPLETE: &[(&[&[&str]], &str)] = &[
     (&[HALVES, ONE_MODE, SLOPE], "1"),
     // Closed ends: a flag of the ends of the box, which a ring does not have.
     (&[HALVES, ONE_MODE, BEAM, &["axis.0.x.boundary=inflow"]], "0"),
+    // A force in the place of the jumps, with weights of modes by rotations.
+    (&[HALVES, FOUR, BEAM, &["axis.0.x.boundary=inflow", "potential=[{value='0.3*x'}]"]], "0"),
 ];
 
 /// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.

@@ -218,7 +218,8 @@ def optimise(
     """Return what profiles, recovery points and `δ` take on a quantum computer, the least first.
 
     Each choice has `probability` as a pair, of the slice at the recovery point and of the window
-    above it, and `cost`, Toffoli gates until the field is found, repeated and amplified.
+    above it, and `cost`, Toffoli gates until the field is found, with T gates and rotations as
+    such, repeated and amplified. `unitary_scheme` marks the unitary scheme beside another.
 
     Parameters
     ----------

@@ -202,12 +202,17 @@ impl Circuit {
     ) {
         let count = angles.len();
         let gray = |j: usize| j ^ j >> 1;
+        let mut sums = angles.to_vec();
+        let mut half = 1;
+        while half < count {
+            for both in sums.chunks_exact_mut(2 * half) {
+                let (a, b) = both.split_at_mut(half);
+                a.iter_mut().zip(b).for_each(|(a, b)| (*a, *b) = (*a + *b, *a - *b));
+            }
+            half *= 2;
+        }
         for j in 0..count {
-            let sign = |c: usize| {
-                if (c & gray(j)).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 }
-            };
-            let sum: f64 = angles.iter().enumerate().map(|(c, angle)| sign(c) * angle).sum();
-            self.push(rotation(sum / count as f64, target));
+            self.push(rotation(sums[gray(j)] / count as f64, target));
             if count > 1 {
                 // The bit that changes next; after the last the first bit, which closes the circle.
                 let bit = (gray(j) ^ gray((j + 1) % count)).trailing_zeros() as usize;

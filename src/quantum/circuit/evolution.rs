@@ -15,7 +15,7 @@ use crate::quantum::phases::Phases;
 /// The walk on the registers of a circuit.
 pub struct Walk {
     /// The controlled block encoding.
-    call: Vec<Gate>,
+    pub(super) call: Vec<Gate>,
     /// Qubits of the block.
     block: Vec<Qubit>,
     /// The qubit of the sequence, which controls it.
@@ -43,7 +43,7 @@ impl Walk {
     }
 
     /// Changes the sign where the control is 1 and all qubits of the block are 0.
-    fn reflect(&self, c: &mut Circuit) {
+    pub(super) fn reflect(&self, c: &mut Circuit) {
         let Some((&last, zeros)) = self.block.split_last() else { return };
         let zeros = zeros.iter().map(|&q| (q, false));
         let literals: Vec<Literal> = std::iter::once((self.control, true)).chain(zeros).collect();

@@ -265,12 +265,25 @@ impl GateCounts {
     /// Toffoli gates of a step of the walk by this controlled circuit: with a reflection about the
     /// zeros of the block's qubits, controlled as well.
     pub fn toffoli_a_step(&self) -> usize {
-        self.toffoli + 2 * self.block_qubits.saturating_sub(1)
+        self.toffoli + self.toffoli_of_reflection()
     }
 
     /// Rotations of a step: with a phase of the sequence, which has one more.
     pub fn rotations_a_step(&self) -> usize {
         self.rotations + 1
+    }
+
+    /// Toffoli gates of `steps` forward or back by this circuit, and of two of the `controlled`
+    /// one. Each call is between two reflections; neighbours share the qubit that marks the zeros.
+    pub fn toffoli_both_ways(&self, controlled: &Self, steps: f64) -> f64 {
+        let reflection = self.toffoli_of_reflection();
+        let ends = 2 * controlled.toffoli_a_step() + reflection;
+        steps * (self.toffoli + reflection) as f64 + ends as f64
+    }
+
+    /// Toffoli gates of a reflection about the zeros of the block's qubits, controlled or not.
+    pub fn toffoli_of_reflection(&self) -> usize {
+        2 * self.block_qubits.saturating_sub(1)
     }
 }
 

@@ -20,9 +20,10 @@ impl Ranking {
         Self(choices)
     }
 
-    /// The cheapest; none where nothing could be planned.
+    /// The cheapest of the case's scheme; none where nothing could be planned.
     pub fn first(&self) -> Option<&CostedChoice> {
-        self.0.first().filter(|choice| choice.least_cost().is_finite())
+        let own = self.0.iter().find(|choice| !choice.unitary_scheme);
+        own.filter(|choice| choice.least_cost().is_finite())
     }
 }
 
@@ -36,12 +37,13 @@ impl Ranking {
             LabelledNumber::column(name, self.0.iter().map(figure))
         };
         let columns = [
-            words("profile", |choice| Some(parameters(&choice.profile))),
+            words("profile", |choice| Some(parameters(choice))),
             words("delta", |choice| choice.delta.map(delta_text)),
             figures("recovery", |choice| &choice.recovery),
             figures("points", |choice| &choice.points),
             words("access", |choice| choice.access.map(|access| access.to_string())),
             figures("walk_steps", |choice| &choice.walk_steps),
+            ColumnValues::new("half_calls", self.0.iter().map(|choice| choice.half_calls.into())),
             figures("probability", CostedChoice::nearest),
             figures("until_measured_repeated", |choice| &choice.cost[0]),
             figures("until_measured_amplified", |choice| &choice.cost[1]),
@@ -73,7 +75,7 @@ impl fmt::Display for Ranking {
             |figure: &LabelledNumber| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
             let delta = choice.delta.map_or("-".to_owned(), delta_text);
-            let mut profile = parameters(&choice.profile);
+            let mut profile = parameters(choice);
             if profile.chars().count() > PROFILE {
                 profile = shortened(&profile, PROFILE - 1);
             }
@@ -95,17 +97,19 @@ impl fmt::Display for Ranking {
         }
         writeln!(
             f,
-            "steps: calls of the block encoding in one evolution. P: of the window, or of the \
-             slice where there is none. repeated: Toffoli gates until the field is found. \
-             amplified: the same by amplitude amplification. Gates of circuits are emitted, those \
-             of sparse access a model's; probabilities are estimates."
+            "steps: calls of the block encoding in one evolution, by the cheaper sequence. P: of \
+             the window, or of the slice where there is none. repeated: Toffoli gates until the \
+             field is found, T gates and rotations as such (a model). amplified: the same by \
+             amplitude amplification. Gates of circuits are emitted, those of sparse access a \
+             model's; probabilities are estimates."
         )
     }
 }
 
 /// A profile's name and parameter.
-fn parameters(profile: &ProfileChoice) -> String {
-    match profile {
+fn parameters(choice: &CostedChoice) -> String {
+    match &choice.profile {
+        _ if choice.unitary_scheme => "unitary scheme, no p".to_owned(),
         ProfileChoice::Planned => "one mode, S = 0".to_owned(),
         ProfileChoice::Designed => "designed".to_owned(),
         ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),

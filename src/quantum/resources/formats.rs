@@ -8,24 +8,30 @@ use crate::quantum::resources::Record;
 use serde_json::{Value, json};
 
 impl Record {
-    /// The access to `H` that takes the fewest gates until the field is measured.
+    /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
+    /// whose rotations are computed.
     fn least(&self) -> Option<&Cost> {
-        self.costs.iter().reduce(|best, next| if next.least() < best.least() { next } else { best })
+        let gates = |cost: &Cost| cost.evolution.least();
+        self.costs.iter().reduce(|best, next| if gates(next) < gates(best) { next } else { best })
+    }
+
+    /// The same, if its gates are emitted.
+    fn emitted(&self) -> Option<&Cost> {
+        self.least().filter(|cost| cost.access != Access::Sparse)
     }
 
     /// For Azure's resource estimator, of an evolution: `LogicalCounts` of emitted gates, or, where
     /// no circuit is compiled, as far as they are known. What is not known stands beside them with
     /// the reason, since the estimator takes an absent count for zero.
     pub fn logical_counts(&self) -> Value {
-        let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
-        let Some(cost) = emitted else { return self.counts_of_oracles() };
+        let Some(cost) = self.emitted() else { return self.counts_of_oracles() };
         let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
         json!({
             "logicalCounts": circuit::formats::logical_counts(&LogicalCounts {
                 qubits: count(&cost.qubits),
-                toffoli: count(&cost.toffoli),
-                t: count(&cost.t),
-                rotations: count(&cost.rotations),
+                toffoli: count(&cost.evolution.toffoli),
+                t: count(&cost.evolution.t),
+                rotations: count(&cost.evolution.rotations),
             }),
             "trust": "exact (emitted gates) a step, times the steps of a series that is cut",
             "access": cost.access,
@@ -35,7 +41,7 @@ impl Record {
 
     /// Counts of sparse access.
     fn counts_of_oracles(&self) -> Value {
-        let model = self.least().map(|cost| &cost.toffoli);
+        let model = self.least().map(|cost| &cost.evolution.toffoli);
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
         let not_compiled = self.no_circuit.as_deref();
@@ -76,7 +82,7 @@ impl Record {
                 "resources": Vec::from_iter(gates),
             })
         };
-        let emitted = self.least().filter(|cost| matches!(cost.access, Access::Circuit(_)));
+        let emitted = self.emitted();
         let kind = if emitted.is_some() { "qubitization" } else { "sparse_access_walk" };
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
         json!({
@@ -117,14 +123,14 @@ impl Record {
         ];
         if let Some(cost) = emitted {
             figures.extend([
-                ("calls", &cost.steps),
-                ("toffoli", &cost.toffoli),
-                ("t", &cost.t),
-                ("rotations", &cost.rotations),
+                ("calls", &cost.evolution.steps),
+                ("toffoli", &cost.evolution.toffoli),
+                ("t", &cost.evolution.t),
+                ("rotations", &cost.evolution.rotations),
                 ("qubits", &cost.qubits),
             ]);
         } else if let Some(cost) = self.least() {
-            figures.push(("toffoli_model", &cost.toffoli));
+            figures.push(("toffoli_model", &cost.evolution.toffoli));
         }
         figures.into_iter().filter_map(|(name, figure)| resource(name, figure)).collect()
     }

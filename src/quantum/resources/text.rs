@@ -1,7 +1,8 @@
 //! The record as a table.
 
 use crate::base::text::{counted, rounded, short, word};
-use crate::quantum::cost::CostTable;
+use crate::quantum::cost::ModeWeightsCost;
+use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
@@ -28,6 +29,17 @@ impl fmt::Display for Comparison {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
         write!(f, "{}", self.costs())?;
+        if let Some(weights) = &self.cheapest.mode_weights {
+            let ModeWeightsCost { sum, rotations, cheaper } = weights;
+            writeln!(
+                f,
+                "weights of modes of the cheapest set-up: by one sum {}, by rotations of each mode \
+                 {}; cheaper: {}",
+                sum.marked(),
+                rotations.marked(),
+                word(cheaper)
+            )?;
+        }
         for (what, why) in [
             ("no circuit", &self.cheapest.no_circuit),
             ("no circuit of the case's own set-up", &self.own.no_circuit),

@@ -1,0 +1,159 @@
+//! The cost of an evolution by a sequence of calls: `2K` steps, or about half as many forward and
+//! back.
+
+use crate::quantum::circuit::gates::GateCounts;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
+use crate::quantum::walk::{WalkCost, calls_both_ways};
+use serde::Serialize;
+
+/// The cost of `e^{−iHT}` by a sequence of calls, and of the measurement of the field.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SequenceCost {
+    /// Calls of the block encoding in an evolution.
+    pub steps: LabelledNumber,
+    /// Toffoli gates of a call and its reflection.
+    pub toffoli_a_step: LabelledNumber,
+    /// Rotations of a call, and of the sequence for it.
+    pub rotations_a_step: LabelledNumber,
+    /// Toffoli gates of an evolution.
+    pub toffoli: LabelledNumber,
+    /// T gates of an evolution, beside the Toffoli gates and without those of rotations.
+    pub t: LabelledNumber,
+    /// Rotations of an evolution, phases of the sequence included.
+    pub rotations: LabelledNumber,
+    /// T gates that each of these rotations takes.
+    pub t_a_rotation: LabelledNumber,
+    /// Toffoli gates, T gates and rotations of an evolution, in Toffoli gates.
+    pub gates: LabelledNumber,
+    /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
+    pub until_measured: [LabelledNumber; 2],
+    /// All `gates` until then.
+    pub gates_until_measured: [LabelledNumber; 2],
+}
+
+/// Counts of a sequence.
+pub(super) struct SequenceCounts {
+    steps: LabelledNumber,
+    toffoli_a_step: LabelledNumber,
+    rotations_a_step: LabelledNumber,
+    /// Of an evolution, with what its ends have in addition.
+    toffoli: LabelledNumber,
+    t: LabelledNumber,
+    rotations: LabelledNumber,
+}
+
+impl SequenceCounts {
+    /// With T gates for the rotations of an evolution that is to be exact to `tolerance`, and with
+    /// this many evolutions until the field is measured.
+    pub(super) fn cost(
+        self,
+        synthesis: RotationSynthesis,
+        tolerance: f64,
+        evolutions: &[LabelledNumber; 2],
+    ) -> SequenceCost {
+        let Self { steps, toffoli_a_step, rotations_a_step, toffoli, t, rotations } = self;
+        let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
+        let t_a_rotation = synthesis.t_of_each(number(&rotations), tolerance);
+        let all_t = number(&t) + number(&rotations) * number(&t_a_rotation);
+        // Of the least trust of the factors.
+        let gates = toffoli.times(&t_a_rotation);
+        let gates = gates.with(number(&toffoli) + all_t / T_OF_TOFFOLI_STATE);
+        SequenceCost {
+            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
+            gates_until_measured: evolutions.each_ref().map(|n| n.times(&gates)),
+            steps,
+            toffoli_a_step,
+            rotations_a_step,
+            toffoli,
+            t,
+            rotations,
+            t_a_rotation,
+            gates,
+        }
+    }
+}
+
+impl SequenceCost {
+    /// Gates until the field is measured, repeated or amplified, the fewer of both; infinite where
+    /// there is no number.
+    pub fn least(&self) -> f64 {
+        let known = self.gates_until_measured.iter().filter_map(LabelledNumber::value);
+        known.fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Controlled calls at the ends of a sequence of steps forward and back.
+const CALLS_AT_ENDS: f64 = 2.0;
+/// Rotations of the sequence's qubit in a step forward or back: its series is complex.
+const ROTATIONS_BOTH_WAYS: usize = 2;
+
+impl SequenceCounts {
+    /// `2K` calls of a `controlled` circuit.
+    pub(super) fn whole(evolution: &WalkCost, controlled: &GateCounts) -> Self {
+        let steps = evolution.steps.clone();
+        let emitted = |count: usize| LabelledNumber::emitted(count as f64);
+        let all = |count: usize| steps.times(&emitted(count));
+        let rotations = all(controlled.rotations_a_step());
+        Self {
+            toffoli_a_step: emitted(controlled.toffoli_a_step()),
+            rotations_a_step: emitted(controlled.rotations_a_step()),
+            toffoli: all(controlled.toffoli_a_step()),
+            t: all(controlled.t),
+            rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
+            steps,
+        }
+    }
+
+    /// `d` calls of a circuit between two reflections, and two controlled ones.
+    pub(super) fn both_ways(
+        evolution: &WalkCost,
+        tau: f64,
+        call: &GateCounts,
+        controlled: &GateCounts,
+    ) -> Self {
+        let steps = steps_both_ways(evolution, tau);
+        let count = steps.value().unwrap_or_default() - CALLS_AT_ENDS;
+        let all = |of_call: usize, of_end: usize| {
+            steps.with(count * of_call as f64 + CALLS_AT_ENDS * of_end as f64)
+        };
+        let a_step = call.toffoli + call.toffoli_of_reflection();
+        let rotations = call.rotations + ROTATIONS_BOTH_WAYS;
+        Self {
+            toffoli_a_step: LabelledNumber::emitted(a_step as f64),
+            rotations_a_step: LabelledNumber::emitted(rotations as f64),
+            toffoli: steps.with(call.toffoli_both_ways(controlled, count)),
+            t: all(call.t, controlled.t),
+            rotations: all(rotations, controlled.rotations + 1),
+            steps,
+        }
+    }
+
+    /// Sparse access: `2K` calls, and about half as many forward and back, with Toffoli gates by a
+    /// model. Rotations are those of the sequences: the oracles' own are in their model.
+    pub(super) fn of_oracles(
+        evolution: &WalkCost,
+        tau: &LabelledNumber,
+        a_step: &LabelledNumber,
+    ) -> [Self; 2] {
+        let both_ways = steps_both_ways(evolution, tau.value().unwrap_or_default());
+        // With the trust of `τ`.
+        let steps = tau.with(1.0).times(&evolution.steps);
+        [(steps, 1.0), (both_ways, ROTATIONS_BOTH_WAYS as f64)].map(|(steps, each)| Self {
+            toffoli: steps.times(a_step),
+            toffoli_a_step: a_step.clone(),
+            rotations_a_step: LabelledNumber::exact(each),
+            t: LabelledNumber::unavailable("no circuit of the oracles is compiled"),
+            rotations: steps.with(each * steps.value().unwrap_or_default() + 1.0),
+            steps,
+        })
+    }
+}
+
+/// `d + 2`: the calls of a sequence of steps forward and back.
+fn steps_both_ways(evolution: &WalkCost, tau: f64) -> LabelledNumber {
+    const WHY: &str = "d + 2 calls, d the least odd number from K and tau on (Berry and others \
+                       2024); the rotations of this sequence are not computed";
+    let degree = evolution.degree.value().unwrap_or_default();
+    LabelledNumber::model(calls_both_ways(degree, tau) + CALLS_AT_ENDS, WHY)
+}
