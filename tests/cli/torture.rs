@@ -151,37 +151,44 @@ fn trials() -> std::ops::Range<u64> {
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-/// A fault, and the exit codes that mpirun may give after it, beside 0 of a run that was over.
+/// A fault, and the exit codes that mpirun may give after it, as a shell has them, beside 0 of a run
+/// that was over.
 struct FaultKind {
     name: &'static str,
     fault: Fault,
-    codes: &'static [Option<i32>],
+    codes: &'static [i32],
 }
 
-/// mpirun itself was killed.
-const KILLED: Option<i32> = None;
-
 const FAULTS: [FaultKind; 7] = [
-    FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[KILLED] },
-    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[Some(137)] },
-    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[Some(137)] },
-    // mpirun gives its own code for these, whatever the ranks give.
-    FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[Some(1)] },
-    FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[Some(1)] },
-    FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[Some(75)] },
+    FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[137] },
+    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[137] },
+    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[137] },
+    // mpirun gives its own code for these, whatever the ranks give, or ends by the signal.
+    FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[1, 143] },
+    FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[1, 130] },
+    FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[75] },
     FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
 ];
 
+/// What mpirun gives where it is at fault itself: abort, invalid memory.
+const CRASHES: [i32; 2] = [134, 139];
+
 impl FaultKind {
-    /// Whether a run may end so.
+    /// Whether a run may end so. That mpirun itself hangs or crashes when its ranks have ended is
+    /// counted, and no fault of theirs.
     fn allows(&self, faulty: &Faulty) -> bool {
-        let code = faulty.finished.code;
+        let code = faulty.finished.shell_code;
         // A rank that is still being loaded takes no request, and ends by it.
         let too_early = matches!(self.fault, Fault::Signal) && !faulty.begun;
-        code == Some(0)
+        code == 0
+            || launcher_failed(faulty)
             || (faulty.injected && self.codes.contains(&code))
-            || (too_early && code == Some(138))
+            || (too_early && code == 138)
     }
+}
+
+fn launcher_failed(faulty: &Faulty) -> bool {
+    faulty.hung || CRASHES.contains(&faulty.finished.shell_code)
 }
 
 /// What a fault waits for.
@@ -231,13 +238,14 @@ fn names(directory: &Path) -> Vec<String> {
 }
 
 /// Of faults: how many, how many of them met a run at work, after how many the run did not go on
-/// well, and the exit codes.
+/// well or mpirun failed, and the exit codes.
 #[derive(Default)]
 struct Count {
     faults: usize,
     met: usize,
     failures: usize,
-    codes: BTreeSet<Option<i32>>,
+    launcher: usize,
+    codes: BTreeSet<i32>,
 }
 
 /// The counts of each fault and of each moment.
@@ -284,7 +292,8 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
         count(tally, &last, |count| {
             count.faults += usize::from(*injected);
             count.met += usize::from(*injected && finished.code != Some(0));
-            count.codes.insert(finished.code);
+            count.launcher += usize::from(launcher_failed(&faulty));
+            count.codes.insert(finished.shell_code);
         });
         let report =
             finished.report(&format!("{}, {moment:?}, {after:?}, {ranks} ranks", fault.name));
@@ -320,11 +329,12 @@ fn runs_of_all_kinds_survive_any_fault() {
     let all: Vec<u64> = trials().collect();
     check_all(&all, |&number| trial(number, &tally));
     let tally = tally.into_inner().expect("no thread failed");
-    println!("| fault or moment | faults | met a run at work | failures | exit codes |");
-    println!("|---|---|---|---|---|");
-    for (name, Count { faults, met, failures, codes }) in tally {
-        let codes: Vec<String> =
-            codes.iter().map(|code| code.map_or("killed".to_owned(), |c| c.to_string())).collect();
-        println!("| {name} | {faults} | {met} | {failures} | {} |", codes.join(", "));
+    println!(
+        "| fault or moment | faults | met a run at work | failures | mpirun failed | exit codes |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for (name, Count { faults, met, failures, launcher, codes }) in tally {
+        let codes: Vec<String> = codes.iter().map(i32::to_string).collect();
+        println!("| {name} | {faults} | {met} | {failures} | {launcher} | {} |", codes.join(", "));
     }
 }

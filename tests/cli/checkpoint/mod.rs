@@ -167,7 +167,12 @@ pub struct Faulty {
     pub injected: bool,
     /// Whether all ranks took requests by then.
     pub begun: bool,
+    /// Whether mpirun did not end after all of its ranks had, and was killed.
+    pub hung: bool,
 }
+
+/// How long mpirun may take to end after its ranks.
+const AFTER_RANKS: Duration = Duration::from_secs(20);
 
 /// Runs a job and injects a fault at the first moment that `now` accepts. All its ranks have ended
 /// when this returns.
@@ -178,8 +183,15 @@ pub fn with_fault(job: &Job, fault: Fault, now: impl FnMut(Duration) -> bool) ->
 /// The same, with what the fault met.
 pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) -> Result<Faulty> {
     let (mut ranks, mut injected, mut begun) = (Vec::new(), false, false);
+    let (mut alone, mut hung) = (None, false);
     let finished = job.clone().closely().run_while(|mpirun, since| {
         if injected {
+            if children(mpirun.id()).into_iter().any(is_alive) {
+                alone = None;
+            } else if since > *alone.get_or_insert(since) + AFTER_RANKS && !hung {
+                hung = true;
+                send("-KILL", mpirun.id());
+            }
             return;
         }
         ranks = children(mpirun.id());
@@ -210,7 +222,7 @@ pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) ->
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    Ok(Faulty { finished, injected, begun })
+    Ok(Faulty { finished, injected, begun, hung })
 }
 
 /// A run with checkpoints, stopped by SIGUSR1 when two are there.

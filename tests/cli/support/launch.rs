@@ -4,7 +4,7 @@
 use super::outcome::{Finished, Summary, untag, unwrapped};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -313,6 +313,7 @@ impl Job {
         let finished = Finished {
             command: self.command(),
             code: status.and_then(|s| s.code()),
+            shell_code: status.map_or(0, |s| s.code().unwrap_or(128 + s.signal().unwrap_or(0))),
             printed: output.clone() + &errors,
             output: unwrapped(&output),
             errors: unwrapped(&errors),
