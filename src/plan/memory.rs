@@ -296,7 +296,8 @@ impl<'a> FullestRank<'a> {
         let numbers = (readings + steps) * self.fields() + plateau;
         let mut list = vec![("recovered fields".to_owned(), 8 * numbers * self.share())];
         if !case.times.is_empty() {
-            list.push(("output times".to_owned(), self.early(self.fields())));
+            let early = self.early(self.fields()) + self.early_moments();
+            list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
         list
@@ -355,9 +356,9 @@ impl<'a> FullestRank<'a> {
                 32 * (1 + n) * here + 64 * curve_points(case) as u64 + 4 * points
             }
         };
-        // Its moments at every time, and a copy of them where they are written.
+        // Its moments at every time.
         let times = 1 + case.shown_times().count() as u64;
-        let moments = 16 * MOMENTS as u64 * times * here;
+        let moments = 8 * MOMENTS as u64 * times * here;
         Some(("exact solution".to_owned(), values + 80 * points + moments))
     }
 
@@ -377,11 +378,16 @@ impl<'a> FullestRank<'a> {
         16 * self.points * if kept { numbers.max().unwrap_or(0) } else { numbers.sum() }
     }
 
-    /// Results of so many fields at the output times, and their moments.
+    /// Results of so many fields at the output times.
     fn early(&self, fields: u64) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
-        let moments = 2 * MOMENTS as u64;
-        self.early_numbers().map(|numbers| 8 * points * (fields * numbers + moments)).sum()
+        self.early_numbers().map(|numbers| 8 * points * fields * numbers).sum()
+    }
+
+    /// Moments at the output times, and the exact ones or a copy of these, where they are written.
+    fn early_moments(&self) -> u64 {
+        let points = self.share() / self.case.space.velocity_cells() as u64;
+        2 * 8 * MOMENTS as u64 * points * self.case.times.len() as u64
     }
 }
 

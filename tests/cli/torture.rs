@@ -8,6 +8,7 @@ use crate::support::{
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -170,8 +171,8 @@ const FAULTS: [FaultKind; 7] = [
     FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
 ];
 
-/// What mpirun gives where it is at fault itself: abort, invalid memory.
-const CRASHES: [i32; 2] = [134, 139];
+/// What mpirun gives where it is at fault itself: abort, invalid memory, a pipe to nobody.
+const CRASHES: [i32; 3] = [134, 139, 141];
 
 impl FaultKind {
     /// Whether a run may end so. That mpirun itself hangs or crashes when its ranks have ended is
@@ -299,7 +300,8 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
             finished.report(&format!("{}, {moment:?}, {after:?}, {ranks} ranks", fault.name));
         if !fault.allows(&faulty) {
             count(tally, &last, |count| count.failures += 1);
-            return Err(format!("trial {number}, {}: exit code not allowed\n{report}", kind.name));
+            let code = finished.shell_code;
+            return Err(format!("trial {number}, {}: exit code {code}\n{report}", kind.name));
         }
         faults.push(report);
     }
@@ -327,8 +329,10 @@ fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
 fn runs_of_all_kinds_survive_any_fault() {
     let tally = Tally::default();
     let all: Vec<u64> = trials().collect();
-    check_all(&all, |&number| trial(number, &tally));
-    let tally = tally.into_inner().expect("no thread failed");
+    let trials = AssertUnwindSafe(|| check_all(&all, |&number| trial(number, &tally)));
+    // The table of failures, too.
+    let outcome = catch_unwind(trials);
+    let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
     println!(
         "| fault or moment | faults | met a run at work | failures | mpirun failed | exit codes |"
     );
@@ -337,4 +341,5 @@ fn runs_of_all_kinds_survive_any_fault() {
         let codes: Vec<String> = codes.iter().map(i32::to_string).collect();
         println!("| {name} | {faults} | {met} | {failures} | {launcher} | {} |", codes.join(", "));
     }
+    outcome.unwrap_or_else(|failures| resume_unwind(failures));
 }

@@ -583,7 +583,7 @@ impl Elements<'_> {
         let (x, v) = (&self.scene.space[a], &self.scene.velocity[a]);
         self.volume(place, a, v.node(place[n + a]));
         // With the first velocity, from the first node of the element above.
-        if place[n + a] != 0 || place[a] % x.nodes() != 0 {
+        if place[n + a] != 0 || !place[a].is_multiple_of(x.nodes()) {
             return;
         }
         let element = (place[a] / x.nodes()) as i64;
