@@ -5,8 +5,8 @@ use crate::support::{SLOPES, check_all, directory, run};
 /// A case, its size, other settings, the number of ranks, and the part that a plan may be off by.
 type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
 
-/// Planned memory against the peak that was measured: not less, and within 5 % from 100 MiB on, below
-/// that within 5 MiB, which is how much the memory of MPI and HDF5 varies. Some plan more.
+/// Planned memory against the peak that was measured: not less, and within 5 % from 100 MiB on,
+/// below that within 5 MiB, which is how much the memory of MPI and HDF5 varies. Some plan more.
 #[test]
 fn memory_is_what_was_planned() {
     const CLOSE: f64 = 0.05;

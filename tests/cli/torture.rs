@@ -152,8 +152,8 @@ fn trials() -> std::ops::Range<u64> {
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-/// A fault, and the exit codes that mpirun may give after it, as a shell has them, beside 0 of a run
-/// that was over.
+/// A fault, and the exit codes that mpirun may give after it, as a shell has them, beside 0 of a
+/// run that was over.
 struct FaultKind {
     name: &'static str,
     fault: Fault,

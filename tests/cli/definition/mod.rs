@@ -271,8 +271,8 @@ impl Scene {
         if jump.abs() < ROUND_OFF { 0.0 } else { jump }
     }
 
-    /// What rows would have of a force that changed `V` by the largest of its values in a cell: with
-    /// that, differences of `V` are rounded.
+    /// The rate of a force that changes `V` by the largest of its values over one cell: to this
+    /// scale differences of `V` are rounded.
     pub fn force_scale(&self) -> f64 {
         let values = self.regions.iter().map(|region| region.constant.abs());
         let finest = self.space.iter().zip(&self.velocity);

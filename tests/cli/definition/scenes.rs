@@ -52,8 +52,8 @@ fn random_scenes_are_those_of_the_definition() {
 /// Scenes of `make test` that are written down a second time.
 const SCENES_OF_DEFINITION: u64 = 24;
 
-/// Exports the matrix of a scene without its pulse. What it differs by from the definition, relative
-/// to the largest entry.
+/// Exports the matrix of a scene without its pulse. What it differs by from the definition,
+/// relative to the largest entry.
 fn exported_as_defined(
     case: &str,
     place: &Path,
