@@ -44,14 +44,14 @@ build: setup ## build the program in release mode
 test: setup ## run every test, also on several ranks (ARGS= is passed to cargo test)
 	$(CARGO) test --release $(ARGS)
 
-torture: setup ## faults at random moments and random cases, many (TRIALS=, SCENES=, FIRST=)
+torture: setup ## faults, full and lost disks, random cases, many (TRIALS=, SCENES=, FIRST=)
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
-	    $(CARGO) test --release --test cli -- --nocapture torture disks random_cases
+	    $(CARGO) test --release --test cli -- --nocapture torture disks random_cases definition
 
 fuzz: setup ## readers on random inputs, for hours, one process at a time (FUZZ=, FIRST=)
-	PHASEWARP_FUZZ=$(FUZZ) PHASEWARP_FUZZ_FIRST=$(FIRST) nice $(CARGO) test --release --lib \
-	    --test library --test cli -- --nocapture --test-threads=1 end_in_a_ changed_files \
-	    changed_schemas
+	TMPDIR=$(or $(wildcard /dev/shm),/tmp) PHASEWARP_FUZZ=$(FUZZ) PHASEWARP_FUZZ_FIRST=$(FIRST) \
+	    nice $(CARGO) test --release --lib --test library --test cli -- --nocapture \
+	    --test-threads=1 end_in_a_ changed_files changed_manifests changed_schemas
 
 bench: setup ## measure, into docs/performance.md (ARGS=--quick, --counts, --error)
 	CARGO="$(CARGO)" scripts/bench/bench.sh $(ARGS)

@@ -27,14 +27,19 @@ pub fn peak() -> u64 {
     kilobytes(Path::new("/proc/self/status"), "VmHWM:").unwrap_or(0)
 }
 
-/// Gives freed memory back and restarts [`peak`]; where the system cannot, the peak stays that of
-/// the whole process.
-pub fn reset_peak() {
+/// Gives freed memory back to the system, which the allocator else keeps for what comes.
+pub fn give_back() {
     // SAFETY: a plain call; it may be made at any time.
     #[cfg(target_env = "gnu")]
     unsafe {
         libc::malloc_trim(0);
     }
+}
+
+/// Gives freed memory back and restarts [`peak`]; where the system cannot, the peak stays that of
+/// the whole process.
+pub fn reset_peak() {
+    give_back();
     // Not every kernel lets a process do this.
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }

@@ -18,18 +18,17 @@ use num_complex::Complex64;
 
 /// Resident memory of the program and its libraries, buffers of HDF5 and MPI included: what is left
 /// of the peaks in the table of `docs/reliability.md`.
-pub(crate) const PROGRAM_BYTES: u64 = 32 << 20;
+const PROGRAM_BYTES: u64 = 32 << 20;
+
+/// What MPI takes beside where there are several ranks.
+const EXCHANGE_BYTES: u64 = 4 << 20;
 
 /// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in
 /// it.
-const CHUNK_BYTES: u64 = 2 << 10;
+const CHUNK_BYTES: u64 = 5 << 9;
 
-/// What it takes beside for each chunk that the rank writes a part of: two selections, here without
-/// their axes.
-const OWN_CHUNK_BYTES: u64 = 17 << 9;
-
-/// Bytes for each axis of those selections.
-const AXIS_BYTES: u64 = 1 << 10;
+/// What it takes beside for each chunk that the rank writes a part of: two selections.
+const OWN_CHUNK_BYTES: u64 = 8840;
 
 /// Bytes of a rank's buffers, if those of one cell are not more.
 pub const BUFFERS: u64 = 16 << 20;
@@ -62,8 +61,8 @@ pub(crate) fn memory_of_points(
     list.iter().map(|a| a.1).sum()
 }
 
-/// What HDF5 takes while it writes a dataset of the user's grid in chunks: measured 11.5 kB a chunk
-/// on one rank in one dimension, 13.4 kB in two, about half of that on two ranks.
+/// What HDF5 takes while it writes a dataset of the user's grid in chunks: measured 11.4 kB a chunk
+/// on one rank, in one and two dimensions, 6.1 kB on two, 4.7 kB on three and four.
 fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let (space, storage) = (grid(case), &case.storage);
     let chunks = storage.most_chunks(&space);
@@ -71,10 +70,10 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let cells = space.x[0].cells;
     let length = storage.chunks.as_ref().map_or(1, |chunks| chunks[0]);
     let layers = cells.div_ceil(length);
-    let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + 1).min(layers);
+    let shared = usize::from(length > 1);
+    let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + shared).min(layers);
     let own = (chunks.div_ceil(layers) * own_layers).min(chunks);
-    let axes = 2 * space.dimension() as u64;
-    CHUNK_BYTES * chunks as u64 + (OWN_CHUNK_BYTES + AXIS_BYTES * axes) * own as u64
+    CHUNK_BYTES * chunks as u64 + OWN_CHUNK_BYTES * own as u64
 }
 
 /// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes, when they take
@@ -174,8 +173,9 @@ impl<'a> FullestRank<'a> {
             None => 4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct,
         };
         let matrix = stored + 16 * self.points;
+        let several = u64::from(self.mesh.ranks() > 1);
         let mut list = vec![
-            ("program and libraries".to_owned(), PROGRAM_BYTES),
+            ("program and libraries".to_owned(), PROGRAM_BYTES + several * EXCHANGE_BYTES),
             ("matrix (S, K)".to_owned(), matrix),
             ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
             // They are dropped; the allocator keeps their place.
@@ -296,7 +296,8 @@ impl<'a> FullestRank<'a> {
         let numbers = (readings + steps) * self.fields() + plateau;
         let mut list = vec![("recovered fields".to_owned(), 8 * numbers * self.share())];
         if !case.times.is_empty() {
-            list.push(("output times".to_owned(), self.early(self.fields())));
+            let early = self.early(self.fields()) + self.early_moments();
+            list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
         list
@@ -355,9 +356,9 @@ impl<'a> FullestRank<'a> {
                 32 * (1 + n) * here + 64 * curve_points(case) as u64 + 4 * points
             }
         };
-        // Its moments at every time, and a copy of them where they are written.
+        // Its moments at every time.
         let times = 1 + case.shown_times().count() as u64;
-        let moments = 16 * MOMENTS as u64 * times * here;
+        let moments = 8 * MOMENTS as u64 * times * here;
         Some(("exact solution".to_owned(), values + 80 * points + moments))
     }
 
@@ -377,11 +378,16 @@ impl<'a> FullestRank<'a> {
         16 * self.points * if kept { numbers.max().unwrap_or(0) } else { numbers.sum() }
     }
 
-    /// Results of so many fields at the output times, and their moments.
+    /// Results of so many fields at the output times.
     fn early(&self, fields: u64) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
-        let moments = 2 * MOMENTS as u64;
-        self.early_numbers().map(|numbers| 8 * points * (fields * numbers + moments)).sum()
+        self.early_numbers().map(|numbers| 8 * points * fields * numbers).sum()
+    }
+
+    /// Moments at the output times, and the exact ones or a copy of these, where they are written.
+    fn early_moments(&self) -> u64 {
+        let points = self.share() / self.case.space.velocity_cells() as u64;
+        2 * 8 * MOMENTS as u64 * points * self.case.times.len() as u64
     }
 }
 

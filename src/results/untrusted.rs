@@ -24,7 +24,7 @@ use hdf5::File;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::process::ExitStatusExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -116,6 +116,9 @@ pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
+        // Signals that ask the program to stop go to its group. They are no reason to call a file
+        // damaged.
+        .process_group(0)
         .spawn();
     let mut child = child.map_err(|e| format!("no process can be started to read it: {e}"))?;
     let answer = answer(&mut child);

@@ -15,6 +15,7 @@
 //! How far all of it may be trusted is in docs/limits.md, and tested in tests/cli/accuracy.rs.
 
 use crate::base::error::Result;
+use crate::base::memory;
 use crate::matrix::elements::{apply_along_all, for_each_element};
 use crate::matrix::observables::{CellVolumes, VelocityFactors};
 use crate::matrix::projection::legendre_transform;
@@ -47,6 +48,8 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     if !matches!(prepared.case.data, Data::Density) {
         return Ok([None; 2]);
     }
+    // What the solve took is not to lie beside the vectors of the estimate.
+    memory::give_back();
     let with_elements = space.degree() > 0;
     let mut found = [0.0; 2];
     if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {

@@ -1,6 +1,7 @@
 //! A case made ready on the ranks of its mesh: the one preparation of runs, spectra and studies.
 
 use crate::base::error::{Error, Result};
+use crate::base::memory;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::lanes::Lanes;
@@ -68,6 +69,8 @@ impl Prepared {
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
         let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
+        // What assembling took is not to lie beside the modes.
+        memory::give_back();
         let each = system.matrix.bytes() as f64 / system.matrix.rows().max(1) as f64;
         let matrix_bytes = Some(communicator.world.max(each));
         Ok(Self {

@@ -1,10 +1,11 @@
-//! Disks that fill up while a run works: it ends with the right results or with one message, leaves
-//! nothing half-written, and goes on when there is room again. `make test` tries a few moments on
-//! each file system, `make torture` many.
+//! Disks that fill up while a run works, and its directory removed or made read-only: it ends with
+//! the right results or with one message, leaves nothing half-written, and goes on when all is well
+//! again. `make test` tries a few moments on each file system, `make torture` many.
 
 use crate::checkpoint::{OFTEN, Result, random};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, differences, directory_on_disk, number_from_environment,
+    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk,
+    number_from_environment,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -21,6 +22,16 @@ const LIMIT: u64 = 60;
 
 /// File systems with and without reservations of space (`fallocate`).
 const SYSTEMS: [&str; 3] = ["tmpfs", "ext4", "ext2"];
+
+/// What happens to a disk, or to the directory of the results on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Event {
+    Full,
+    Removed,
+    ReadOnly,
+}
+
+const EVENTS: [Event; 3] = [Event::Full, Event::Removed, Event::ReadOnly];
 
 /// What runs write, and how.
 const KINDS: [&[&str]; 5] = [
@@ -87,12 +98,18 @@ impl Disk {
 
 impl Drop for Disk {
     fn drop(&mut self) {
+        let _ = protect(&self.root, false);
         let root = self.root.display().to_string();
         let lazy = call("umount", &[&root]).or_else(|_| call("umount", &["-l", &root]));
         if let Err(why) = lazy {
             eprintln!("{}: {why}", self.place.path().display());
         }
     }
+}
+
+/// Nothing in a directory, and it itself, can be changed, not even by root; or it can again.
+fn protect(directory: &Path, now: bool) -> Result<()> {
+    call("chattr", &["-R", if now { "+i" } else { "-i" }, &directory.display().to_string()])
 }
 
 fn call(program: &str, arguments: &[&str]) -> Result<()> {
@@ -123,14 +140,15 @@ fn names(directory: &Path) -> Vec<String> {
     entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
 }
 
-/// Trials on each file system, and how many of them ended with an error.
-type Tally = Mutex<[[usize; 2]; SYSTEMS.len()]>;
+/// Trials of each event on each file system, and how many of them ended with an error.
+type Tally = Mutex<[[[usize; 2]; SYSTEMS.len()]; EVENTS.len()]>;
 
-/// One run on one disk that is filled at a moment: at a time, with the first checkpoint, or as soon
-/// as a file is written.
+/// One run on one disk to which something happens at a moment: at a time, with the first
+/// checkpoint, or as soon as a file is written.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
     let draw = |what: u64| random(977 * number + what);
     let kind = number as usize / SYSTEMS.len() % KINDS.len();
+    let event = number as usize / SYSTEMS.len() % EVENTS.len();
     let expected = whole(kind)?;
     let system = number as usize % SYSTEMS.len();
     let disk = Disk::new(SYSTEMS[system])?;
@@ -143,29 +161,24 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
         false => (2e5 * draw(4)) as u64,
     };
     let mut begun = awaited.is_empty().then_some(Duration::ZERO);
-    let mut filled = None;
+    let mut happened = None;
     let run = job(kind).on(1 + (3.0 * draw(5)) as usize).into(&results).within(LIMIT);
     let finished = run.closely().run_while(|_, since| {
         if begun.is_none() && names(&results).iter().any(|name| name.contains(awaited)) {
             begun = Some(since);
         }
-        if filled.is_none() && begun.is_some_and(|begun| since >= begun + delay) {
-            filled = Some(disk.fill(room));
+        if happened.is_none() && begun.is_some_and(|begun| since >= begun + delay) {
+            happened = Some(happen(EVENTS[event], &disk, &results, room));
         }
     })?;
-    filled.unwrap_or(Ok(()))?;
-    let left = names(&results);
-    let half_written = left.iter().find(|name| name.ends_with(".partial"));
-    match finished.code {
-        Some(0) => {}
-        Some(1 | 2) if finished.errors.contains("error: ") && half_written.is_none() => {}
-        _ => return Err(finished.report(&format!("ended on a full disk, which holds {left:?}"))),
-    }
-    let met = usize::from(finished.code != Some(0));
+    happened.unwrap_or(Ok(()))?;
+    ended_well(EVENTS[event], &finished, &results)?;
     {
         let mut tally = tally.lock().map_err(|e| e.to_string())?;
-        tally[system] = [tally[system][0] + 1, tally[system][1] + met];
+        let [runs, errors] = &mut tally[event][system];
+        (*runs, *errors) = (*runs + 1, *errors + usize::from(finished.code != Some(0)));
     }
+    protect(&disk.root, false)?;
     if disk.filler().exists() {
         fs::remove_file(disk.filler()).map_err(|e| e.to_string())?;
     }
@@ -175,27 +188,64 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     if !differ.is_empty() {
         return Err(finished.report(&format!("then other bits in {differ:?}")));
     }
+    if let Some(name) = half_written(&results) {
+        return Err(finished.report(&format!("{name} is there for ever")));
+    }
     Job::new(["check-result", &results.display().to_string()]).succeed().map(drop)
 }
 
+fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {
+    match event {
+        Event::Full => disk.fill(room),
+        // What the run writes meanwhile may be in its way.
+        Event::Removed if results.exists() => {
+            let _ = fs::remove_dir_all(results);
+            Ok(())
+        }
+        Event::Removed => Ok(()),
+        // Files that are renamed meanwhile are not found.
+        Event::ReadOnly => {
+            let _ = protect(&disk.root, true);
+            Ok(())
+        }
+    }
+}
+
+fn half_written(results: &Path) -> Option<String> {
+    names(results).into_iter().find(|name| name.ends_with(".partial"))
+}
+
+/// Whether a run did what it was asked for, or ended with a message and left nothing half-written
+/// that it could remove.
+fn ended_well(event: Event, finished: &Finished, results: &Path) -> Result<()> {
+    let left = half_written(results).filter(|_| event != Event::ReadOnly);
+    match finished.code {
+        Some(0) => Ok(()),
+        Some(1 | 2) if finished.errors.contains("error: ") && left.is_none() => Ok(()),
+        _ => Err(finished.report(&format!("{event:?}: ended so, and left {:?}", names(results)))),
+    }
+}
+
 #[test]
-fn full_disks_are_survived() {
+fn full_lost_and_read_only_disks_are_survived() {
     if let Some(why) = SYSTEMS.iter().find_map(|system| Disk::new(system).err()) {
         println!("skipped: no disk to fill: {why}");
         return;
     }
     let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
-    let count = number_from_environment("PHASEWARP_TRIALS", 6);
+    let count = number_from_environment("PHASEWARP_TRIALS", 9);
     let all: Vec<u64> = (first..first + count).collect();
     let tally = Tally::default();
     check_all(&all, |&number| {
         trial(number, &tally).map_err(|why| format!("trial {number}: {why}"))
     });
     let tally = tally.into_inner().expect("no thread failed");
-    println!("| disk | runs | ended with an error |\n|---|---|---|");
-    for (system, [runs, errors]) in SYSTEMS.iter().zip(tally) {
-        println!("| {system} | {runs} | {errors} |");
-        // Of a few runs none may meet a full disk.
-        assert!(errors > 0 || runs < 20, "no run on {system} met a full disk");
+    println!("| event | disk | runs | ended with an error |\n|---|---|---|---|");
+    for (event, tally) in EVENTS.iter().zip(tally) {
+        for (system, [runs, errors]) in SYSTEMS.iter().zip(tally) {
+            println!("| {event:?} | {system} | {runs} | {errors} |");
+            // Of a few runs none may meet it.
+            assert!(errors > 0 || runs < 20, "no run on {system} met {event:?}");
+        }
     }
 }

@@ -8,6 +8,7 @@ mod checkpoint;
 mod circuit;
 mod command_line;
 mod continued;
+mod definition;
 mod disks;
 mod embedding;
 mod equal_bits;

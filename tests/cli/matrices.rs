@@ -19,10 +19,10 @@ const EXPORTS: &[(&str, &[&str], usize)] = &[
 ];
 
 /// Entries of a matrix by row and column, from 0.
-type Entries = BTreeMap<(usize, usize), f64>;
+pub type Entries = BTreeMap<(usize, usize), f64>;
 
 /// All entries of a file in Matrix Market's format.
-fn matrix(path: &Path) -> Result<Entries, String> {
+pub fn matrix(path: &Path) -> Result<Entries, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let (head, lines) = text.split_once('\n').ok_or("empty")?;
     let mirrored = match head.rsplit(' ').next() {

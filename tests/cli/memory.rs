@@ -5,8 +5,8 @@ use crate::support::{SLOPES, check_all, directory, run};
 /// A case, its size, other settings, the number of ranks, and the part that a plan may be off by.
 type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
 
-/// Planned memory against the peak that was measured: within 5 % from 100 MiB on, below that within
-/// 5 MiB, which is how much the memory of MPI and HDF5 varies. Some are further off.
+/// Planned memory against the peak that was measured: not less, and within 5 % from 100 MiB on,
+/// below that within 5 MiB, which is how much the memory of MPI and HDF5 varies. Some plan more.
 #[test]
 fn memory_is_what_was_planned() {
     const CLOSE: f64 = 0.05;
@@ -38,7 +38,7 @@ fn memory_is_what_was_planned() {
         ("example1.toml", &grid, &["scheme.interface=conservative"], 2, CLOSE),
         ("example1.toml", &grid, &["output.fields_every=0.004"], 1, CLOSE),
         ("example1.toml", &grid, &["output.plateau={points=9}"], 1, CLOSE),
-        ("example1.toml", &kept, &["solver.tolerance=0.01"], 1, 0.08),
+        ("example1.toml", &kept, &["solver.tolerance=0.01"], 1, CLOSE),
         ("example1.toml", &grid, &["solver.verify=true"], 1, CLOSE),
         ("inflow_barrier.toml", &grid, &[], 1, CLOSE),
         ("inflow_barrier.toml", &grid, &["solver.warp.inflow=full"], 1, CLOSE),
@@ -51,14 +51,14 @@ fn memory_is_what_was_planned() {
         ("inflow_barrier.toml", &elements, &quick, 1, CLOSE),
         ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
-        ("example1.toml", &small, &chunks, 1, 0.18),
-        ("example1.toml", &small, &chunks, 2, 0.18),
-        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, 0.12),
-        ("example1.toml", &large, &["solver.method=classical"], 1, 0.08),
-        ("example1.toml", &large, &SLOPES, 1, 0.08),
+        ("example1.toml", &small, &chunks, 1, CLOSE),
+        ("example1.toml", &small, &chunks, 2, 0.15),
+        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, 0.08),
+        ("example1.toml", &large, &["solver.method=classical"], 1, CLOSE),
+        ("example1.toml", &large, &SLOPES, 1, CLOSE),
         ("slope_jump.toml", &large, &slopes, 1, 0.08),
-        ("example2.toml", &grid, &[], 1, 0.06),
-        ("slope_jump.toml", &elements, &quick, 2, 0.1),
+        ("example2.toml", &grid, &[], 1, 0.08),
+        ("slope_jump.toml", &elements, &quick, 2, CLOSE),
         ("example1.toml", &elements, &["solver.method=classical"], 1, 0.08),
     ];
     check_all(rows, |(name, size, settings, ranks, allowed)| {
@@ -67,8 +67,10 @@ fn memory_is_what_was_planned() {
         let peak = summary.number("memory_peak_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let mib = |bytes: f64| format!("{:.1} MiB", bytes / f64::from(1 << 20));
-        let allowed = allowed * peak.max(f64::from(100 << 20));
-        summary.require((planned - peak).abs() <= allowed, || {
+        let scale = peak.max(f64::from(100 << 20));
+        let more = (planned - peak) / scale;
+        // A hundredth varies from run to run.
+        summary.require(-0.01 <= more && more <= *allowed, || {
             format!("planned {}, peak {}", mib(planned), mib(peak))
         })
     });

@@ -71,10 +71,11 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
 }
 
 /// A sequence of choices that depends on its seed alone (SplitMix64).
-struct Choices(u64);
+pub struct Choices(pub u64);
 
 impl Choices {
-    fn of<T: Copy>(&mut self, list: &[T]) -> T {
+    /// One of `list`.
+    pub fn of<T: Copy>(&mut self, list: &[T]) -> T {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut h = self.0;
         h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -98,6 +98,24 @@ fn damaged_results_are_not_called_finished() {
     });
 }
 
+/// A process whose standard streams are closed opens files under their numbers: nothing that is
+/// printed gets into them.
+#[test]
+fn streams_may_be_closed() {
+    let (whole, alone) = (directory(), directory());
+    run().into(whole.path()).succeed().unwrap();
+    let finished = run().into(alone.path()).without_streams().succeed().unwrap();
+    assert_eq!(finished.printed, "");
+    let differ = differences(&datasets(alone.path()).unwrap(), &datasets(whole.path()).unwrap());
+    assert!(differ.is_empty(), "{differ:?}");
+    let path = alone.path().display().to_string();
+    let check = Job::new(["check-result", &path]);
+    check.succeed().unwrap();
+    check.without_streams().succeed().unwrap();
+    // A refusal still has its exit code.
+    run().into(alone.path()).without_streams().run().unwrap().ended(2, &[]).unwrap();
+}
+
 /// A directory below `place` whose path has `length` bytes.
 fn long(place: &Path, length: usize) -> PathBuf {
     let mut text = place.display().to_string();

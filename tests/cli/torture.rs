@@ -1,20 +1,24 @@
 //! Runs of many kinds, with faults at random moments and continued on other ranks: they end with
 //! the bits of an undisturbed run. `make test` tries a few, `make torture` many.
 
-use crate::checkpoint::{Fault, OFTEN, Result, random, with_fault};
+use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::support::{
     Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
     number_from_environment,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::Duration;
+use tempfile::TempDir;
 
 /// A kind of run.
 struct Kind {
     name: &'static str,
+    /// Whether it goes on from the results of the case until time 1.5, instead of from time 0.
+    continues: bool,
     case: &'static str,
     settings: &'static [&'static str],
     options: &'static [&'static str],
@@ -24,44 +28,51 @@ struct Kind {
 const MANY: [&str; 3] =
     ["solver.tolerance=1e-2", "solver.warp.profile=exponential", "solver.warp.points=512"];
 
-const KINDS: [Kind; 8] = [
+const KINDS: [Kind; 10] = [
     Kind {
+        continues: false,
         name: "streamed",
         case: "example1.toml",
         settings: &["axis.0.x.cells=43", "axis.0.v.cells=30"],
         options: &[],
     },
     Kind {
+        continues: false,
         name: "full",
         case: "example1.toml",
         settings: &["axis.0.x.cells=23", "axis.0.v.cells=18", "output.warped_field=true"],
         options: &["--mode", "full"],
     },
     Kind {
+        continues: false,
         name: "output times",
         case: "example1.toml",
         settings: &["axis.0.x.cells=31", "axis.0.v.cells=22", "output.field_times=[0.2,0.7]"],
         options: &[],
     },
     Kind {
+        continues: false,
         name: "elements",
         case: "smooth-beams.toml",
         settings: &["scheme.degree=2", "axis.0.x.cells=11", "axis.0.v.cells=8"],
         options: &[],
     },
     Kind {
+        continues: false,
         name: "inflow in time",
         case: "pulsed_inflow.toml",
         settings: &["axis.0.x.cells=20", "axis.0.v.cells=22", "solver.tolerance=1e-2"],
         options: &[],
     },
     Kind {
+        continues: false,
         name: "level sets",
         case: "example2.toml",
         settings: &["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.3"],
         options: &[],
     },
     Kind {
+        continues: false,
         name: "two dimensions",
         case: "quadrant2d.toml",
         settings: &[
@@ -71,6 +82,7 @@ const KINDS: [Kind; 8] = [
         options: &[],
     },
     Kind {
+        continues: false,
         name: "Crank-Nicolson",
         case: "example1.toml",
         settings: &[
@@ -81,12 +93,39 @@ const KINDS: [Kind; 8] = [
         // Other blocks of space give other bits.
         options: &["--ranks-x", "1"],
     },
+    Kind {
+        continues: false,
+        name: "verified",
+        case: "example1.toml",
+        settings: &["axis.0.x.cells=60", "axis.0.v.cells=50", "solver.verify=true", "time.end=3"],
+        options: &[],
+    },
+    Kind {
+        continues: true,
+        name: "continued",
+        case: "example1.toml",
+        settings: &["axis.0.x.cells=43", "axis.0.v.cells=30"],
+        options: &[],
+    },
 ];
 
+/// The results that a run goes on from.
+static BEGINNING: OnceLock<Result<TempDir>> = OnceLock::new();
+
 impl Kind {
-    fn job(&self) -> Job {
-        let job = Job::new(["run", &case(self.case)]).set(&MANY).set(self.settings);
-        job.set(&[OFTEN]).with(self.options.iter().copied())
+    fn job(&self) -> Result<Job> {
+        let from_start = || Job::new(["run", &case(self.case)]).set(&MANY).set(self.settings);
+        let job = if self.continues {
+            let beginning = BEGINNING.get_or_init(|| {
+                let place = directory();
+                from_start().into(place.path()).succeed().map(|_| place)
+            });
+            let path = beginning.as_ref().map_err(String::clone)?.path().display().to_string();
+            Job::new(["run", "--continue", &path, "--until", "1.5"])
+        } else {
+            from_start()
+        };
+        Ok(job.set(&[OFTEN]).with(self.options.iter().copied()))
     }
 }
 
@@ -102,7 +141,7 @@ static WHOLES: [OnceLock<Result<Whole>>; KINDS.len()] = [const { OnceLock::new()
 impl Whole {
     fn new(kind: &Kind) -> Result<Self> {
         let place = directory();
-        let finished = kind.job().on(2).into(place.path()).succeed()?;
+        let finished = kind.job()?.on(2).into(place.path()).succeed()?;
         Ok(Self { datasets: datasets(place.path())?, seconds: finished.seconds })
     }
 }
@@ -113,18 +152,110 @@ fn trials() -> std::ops::Range<u64> {
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-const FAULTS: [(&str, Fault); 7] = [
-    ("SIGKILL to mpirun", Fault::Launcher),
-    ("SIGKILL to a rank", Fault::Rank(0)),
-    ("SIGKILL to a rank", Fault::Rank(1)),
-    ("SIGTERM to mpirun", Fault::Terminate),
-    ("SIGINT to mpirun", Fault::Interrupt),
-    ("SIGUSR1 to mpirun", Fault::Signal),
-    ("SIGSTOP of a rank for half a second", Fault::Pause(0)),
+/// A fault, and the exit codes that mpirun may give after it, as a shell has them, beside 0 of a
+/// run that was over.
+struct FaultKind {
+    name: &'static str,
+    fault: Fault,
+    codes: &'static [i32],
+}
+
+const FAULTS: [FaultKind; 7] = [
+    FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[137] },
+    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[137] },
+    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[137] },
+    // mpirun gives its own code for these, whatever the ranks give, or ends by the signal.
+    FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[1, 143] },
+    FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[1, 130] },
+    FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[75] },
+    FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
 ];
 
-/// Trials of each fault: how many, how many of them met a run at work, how many failed.
-type Tally = Mutex<BTreeMap<&'static str, [usize; 3]>>;
+/// What mpirun gives where it is at fault itself: abort, invalid memory, a pipe to nobody.
+const CRASHES: [i32; 3] = [134, 139, 141];
+
+impl FaultKind {
+    /// Whether a run may end so. That mpirun itself hangs or crashes when its ranks have ended is
+    /// counted, and no fault of theirs.
+    fn allows(&self, faulty: &Faulty) -> bool {
+        let code = faulty.finished.shell_code;
+        // A rank that is still being loaded takes no request, and ends by it.
+        let too_early = matches!(self.fault, Fault::Signal) && !faulty.begun;
+        code == 0
+            || launcher_failed(faulty)
+            || (faulty.injected && self.codes.contains(&code))
+            || (too_early && code == 138)
+    }
+}
+
+fn launcher_failed(faulty: &Faulty) -> bool {
+    faulty.hung || CRASHES.contains(&faulty.finished.shell_code)
+}
+
+/// What a fault waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Moment {
+    AnyTime,
+    SetUp,
+    Modes,
+    Checkpoint,
+    Results,
+    Summary,
+}
+
+const MOMENTS: [Moment; 8] = [
+    Moment::AnyTime,
+    Moment::AnyTime,
+    Moment::AnyTime,
+    Moment::SetUp,
+    Moment::Modes,
+    Moment::Checkpoint,
+    Moment::Results,
+    Moment::Summary,
+];
+
+impl Moment {
+    /// Whether a run into `path` is there, which found the checkpoint `before`.
+    fn has_come(self, path: &Path, before: Option<&Path>) -> bool {
+        let holds = |ending: &str| names(path).iter().any(|name| name.ends_with(ending));
+        match self {
+            Self::AnyTime => true,
+            Self::SetUp => newest(path).as_deref() == before,
+            Self::Modes => newest(path).is_some_and(|newest| Some(&*newest) != before),
+            Self::Checkpoint => {
+                let begun = names(&path.join("checkpoint")).into_iter().max();
+                let begun = begun.map(|name| path.join("checkpoint").join(name));
+                begun.is_some_and(|begun| !begun.join("manifest.json").exists())
+            }
+            Self::Results => holds(".partial"),
+            Self::Summary => holds("result.h5") && !holds("summary.json"),
+        }
+    }
+}
+
+fn names(directory: &Path) -> Vec<String> {
+    let entries = fs::read_dir(directory).into_iter().flatten();
+    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
+}
+
+/// Of faults: how many, how many of them met a run at work, after how many the run did not go on
+/// well or mpirun failed, and the exit codes.
+#[derive(Default)]
+struct Count {
+    faults: usize,
+    met: usize,
+    failures: usize,
+    launcher: usize,
+    codes: BTreeSet<i32>,
+}
+
+/// The counts of each fault and of each moment.
+type Tally = Mutex<BTreeMap<String, Count>>;
+
+fn count(tally: &Tally, names: &[String], change: impl Fn(&mut Count)) {
+    let mut tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
+    names.iter().for_each(|name| change(tally.entry(name.clone()).or_default()));
+}
 
 /// Up to three faults at random moments, then an end that is left alone.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
@@ -134,38 +265,60 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let whole = WHOLES[index].get_or_init(|| Whole::new(kind)).as_ref().map_err(String::clone)?;
     let place = directory();
     let path = place.path();
-    let mut faults = Vec::new();
+    let mut faults: Vec<String> = Vec::new();
+    let mut last = [const { String::new() }; 2];
     for part in 0..1 + draw(0, 3) as u64 {
-        let [of, moment, ranks] = [1, 2, 3].map(|what| 10 * (part + 1) + what);
-        let (name, fault) = FAULTS[draw(of, FAULTS.len())];
-        let after = Duration::from_secs_f64(1.05 * whole.seconds * random(101 * number + moment));
-        let ranks = 1 + draw(ranks, 4);
-        let job = kind.job().with(["--resume"]).on(ranks).into(path);
-        let finished = with_fault(&job, fault, |since| since > after)?;
-        let met = finished.code != Some(0);
-        let mut tally = tally.lock().map_err(|e| e.to_string())?;
-        let counts = tally.entry(name).or_default();
-        *counts = [counts[0] + 1, counts[1] + usize::from(met), counts[2]];
-        faults.push((name, after, ranks, finished.report("with a fault")));
-    }
-    let ended = ends(kind, path, 1 + draw(99, 4), whole);
-    ended.map_err(|why| {
-        if let (Ok(mut tally), Some((name, ..))) = (tally.lock(), faults.last()) {
-            tally.entry(name).or_default()[2] += 1;
+        let [of, delay, ranks, moment] = [1, 2, 3, 4].map(|what| 10 * (part + 1) + what);
+        let fault = &FAULTS[draw(of, FAULTS.len())];
+        let (moment, ranks) = (MOMENTS[draw(moment, MOMENTS.len())], 1 + draw(ranks, 4));
+        let longest = match moment {
+            Moment::AnyTime => 1.05 * whole.seconds,
+            Moment::SetUp => 0.15,
+            _ => 0.005,
+        };
+        let after = Duration::from_secs_f64(longest * random(101 * number + delay));
+        let before = newest(path);
+        let mut come = None;
+        let job = kind.job()?.with(["--resume"]).on(ranks).into(path);
+        let faulty = inject(&job, fault.fault, |since| {
+            if come.is_none() && moment.has_come(path, before.as_deref()) {
+                come = Some(since);
+            }
+            come.is_some_and(|come| {
+                since >= after + if moment == Moment::AnyTime { Duration::ZERO } else { come }
+            })
+        })?;
+        let Faulty { finished, injected, .. } = &faulty;
+        last = [fault.name.to_owned(), format!("{moment:?}")];
+        count(tally, &last, |count| {
+            count.faults += usize::from(*injected);
+            count.met += usize::from(*injected && finished.code != Some(0));
+            count.launcher += usize::from(launcher_failed(&faulty));
+            count.codes.insert(finished.shell_code);
+        });
+        let report =
+            finished.report(&format!("{}, {moment:?}, {after:?}, {ranks} ranks", fault.name));
+        if !fault.allows(&faulty) {
+            count(tally, &last, |count| count.failures += 1);
+            let code = finished.shell_code;
+            return Err(format!("trial {number}, {}: exit code {code}\n{report}", kind.name));
         }
+        faults.push(report);
+    }
+    ends(kind, path, 1 + draw(99, 4), whole).map_err(|why| {
+        count(tally, &last, |count| count.failures += 1);
         format!("trial {number}, {}: {why}\n{faults:?}", kind.name)
     })
 }
 
 /// Continues to the end. The result equals that of the whole run, and no temporary file is left.
 fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
-    kind.job().on(ranks).with(["--resume"]).into(path).succeed()?;
+    kind.job()?.on(ranks).with(["--resume"]).into(path).succeed()?;
     let differing = differences(&datasets(path)?, &whole.datasets);
     if !differing.is_empty() {
         return Err(format!("differs from the whole run in {differing:?}"));
     }
-    let names = fs::read_dir(path).map_err(|e| e.to_string())?;
-    let mut names = names.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut names = names(path).into_iter();
     match names.find(|name| name.ends_with(".partial") || name == "checkpoint") {
         Some(name) => Err(format!("{name} is still there")),
         None => Job::new(["check-result", &path.display().to_string()]).succeed().map(drop),
@@ -176,10 +329,17 @@ fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
 fn runs_of_all_kinds_survive_any_fault() {
     let tally = Tally::default();
     let all: Vec<u64> = trials().collect();
-    check_all(&all, |&number| trial(number, &tally));
-    let tally = tally.into_inner().expect("no thread failed");
-    println!("| fault | faults | met a run at work | failures |\n|---|---|---|---|");
-    for (name, [faults, met, failures]) in tally {
-        println!("| {name} | {faults} | {met} | {failures} |");
+    let trials = AssertUnwindSafe(|| check_all(&all, |&number| trial(number, &tally)));
+    // The table of failures, too.
+    let outcome = catch_unwind(trials);
+    let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
+    println!(
+        "| fault or moment | faults | met a run at work | failures | mpirun failed | exit codes |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for (name, Count { faults, met, failures, launcher, codes }) in tally {
+        let codes: Vec<String> = codes.iter().map(i32::to_string).collect();
+        println!("| {name} | {faults} | {met} | {failures} | {launcher} | {} |", codes.join(", "));
     }
+    outcome.unwrap_or_else(|failures| resume_unwind(failures));
 }

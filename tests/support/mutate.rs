@@ -104,7 +104,7 @@ impl Corpus {
         let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
         let mut keys: Vec<&mut String> = lines.iter_mut().filter(|l| l.contains('=')).collect();
         let at = random.below(keys.len());
-        if let Some(line) = keys.get_mut(at) {
+        if let Some(line) = keys.get_mut(at).filter(|_| !self.values.is_empty()) {
             let end = line.find('=').unwrap_or(0);
             let value: &String = random.of_list(&self.values);
             line.replace_range(end + 1.., value);

@@ -66,20 +66,29 @@ struct ReadoutColumns {
 
 impl ReadoutColumns {
     fn read(run: &Stored) -> FileResult<Self> {
-        let column = |name: &str| run.list(&format!("readout/{name}"));
-        let cell = column("cell")?;
+        let cell = run.list("readout/cell")?;
+        let column = |name: &str| {
+            let name = format!("readout/{name}");
+            let list = run.list(&name)?;
+            match list.len() == cell.len() {
+                true => Ok(list),
+                false => {
+                    Err(format!("/{name} has {} rows, /readout/cell {}", list.len(), cell.len()))
+                }
+            }
+        };
         let fastest = |a: usize| {
             let v = run.axis(run.dimension() + a);
             v.lower.abs().max(v.upper.abs())
         };
         Ok(Self {
-            cells: numbers(&cell),
-            cell,
             observable: column("observable")?,
             estimator: column("estimator")?,
             value: column("value")?,
             estimate: column("estimate")?,
             bound: column("bound")?,
+            cells: numbers(&cell),
+            cell,
             fastest: (0..run.dimension()).map(fastest).collect(),
         })
     }

@@ -19,28 +19,29 @@ const UNFINISHED: &str = "unfinished";
 
 /// The file that completes a generation: it lists what each rank wrote.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Manifest {
-    fingerprint: Fingerprint,
-    generation: u64,
+pub(super) struct Manifest {
+    pub fingerprint: Fingerprint,
+    pub generation: u64,
     /// The process mesh it was written on.
-    mesh: ProcessMesh,
+    pub mesh: ProcessMesh,
     /// For people: the stage, how many of its modes are finished, and the applications done so far.
-    stage: usize,
-    finished: usize,
-    matvecs: usize,
+    pub stage: usize,
+    pub finished: usize,
+    pub matvecs: usize,
     /// The files, rank after rank.
-    files: Vec<Written>,
+    pub files: Vec<Written>,
 }
 
 /// A manifest with the checksum of its text.
 #[derive(Serialize, Deserialize)]
-struct Sealed {
-    manifest: Manifest,
+pub(super) struct Sealed {
+    pub manifest: Manifest,
     checksum: u64,
 }
 
 impl Manifest {
-    fn text(&self) -> serde_json::Result<String> {
+    /// As it is in the file.
+    pub fn text(&self) -> serde_json::Result<String> {
         serde_json::to_string_pretty(&Sealed { checksum: self.checksum()?, manifest: self.clone() })
     }
 
@@ -63,7 +64,7 @@ impl Manifest {
     }
 }
 
-fn rank_file(directory: &Path, rank: usize) -> PathBuf {
+pub(super) fn rank_file(directory: &Path, rank: usize) -> PathBuf {
     directory.join(format!("rank-{rank:05}.bin"))
 }
 
@@ -292,15 +293,8 @@ impl Store {
     fn checked(&self, world: &Group, number: u64, text: &str) -> Result<Generation> {
         let path = self.generation(number);
         let refuse = |reason: String| failure(&path, &reason);
-        let manifest = Manifest::parse(text, number).map_err(refuse)?;
-        let ranks = manifest.files.len();
-        if let Some(difference) = self.fingerprint.difference(&manifest.fingerprint) {
-            return Err(refuse(difference));
-        }
-        if manifest.mesh.validate(&self.space).is_err() || manifest.mesh.ranks() != ranks {
-            return Err(refuse(format!("its {MANIFEST} does not fit the case")));
-        }
-        let mine = (world.rank()..ranks).step_by(world.size());
+        let manifest = self.manifest(number, text).map_err(refuse)?;
+        let mine = (world.rank()..manifest.files.len()).step_by(world.size());
         let sound = mine.map(|rank| self.check_file(&manifest, rank));
         world.agree(sound.collect::<Result<()>>())?;
         let read = match world.rank() {
@@ -314,8 +308,28 @@ impl Store {
         Ok(Generation { directory: path, space, manifest, state, results })
     }
 
+    /// The manifest of a generation of this run, if the text is one.
+    pub(super) fn manifest(
+        &self,
+        number: u64,
+        text: &str,
+    ) -> std::result::Result<Manifest, String> {
+        let manifest = Manifest::parse(text, number)?;
+        if let Some(difference) = self.fingerprint.difference(&manifest.fingerprint) {
+            return Err(difference);
+        }
+        let mesh = &manifest.mesh;
+        let fits = mesh.space.len() == self.space.dimension()
+            && mesh.validate(&self.space).is_ok()
+            && mesh.blocks().checked_mul(mesh.groups) == Some(manifest.files.len());
+        if !fits {
+            return Err(format!("its {MANIFEST} does not fit the case"));
+        }
+        Ok(manifest)
+    }
+
     /// Whether the file of `rank` is the one that was written.
-    fn check_file(&self, manifest: &Manifest, rank: usize) -> Result<()> {
+    pub(super) fn check_file(&self, manifest: &Manifest, rank: usize) -> Result<()> {
         let path = rank_file(&self.generation(manifest.generation), rank);
         let refuse = |reason: String| failure(&path, &reason);
         file::check(&path, &manifest.files[rank]).map_err(refuse)?;
@@ -330,7 +344,7 @@ impl Store {
     }
 
     /// How far all mode groups together are, and how wide the results are, as text.
-    fn read_state(&self, manifest: &Manifest) -> Result<String> {
+    pub(super) fn read_state(&self, manifest: &Manifest) -> Result<String> {
         let directory = self.generation(manifest.generation);
         let blocks = manifest.mesh.blocks();
         let first = open(&rank_file(&directory, 0))?.header;

@@ -5,14 +5,16 @@
 mod fuzzing;
 
 use super::*;
-use crate::parallel::partition::ProcessMesh;
+use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
+use crate::solve::checkpoint::store::{Manifest, Sealed, rank_file};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{
     BoxValues, Fingerprint, GroupProgress, Kept, KeptMode, WarpedFieldKey,
 };
 use crate::solve::statistics::BatchStatistics;
+use fuzzing::mutate::Corpus;
 use fuzzing::{Random, Reader, fuzz};
 use num_complex::Complex64;
 use std::collections::BTreeMap;
@@ -346,6 +348,65 @@ impl Reader for DamagedFiles {
 #[test]
 fn changed_files_are_refused_or_read() {
     fuzz::<DamagedFiles>("solve::checkpoint::tests::changed_files_are_refused_or_read");
+}
+
+/// Manifests with a correct checksum and wrong contents, half of them; others as they are changed.
+struct DamagedManifests {
+    corpus: Corpus,
+    store: Store,
+    _directory: tempfile::TempDir,
+}
+
+/// The number of the generation that [`Rank::header`] names.
+const GENERATION: u64 = 3;
+
+impl Reader for DamagedManifests {
+    type Input = String;
+    const INPUTS: u64 = 2000;
+
+    fn new() -> Self {
+        let (space, mesh) = (space(&[5, 4]), ProcessMesh { space: vec![2, 1], groups: 2 });
+        let directory = tempfile::tempdir().expect("a directory");
+        let files = write_all(directory.path(), &space, &mesh);
+        let generation = directory.path().join(format!("{GENERATION:06}"));
+        std::fs::create_dir(&generation).expect("a directory");
+        for rank in 0..mesh.ranks() {
+            let target = rank_file(&generation, rank);
+            std::fs::rename(file_of(directory.path(), rank), target).expect("a file");
+        }
+        let (fingerprint, [stage, finished, matvecs]) = (fingerprint(), [0, MODES, 1234]);
+        let generation = GENERATION;
+        let manifest = Manifest { fingerprint, generation, mesh, stage, finished, matvecs, files };
+        let store = Store::new(directory.path().to_owned(), manifest.fingerprint.clone(), space);
+        let corpus = Corpus::new(vec![manifest.text().expect("a text")]);
+        Self { corpus, store, _directory: directory }
+    }
+
+    fn input(&self, random: &mut Random) -> String {
+        let text = self.corpus.changed(random);
+        let sealed = serde_json::from_str::<Sealed>(&text).ok().filter(|_| random.once_in(2));
+        sealed.map_or(text, |sealed| sealed.manifest.text().expect("a text"))
+    }
+
+    fn read(&mut self, text: &String) -> std::result::Result<bool, String> {
+        let Ok(manifest) = self.store.manifest(GENERATION, text) else { return Ok(false) };
+        let (mesh, space) = (&manifest.mesh, space(&[5, 4]));
+        let whole: Vec<Range<usize>> = space.x.iter().map(|axis| 0..axis.cells).collect();
+        let cells: usize = (0..mesh.blocks())
+            .flat_map(|block| common_runs(&mesh.ranges(&space, block), &whole))
+            .map(|run| run.length)
+            .sum();
+        if cells != space.space_cells() {
+            return Err(format!("{cells} cells"));
+        }
+        let sound = (0..mesh.ranks()).all(|rank| self.store.check_file(&manifest, rank).is_ok());
+        Ok(sound && self.store.read_state(&manifest).is_ok())
+    }
+}
+
+#[test]
+fn changed_manifests_are_refused_or_read() {
+    fuzz::<DamagedManifests>("solve::checkpoint::tests::changed_manifests_are_refused_or_read");
 }
 
 /// Whether `rank` can read the file.

@@ -148,16 +148,50 @@ pub enum Fault {
     Pause(usize),
 }
 
+/// Whether a process is the program, at work, which takes SIGUSR1 for a request.
+fn takes_requests(process: u32) -> bool {
+    let text = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    // Before it was that, it was a part of mpirun.
+    if !text.starts_with("Name:\tphasewarp\n") {
+        return false;
+    }
+    let caught = text.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+    let caught = caught.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok()).unwrap_or(0);
+    caught >> (libc::SIGUSR1 - 1) & 1 == 1
+}
+
+/// The end of a run with a fault.
+pub struct Faulty {
+    pub finished: Finished,
+    /// Whether the fault came before the run was over.
+    pub injected: bool,
+    /// Whether all ranks took requests by then.
+    pub begun: bool,
+    /// Whether mpirun did not end after all of its ranks had, and was killed.
+    pub hung: bool,
+}
+
+/// How long mpirun may take to end after its ranks.
+const AFTER_RANKS: Duration = Duration::from_secs(20);
+
 /// Runs a job and injects a fault at the first moment that `now` accepts. All its ranks have ended
 /// when this returns.
-pub fn with_fault(
-    job: &Job,
-    fault: Fault,
-    mut now: impl FnMut(Duration) -> bool,
-) -> Result<Finished> {
-    let (mut ranks, mut injected) = (Vec::new(), false);
+pub fn with_fault(job: &Job, fault: Fault, now: impl FnMut(Duration) -> bool) -> Result<Finished> {
+    inject(job, fault, now).map(|faulty| faulty.finished)
+}
+
+/// The same, with what the fault met.
+pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) -> Result<Faulty> {
+    let (mut ranks, mut injected, mut begun) = (Vec::new(), false, false);
+    let (mut alone, mut hung) = (None, false);
     let finished = job.clone().closely().run_while(|mpirun, since| {
         if injected {
+            if children(mpirun.id()).into_iter().any(is_alive) {
+                alone = None;
+            } else if since > *alone.get_or_insert(since) + AFTER_RANKS && !hung {
+                hung = true;
+                send("-KILL", mpirun.id());
+            }
             return;
         }
         ranks = children(mpirun.id());
@@ -165,6 +199,7 @@ pub fn with_fault(
             return;
         }
         injected = true;
+        begun = ranks.len() == job.ranks() && ranks.iter().all(|&rank| takes_requests(rank));
         let of = |rank: usize| ranks[rank.min(ranks.len() - 1)];
         match fault {
             Fault::Rank(rank) => send("-KILL", of(rank)),
@@ -187,7 +222,7 @@ pub fn with_fault(
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    Ok(finished)
+    Ok(Faulty { finished, injected, begun, hung })
 }
 
 /// A run with checkpoints, stopped by SIGUSR1 when two are there.

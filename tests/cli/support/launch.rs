@@ -4,7 +4,7 @@
 use super::outcome::{Finished, Summary, untag, unwrapped};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -61,6 +61,7 @@ pub struct Job {
     apart: Vec<String>,
     reports_codes: bool,
     capped: bool,
+    closed: bool,
     blocks: Option<u64>,
     environment: Vec<(String, String)>,
     pause: u64,
@@ -79,6 +80,7 @@ impl Job {
             apart: Vec::new(),
             reports_codes: false,
             capped: false,
+            closed: false,
             blocks: None,
             environment: Vec::new(),
             pause: 5,
@@ -112,6 +114,11 @@ impl Job {
         self
     }
 
+    /// The number of its ranks.
+    pub fn ranks(&self) -> usize {
+        self.ranks.unwrap_or(1)
+    }
+
     /// Killed after this many seconds, which fails the test.
     pub fn within(mut self, seconds: u64) -> Self {
         self.limit = Duration::from_secs(seconds);
@@ -141,6 +148,12 @@ impl Job {
     /// With a cap on its memory: what would take more must be refused before.
     pub fn capped(mut self) -> Self {
         self.capped = true;
+        self
+    }
+
+    /// With its standard streams closed, not only sent elsewhere.
+    pub fn without_streams(mut self) -> Self {
+        self.closed = true;
         self
     }
 
@@ -208,6 +221,10 @@ impl Job {
             let script = "ulimit -f \"$1\" && shift && exec \"$@\"";
             let blocks = (2 * kibibytes).to_string();
             words.extend(["sh", "-c", script, "sh", &blocks].map(str::to_owned));
+        }
+        if self.closed {
+            let script = "exec \"$@\" <&- >&- 2>&-";
+            words.extend(["sh", "-c", script, "sh"].map(str::to_owned));
         }
         words.push(program.to_owned());
         words.extend(self.arguments.iter().cloned());
@@ -296,6 +313,7 @@ impl Job {
         let finished = Finished {
             command: self.command(),
             code: status.and_then(|s| s.code()),
+            shell_code: status.map_or(0, |s| s.code().unwrap_or(128 + s.signal().unwrap_or(0))),
             printed: output.clone() + &errors,
             output: unwrapped(&output),
             errors: unwrapped(&errors),

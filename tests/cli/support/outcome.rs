@@ -81,6 +81,8 @@ pub struct Finished {
     pub command: String,
     /// Exit code of mpirun or of the program; none when a signal ended it.
     pub code: Option<i32>,
+    /// The same as a shell gives it: 128 and the signal where one ended it.
+    pub shell_code: i32,
     /// Both streams of rank 0, as they were printed.
     pub printed: String,
     /// Standard output of rank 0, [`unwrapped`].
