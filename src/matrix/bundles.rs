@@ -101,7 +101,7 @@ impl Bundles {
 
     /// Lines that may be in bundles, from the first.
     pub fn lines(&self) -> usize {
-        if self.in_layer == 0 { 0 } else { self.like.len() / self.in_layer * self.stride }
+        self.like.len().checked_div(self.in_layer).map_or(0, |layers| layers * self.stride)
     }
 
     /// The bundle that begins with line `line`, if one does.
