@@ -1,10 +1,10 @@
 //! Space cells whose rows of `(S, K)` are the same but for their place: one of them is evaluated.
 //!
-//! Of degree 0, a row of `(S, K)` follows from its velocity, from the slopes and jumps of `V` at its
-//! space cell, and from where the neighbouring space cells are kept. What a neighbour's row draws
-//! from the cell depends on the jump at their common face alone. So space cells that agree in all
-//! of this have equal rows, at equal distances from the diagonal. Rows that draw on the inflow have
-//! values, or an auxiliary unknown, of their own: cells with such rows are like no other.
+//! Of degree 0, a row of `(S, K)` follows from its velocity, from the slopes and jumps of `V` at
+//! its space cell, and from where the neighbouring space cells are kept. What a neighbour's row
+//! draws from the cell depends on the jump at their common face alone. So space cells that agree in
+//! all of this have equal rows, at equal distances from the diagonal. Rows that draw on the inflow
+//! have values, or an auxiliary unknown, of their own: cells with such rows are like no other.
 
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};

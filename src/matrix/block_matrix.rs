@@ -386,8 +386,8 @@ impl BlockMatrix {
         }
     }
 
-    /// `y ← (S ± K) x` or `S x` in rows that are lines, none of which needs ghosts; calls `then` with
-    /// them, `y` and `x`, piece by piece, while they are in cache.
+    /// `y ← (S ± K) x` or `S x` in rows that are lines, none of which needs ghosts; calls `then`
+    /// with them, `y` and `x`, piece by piece, while they are in cache.
     pub(crate) fn apply_run(
         &self,
         rows: Range<usize>,
@@ -410,8 +410,8 @@ impl BlockMatrix {
         stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
     }
 
-    /// `y ← y + b` in the rows `rows`, with `b` row by row of [`inflow`](Self::inflow); nothing where
-    /// `b` is empty.
+    /// `y ← y + b` in the rows `rows`, with `b` row by row of [`inflow`](Self::inflow); nothing
+    /// where `b` is empty.
     pub fn add_inflow(&self, b: &[f64], rows: Range<usize>, y: &mut [f64]) {
         let first = self.inflow.partition_point(|aux| (aux.row as usize) < rows.start);
         let inside = self.inflow.iter().zip(b).skip(first);

@@ -2,9 +2,9 @@
 //!
 //! Lines that follow each other are those of one element along the first space axis and of
 //! velocities, or other nodes, next to each other; of degree 0 they are the rows of velocities at
-//! one space cell. Where their rows have entries at the same distances, the values of all lines of a
-//! bundle stand side by side: a bundle takes one pass of vertical operations, with the sums of each
-//! row in the order of its own entries.
+//! one space cell. Where their rows have entries at the same distances, the values of all lines of
+//! a bundle stand side by side: a bundle takes one pass of vertical operations, with the sums of
+//! each row in the order of its own entries.
 
 use crate::matrix::rows::{RowLines, Rows};
 use std::collections::HashMap;
@@ -68,8 +68,8 @@ impl Bundles {
         this
     }
 
-    /// Adds the bundle that begins with line `first`, of `nodes` rows, if its lines are alike; gives
-    /// its number.
+    /// Adds the bundle that begins with line `first`, of `nodes` rows, if its lines are alike;
+    /// gives its number.
     fn add(&mut self, rows: &Rows, nodes: usize, first: usize) -> u32 {
         let entries = |lane: usize, m: usize| rows.others(rows.template(first + lane) + m, 0);
         let distances = |lane: usize, m: usize| entries(lane, m).map(|(distance, ..)| distance);

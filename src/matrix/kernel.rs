@@ -423,8 +423,9 @@ mod tests {
         Lanes(std::array::from_fn(|part| noise(100 * row + part)))
     }
 
-    /// Rows of cells that reach around a circle and, the first ones, to ghosts behind the rows. What
-    /// couples a row to itself and to the row `stride` behind it has no part in `S`, as in a line.
+    /// Rows of cells that reach around a circle and, the first ones, to ghosts behind the rows.
+    /// What couples a row to itself and to the row `stride` behind it has no part in `S`, as in a
+    /// line.
     fn entries(rows: usize, cells: usize, ghosts: usize, stride: usize) -> Vec<Vec<MatrixEntry>> {
         let row = |i: usize| {
             let mut columns = vec![i, (i + stride) % cells];

@@ -25,8 +25,8 @@ pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 const ROWS_A_ROUND: f64 = 300.0;
 const ROWS_A_GHOST: f64 = 3.0;
 
-/// How many times as fast a mesh of more blocks must be, by the model, to be taken: ranks that split
-/// space wait for each other in every step, which the model does not count.
+/// How many times as fast a mesh of more blocks must be, by the model, to be taken: ranks that
+/// split space wait for each other in every step, which the model does not count.
 const WORTH_A_SPLIT: f64 = 1.08;
 
 /// Who computes it, and in how much memory.

@@ -263,6 +263,30 @@ impl<'a> Tracer<'a> {
         values
     }
 
+    /// What becomes of the particle at `point` after `time`, axis by axis; `None` where axes depend
+    /// on each other, or the point is outside of the box.
+    fn end_by_axes(&self, point: &[f64; 6], time: f64) -> Option<EndByAxes> {
+        let paths = self.paths.as_ref()?;
+        self.start(point)?;
+        let follow = |a: usize, start: [f64; 2]| self.path_along(a, start, time);
+        Some(paths.end(self.space.dimension(), point, time, follow))
+    }
+
+    /// Where a particle is after `time` that moves along axis `a` alone; `None` if it leaves the
+    /// box.
+    fn path_along(&self, a: usize, [x, v]: [f64; 2], time: f64) -> Option<[f64; 2]> {
+        let mut point = [0.0; 6];
+        for (b, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
+            (point[b], point[3 + b]) = (x.centre(0), 0.5 * (v.lower + v.upper));
+        }
+        (point[a], point[3 + a]) = (x, v);
+        let mut held = [true; MAX_DIMENSION];
+        held[a] = false;
+        let particle = TracedParticle { rests: held, held, ..self.start(&point)? };
+        let Followed { point, left, .. } = self.follow_particle(particle, time, &mut |_| {});
+        left.is_none().then(|| [point[a], point[3 + a]])
+    }
+
     /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.
     pub fn slope_at(&self, point: &[f64; 6], axis: usize) -> f64 {
         let cells: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < self.faces.len() {

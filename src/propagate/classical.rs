@@ -363,8 +363,9 @@ impl Terms<'_> {
         }
     }
 
-    /// The same in one trip through memory, `layer` rows at a time: a term follows the one before it
-    /// by one layer, so that what it draws on is done, and what it overwrites is no longer needed.
+    /// The same in one trip through memory, `layer` rows at a time: a term follows the one before
+    /// it by one layer, so that what it draws on is done, and what it overwrites is no longer
+    /// needed.
     fn add_together(&mut self, layer: usize, weights: &[Option<f64>], [x, next]: [&mut [f64]; 2]) {
         let (matrix, cells) = (self.matrix, self.matrix.block.cells());
         let mut step = |term: usize, rows: Range<usize>| {

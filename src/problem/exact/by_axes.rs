@@ -2,10 +2,9 @@
 //!
 //! Where the slopes and jumps of `V` along each axis depend on the place along that axis alone, so
 //! does the motion. Then particles that agree in `(x_a, v_a)` are followed along axis `a` once, and
-//! points of a rule in many dimensions share a few paths. Where `V` has slopes, which take an event a
-//! cell, that is most of the work.
+//! points of a rule in many dimensions share a few paths. Where `V` has slopes, which take an event
+//! a cell, that is most of the work.
 
-use crate::problem::exact::{Followed, TracedParticle, Tracer};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 use std::cell::RefCell;
@@ -19,7 +18,8 @@ const MOST_PATHS: usize = 1 << 18;
 /// A path along an axis: the axis, the bits of place, velocity and time.
 type Path = [u64; 4];
 
-/// The paths that were followed: place and velocity at their ends, none of those that leave the box.
+/// The paths that were followed: place and velocity at their ends, none of those that leave the
+/// box.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AxisPaths(RefCell<HashMap<Path, Option<[f64; 2]>>>);
 
@@ -32,8 +32,8 @@ pub(super) enum EndByAxes {
     Leaves,
 }
 
-/// Whether `V`, which has slopes in more than one dimension, moves particles along each axis as if it
-/// were the only one.
+/// Whether `V`, which has slopes in more than one dimension, moves particles along each axis as if
+/// it were the only one.
 pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
     let n = space.dimension();
     let ranges: Vec<_> = space.x.iter().map(|axis| 0..axis.cells).collect();
@@ -62,44 +62,33 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
     same
 }
 
-impl Tracer<'_> {
-    /// What becomes of the particle at `point` after `time`, axis by axis; `None` where axes depend
-    /// on each other, or the point is outside of the box.
-    pub(super) fn end_by_axes(&self, point: &[f64; 6], time: f64) -> Option<EndByAxes> {
-        let paths = self.paths.as_ref()?;
-        self.start(point)?;
+impl AxisPaths {
+    /// What becomes of a particle at `point` after `time` that moves along `axes` axes, each path
+    /// that is not known followed by `follow(axis, [x, v])`: its end, or none if it leaves the box.
+    pub(super) fn end(
+        &self,
+        axes: usize,
+        point: &[f64; 6],
+        time: f64,
+        follow: impl Fn(usize, [f64; 2]) -> Option<[f64; 2]>,
+    ) -> EndByAxes {
         let mut end = [0.0; 6];
-        for a in 0..self.space.dimension() {
+        for a in 0..axes {
             let (x, v) = (point[a], point[3 + a]);
             let path = [a as u64, x.to_bits(), v.to_bits(), time.to_bits()];
-            let known = paths.0.borrow().get(&path).copied();
+            let known = self.0.borrow().get(&path).copied();
             let found = known.unwrap_or_else(|| {
-                let found = self.path_along(a, [x, v], time);
-                let mut paths = paths.0.borrow_mut();
+                let found = follow(a, [x, v]);
+                let mut paths = self.0.borrow_mut();
                 if paths.len() == MOST_PATHS {
                     paths.clear();
                 }
                 paths.insert(path, found);
                 found
             });
-            let Some([x, v]) = found else { return Some(EndByAxes::Leaves) };
+            let Some([x, v]) = found else { return EndByAxes::Leaves };
             (end[a], end[3 + a]) = (x, v);
         }
-        Some(EndByAxes::Inside(end))
-    }
-
-    /// Where a particle is after `time` that moves along axis `a` alone; `None` if it leaves the box.
-    fn path_along(&self, a: usize, [x, v]: [f64; 2], time: f64) -> Option<[f64; 2]> {
-        let mut point = [0.0; 6];
-        for (b, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
-            (point[b], point[3 + b]) = (x.centre(0), 0.5 * (v.lower + v.upper));
-        }
-        (point[a], point[3 + a]) = (x, v);
-        let mut held = [true; MAX_DIMENSION];
-        held[a] = false;
-        let particle = self.start(&point)?;
-        let particle = TracedParticle { rests: held, held, ..particle };
-        let Followed { point, left, .. } = self.follow_particle(particle, time, &mut |_| {});
-        left.is_none().then(|| [point[a], point[3 + a]])
+        EndByAxes::Inside(end)
     }
 }

@@ -342,8 +342,8 @@ fn a_separable_problem_is_the_product_of_its_axes() {
     assert!(filled > 400, "{filled}");
 }
 
-/// Of a curved `V` with two regions: the paths along the axes against whole paths; and no such paths
-/// where the axes depend on each other.
+/// Of a curved `V` with two regions: the paths along the axes against whole paths; and no such
+/// paths where the axes depend on each other.
 #[test]
 fn paths_along_axes_are_whole_paths() {
     let (x, v) = ((-1.5, 1.5, 12), (-1.5, 1.5, 12));
