@@ -1,5 +1,5 @@
-//! Rate of the fused Chebyshev step, step after step and blocked, beside a triad and the bandwidth
-//! in the cache of a core, measured in the same run.
+//! Rate of the fused Chebyshev step, step after step and blocked, beside a triad, the bandwidth in
+//! the cache of a core and its peak of fused multiply-adds, measured in the same run.
 //!
 //! A step reads `b_{k+1}` and reads and writes `b_{k+2}`, 48 bytes a row and mode, and the start,
 //! which the modes of a batch share: 49 bytes. (Summed forwards it was 80: read `φ_k`; read and
@@ -12,8 +12,9 @@ mod support;
 use phasewarp::base::machine::{cache_per_core, processor_seconds};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
-use phasewarp::matrix::kernel::InstructionSet;
+use phasewarp::matrix::kernel::{InstructionSet, Vectorized};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::matrix::vector::Vector;
 use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
 use phasewarp::parallel::partition::{Block, ProcessMesh};
@@ -56,6 +57,52 @@ fn triad(n: usize) -> f64 {
         }
     });
     24.0 * (n * times) as f64 / seconds
+}
+
+/// Fused multiply-adds of vectors in registers alone, as the inner loop is compiled.
+struct RegisterLoop<'a> {
+    turns: usize,
+    sums: &'a mut [f64; LANES],
+}
+
+impl RegisterLoop<'_> {
+    /// Sums of a turn where there are 32 registers, and where there are 16 for half a vector each:
+    /// enough for every unit to have one that waits for no other.
+    const SUMS: [usize; 2] = [16, 6];
+
+    #[inline(always)]
+    fn of<V: Vector, const SUMS: usize>(self) {
+        let [a, b] = [1.0, 1e-9].map(|value| V::splat(black_box(value)));
+        let mut sums = [V::splat(black_box(0.0)); SUMS];
+        for _ in 0..self.turns {
+            sums = sums.map(|sum| sum.add_product(a, b));
+        }
+        for sum in sums {
+            sum.store(self.sums);
+            black_box(&mut *self.sums);
+        }
+    }
+}
+
+impl Vectorized for RegisterLoop<'_> {
+    #[inline(always)]
+    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
+        if WHOLE {
+            self.of::<V, { RegisterLoop::SUMS[0] }>();
+        } else {
+            self.of::<V, { RegisterLoop::SUMS[1] }>();
+        }
+    }
+}
+
+/// Fused multiply-adds of a core a second.
+fn multiply_add_peak() -> f64 {
+    let turns = 1 << 24;
+    let wide = InstructionSet::here() == InstructionSet::Avx512;
+    let sums = RegisterLoop::SUMS[usize::from(!wide)];
+    let mut scratch = [0.0; LANES];
+    let seconds = median(|| InstructionSet::here().run(RegisterLoop { turns, sums: &mut scratch }));
+    (turns * sums * LANES) as f64 / seconds
 }
 
 struct Steps {
@@ -103,12 +150,14 @@ impl Steps {
 fn main() {
     let world = World::start().expect("MPI starts");
     let (memory, cache) = (triad(8 << 20), triad(cache_per_core() as usize / 48));
+    let peak = multiply_add_peak();
     println!(
-        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; {}, {LANES} modes in a \
-        batch",
+        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; FMA peak of a core {:.1} \
+        GFlop/s; {}, {LANES} modes in a batch",
         memory / 1e9,
         cache_per_core() >> 10,
         cache / 1e9,
+        2e-9 * peak,
         InstructionSet::here().name()
     );
     let square = |n: usize| ["x", "v"].map(|a| format!("axis.0.{a}.cells={n}")).to_vec();
@@ -173,11 +222,12 @@ fn main() {
             println!(
                 "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the \
                 triad at {MODEL_BYTES} bytes, \
-                 {:.1} GB/s at {FORWARD_BYTES}{}",
+                 {:.1} GB/s at {FORWARD_BYTES}; {:.2} of the FMA peak{}",
                 1e9 * each,
                 1e6 * seconds / LANES as f64,
                 MODEL_BYTES / each / memory,
                 1e-9 * FORWARD_BYTES / each,
+                steps.matrix.stored().multiply_adds() as f64 / rows as f64 / each / peak,
                 before.map_or(String::new(), |b: f64| format!("; {:.2} times as fast", b / each))
             );
             before = Some(each);

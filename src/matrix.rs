@@ -8,6 +8,7 @@
 //!
 //! Uses: scheme, parallel, problem, base. Paper: section 3.1 (`H1 = S`, `iH2 = K`).
 
+mod alike;
 pub mod assembly;
 pub mod block_matrix;
 pub mod blocking;

@@ -46,7 +46,7 @@ pub const ASSUMED_RATIO: f64 = 1.5;
 
 /// How many times as fast another process mesh must be, by the model, for a run that is assembled
 /// to be assembled again on it.
-pub const WORTH_REASSEMBLY: f64 = 1.15;
+pub const WORTH_REASSEMBLY: f64 = 1.06;
 
 /// Every derived number of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -656,6 +656,7 @@ def rates(path):
     """The table of the inner loop, from what `cargo bench --bench application` printed."""
     number = r"([\d.]+)"
     rate = rf": {number} ns a row, mode and step, {number} us a mode; {number} of the triad"
+    rate += rf"[^;]*; {number} of the FMA peak"
     shape = r"\d+ steps, strips of \d+, \d+ ranges"
     plain, blocked, head = {}, {}, None
     with open(path, encoding="utf-8") as file:
@@ -669,13 +670,10 @@ def rates(path):
     if head is None or not plain:
         raise Bad(f"{path}: no line about the triad, or none about a grid")
     rows = []
-    for grid, (ns, us, share) in plain.items():
-        how, fast, quick, part, ratio = blocked.get(grid, ("in cache: not blocked", *["–"] * 4))
-        rows.append([grid, ns, us, share, how, fast, quick, part, ratio])
-    header = [
-        "grid", "step by step: ns a row, mode and step", "µs a mode", "of the triad", "blocked",
-        "ns a row, mode and step", "µs a mode", "of the triad", "speed-up"
-    ]
+    for grid, measured in plain.items():
+        rows.append([grid, *measured, *blocked.get(grid, ("in cache: not blocked", *["–"] * 5))])
+    each = ["ns a row, mode and step", "µs a mode", "of the triad", "of the FMA peak"]
+    header = ["grid", f"step by step: {each[0]}", *each[1:], "blocked", *each, "speed-up"]
     return f"Triad: {head}.\n\n" + table(header, rows)
 
 

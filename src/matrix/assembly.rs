@@ -8,10 +8,14 @@
 //!
 //! A layer is one of elements: the rows of a cell draw on its element's other cells.
 //!
+//! Of degree 0, rows that are the same but for their place are evaluated once (see
+//! [`AlikeCells`]).
+//!
 //! Where the first axis is periodic, the last layer is next to the first. What the first gives to
 //! the last waits; rows of the last are evaluated beforehand for what they give to the first.
 
 use crate::base::error::Result;
+use crate::matrix::alike::AlikeCells;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::rows::{MatrixEntry, Rows, RowsBuilder};
@@ -90,7 +94,13 @@ impl Sorter {
 
 /// The rows that have an auxiliary unknown or are coupled to the common one, and the sources of a
 /// varying inflow.
-fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -> InflowRows {
+fn inflow_rows(
+    case: &Case,
+    scheme: &Scheme<'_>,
+    block: &Block,
+    alike: &AlikeCells,
+    row: &mut Row,
+) -> InflowRows {
     let varies = case.varies();
     let listed = |row: &Row| match case.warp.inflow {
         Embedding::Full => true,
@@ -109,6 +119,10 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
         return rows;
     }
     block.for_each_own(|global, local| {
+        // Like one that draws on no inflow.
+        if alike.earlier(local).is_some() {
+            return;
+        }
         for v in 0..block.velocity_cells {
             scheme.row(row, global + v);
             if listed(row) {
@@ -136,7 +150,8 @@ struct UnknownNumbers {
 }
 
 /// The space cells of a block and its ghosts, by layer along the first x-axis.
-struct Layers {
+struct Layers<'a> {
+    alike: &'a AlikeCells,
     /// The first unknown of each space cell, layer by layer.
     cells: Vec<UnknownNumbers>,
     /// The block's layers, by element of the first x-axis.
@@ -151,14 +166,15 @@ struct Layers {
     rows: usize,
 }
 
-impl Layers {
+impl<'a> Layers<'a> {
     /// The layers of `block`, which has so many `rows`.
-    fn new(case: &Case, block: &Block, rows: usize) -> Self {
+    fn new(case: &Case, block: &Block, alike: &'a AlikeCells, rows: usize) -> Self {
         let velocities = block.velocity_cells;
         let leading = &case.space.x[0];
         let count = leading.nodes.count();
         let range = block.ranges[0].start / count..block.ranges[0].end / count;
         let mut this = Self {
+            alike,
             cells: Vec::with_capacity(block.space_cells() + block.ghosts() / velocities),
             global_size: case.space.cells() / leading.elements(),
             local_size: block.cells() / range.len(),
@@ -187,10 +203,11 @@ impl Layers {
         (self.cells).chunk_by(|a, b| self.of(a.global) == self.of(b.global))
     }
 
-    /// The unknowns of space cells.
+    /// The unknowns of those of the space cells whose rows are evaluated.
     fn unknowns(&self, cells: &[UnknownNumbers]) -> impl Iterator<Item = UnknownNumbers> {
         let velocities = self.velocities;
-        (cells.iter()).flat_map(move |&UnknownNumbers { global, local }| {
+        let evaluated = cells.iter().filter(|cell| self.alike.are_evaluated(cell.global));
+        evaluated.flat_map(move |&UnknownNumbers { global, local }| {
             (0..velocities).map(move |v| UnknownNumbers { global: global + v, local: local + v })
         })
     }
@@ -199,7 +216,7 @@ impl Layers {
 /// The contributions of the rows of `A` so far.
 struct Collector<'a> {
     block: &'a Block,
-    layers: &'a Layers,
+    layers: &'a Layers<'a>,
     /// The layer whose rows are evaluated.
     current: usize,
     /// To the layer before it, to it and to the next.
@@ -209,8 +226,11 @@ struct Collector<'a> {
 }
 
 impl Collector<'_> {
-    /// Adds to local row `target` in `layer` of the block.
+    /// Adds to local row `target` in `layer` of the block, unless it is like an earlier one.
     fn put(&mut self, target: usize, layer: usize, column: UnknownNumbers, [s, k]: [f64; 2]) {
+        if self.layers.alike.earlier(target).is_some() {
+            return;
+        }
         let list = match (layer + 1).checked_sub(self.current) {
             Some(next @ 0..=2) => &mut self.window[next],
             Some(_) => &mut self.turned,
@@ -254,7 +274,9 @@ impl Collector<'_> {
         for i in layers.unknowns(last) {
             scheme.row(row, i.global);
             for &(column, value) in row.entries.iter().filter(|e| layers.of(e.0) == 0) {
-                if let Some(LocalIndex::Own(j)) = self.block.local(column) {
+                if let Some(LocalIndex::Own(j)) = self.block.local(column)
+                    && self.layers.alike.earlier(j).is_none()
+                {
                     self.window[1].push(Contribution {
                         row: j as u32,
                         column: i.local as u32,
@@ -274,7 +296,7 @@ fn collect_layers(
     case: &Case,
     scheme: &Scheme<'_>,
     block: &Block,
-    layers: &Layers,
+    layers: &Layers<'_>,
     row: &mut Row,
     mut finish: impl FnMut(&mut Vec<Contribution>),
 ) {
@@ -318,11 +340,12 @@ fn rows_by_layers(
     case: &Case,
     scheme: &Scheme<'_>,
     block: &Block,
+    alike: &AlikeCells,
     inflow: &InflowRows,
     row: &mut Row,
 ) -> Rows {
     let rows = block.cells() + inflow.unknowns();
-    let layers = Layers::new(case, block, rows);
+    let layers = Layers::new(case, block, alike, rows);
     // Couplings that vary with time are no entries.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
     let coupled = inflow.list.iter().enumerate();
@@ -336,7 +359,10 @@ fn rows_by_layers(
                 let column = block.cells() + if inflow.shared { 0 } else { m };
                 entries.push((column as u32, 0.0, 0.0));
             }
-            builder.push(entries);
+            match alike.earlier(done) {
+                Some(earlier) => builder.repeat(earlier),
+                None => builder.push(entries),
+            }
             done += 1;
         });
     });
@@ -363,12 +389,62 @@ impl BlockMatrix {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let mut row = Row::default();
         // Auxiliary unknowns come before the ghosts, so their number must be known first.
-        let inflow = inflow_rows(case, &scheme, &block, &mut row);
-        let rows = rows_by_layers(case, &scheme, &block, &inflow, &mut row);
+        let alike = AlikeCells::new(case, &scheme, &block, &mut row);
+        let inflow = inflow_rows(case, &scheme, &block, &alike, &mut row);
+        let rows = rows_by_layers(case, &scheme, &block, &alike, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
         let mut this = Self::new(block, rows, inflow);
         this.by_elements = case.is_galerkin();
         this.first_axis_nodes = case.space.x[0].nodes.count();
+        if !this.by_elements {
+            this.bundle();
+        }
         Ok(this)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parallel::partition::ProcessMesh;
+
+    /// Rows that are taken from cells that are alike against all rows evaluated, with inflow and
+    /// without, around periodic axes and next to ghosts.
+    #[test]
+    fn rows_of_alike_cells_are_those_evaluated() {
+        let rows: [(&str, &[&str], [usize; 2]); 6] = [
+            ("example3.toml", &[], [1, 1]),
+            ("example3.toml", &[], [2, 2]),
+            ("example1.toml", &["axis.0.x.cells=40", "axis.0.v.cells=24"], [3, 1]),
+            ("periodic2d.toml", &[], [1, 1]),
+            ("inflow_barrier.toml", &["solver.warp.inflow=scalar"], [2, 1]),
+            ("inflow_barrier.toml", &["solver.warp.inflow=full"], [2, 1]),
+        ];
+        for (name, settings, blocks) in rows {
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
+            let settings: Vec<String> = settings.iter().map(|set| set.to_string()).collect();
+            let case = Case::load(&path, &settings).expect("a case of the repository");
+            let space = blocks[..case.space.dimension()].to_vec();
+            let mesh = ProcessMesh { space, groups: 1 };
+            let mut repeated = 0;
+            for number in 0..mesh.blocks() {
+                let block = Block::new(&case.space, &mesh, number);
+                let scheme = Scheme::new(&case, &block.wide_ranges()).expect("V is finite");
+                let mut row = Row::default();
+                let some = AlikeCells::new(&case, &scheme, &block, &mut row);
+                let [found, all] = [some, AlikeCells::none(&block)].map(|alike| {
+                    let mut row = Row::default();
+                    let inflow = inflow_rows(&case, &scheme, &block, &alike, &mut row);
+                    repeated += (0..block.cells()).filter(|i| alike.earlier(*i).is_some()).count();
+                    rows_by_layers(&case, &scheme, &block, &alike, &inflow, &mut row)
+                });
+                assert_eq!((found.len(), found.reach()), (all.len(), all.reach()), "{name}");
+                for i in 0..all.len() {
+                    assert!(found.row(i).eq(all.row(i)), "{name} {blocks:?} row {i}");
+                }
+            }
+            let is_full = case.warp.inflow == Embedding::Full;
+            assert_eq!(repeated > 0, !is_full, "{name}: {repeated} rows repeated");
+        }
     }
 }

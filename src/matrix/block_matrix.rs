@@ -19,6 +19,9 @@ use crate::parallel::partition::Block;
 use num_complex::Complex64;
 use std::ops::Range;
 
+/// Rows whose products with a real vector are used while they are in the first cache.
+const PIECE: usize = 2048;
+
 /// The matrix that is applied to a real vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operator {
@@ -73,7 +76,7 @@ pub struct BlockMatrix {
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
     /// Lines that are applied to real vectors together.
-    bundles: Bundles,
+    pub(crate) bundles: Bundles,
     /// Runs of lines of `rows` without ghost columns, and the others.
     pub(crate) interior: Vec<Range<usize>>,
     pub(crate) border: Vec<Range<usize>>,
@@ -128,9 +131,22 @@ impl BlockMatrix {
             let cells = self.block.cells();
             let stride = cells / self.block.ranges[0].len();
             self.rows = self.rows.gathered(RowLines { nodes, stride, cells });
-            self.bundles = Bundles::of(&self.rows);
             self.find_border();
         }
+        self.bundle();
+    }
+
+    /// Finds the rows that are applied to real vectors together; to be called again when they have
+    /// changed.
+    pub(crate) fn bundle(&mut self) {
+        let lines = match self.rows.lines() {
+            RowLines { nodes: 1, .. } => {
+                let stride = self.block.velocity_cells;
+                RowLines { nodes: 1, stride, cells: self.block.cells() }
+            }
+            lines => *lines,
+        };
+        self.bundles = Bundles::of(&self.rows, lines);
     }
 
     /// Auxiliary unknowns of this rank.
@@ -199,7 +215,9 @@ impl BlockMatrix {
 
     /// Replaces `A` by `D A D⁻¹`, `D = diag(√π)`; `pi` covers rows and ghosts.
     pub fn scale(&mut self, pi: &[f64]) {
-        self.rows = self.rows.changed(|i, entries| {
+        self.bundles = Bundles::default();
+        let plain = |i: usize| self.rows.row(i).all(|(j, ..)| pi[j] == pi[i]);
+        self.rows = self.rows.changed(plain, |i, entries| {
             for (column, s, k) in entries {
                 let j = *column as usize;
                 if i == j {
@@ -240,7 +258,7 @@ impl BlockMatrix {
         assert!(x.len() >= self.rows.reach(), "vector and matrix do not fit");
         for run in runs {
             match self.rows.lines().nodes {
-                1 => self.sum_single(run.clone(), &entry, y, x),
+                1 => self.sum_nodes::<1>(run.clone(), &entry, y, x),
                 2 => self.sum_nodes::<2>(run.clone(), &entry, y, x),
                 3 => self.sum_nodes::<3>(run.clone(), &entry, y, x),
                 4 => self.sum_nodes::<4>(run.clone(), &entry, y, x),
@@ -284,7 +302,8 @@ impl BlockMatrix {
         }
     }
 
-    /// Lines of which those of cells are `NODES` rows.
+    /// Lines of which those of cells are `NODES` rows; where that is one, those that may be in
+    /// bundles.
     #[inline(always)]
     fn sum_nodes<const NODES: usize>(
         &self,
@@ -293,13 +312,13 @@ impl BlockMatrix {
         y: &mut [f64],
         x: &[f64],
     ) {
-        let of_cells = self.rows.lines().of_cells();
+        let of_cells = if NODES == 1 { self.bundles.lines() } else { self.rows.lines().of_cells() };
         let stride = self.rows.lines().stride;
         let (mut next, end) = (lines.start, lines.end.min(of_cells));
         while next < end {
             let (line, first) = (next, self.rows.lines().first(next));
             if line + WIDTH <= end
-                && let Some(like) = self.bundles.at(self.rows.lines(), line)
+                && let Some(like) = self.bundles.at(line)
             {
                 self.bundles.apply::<NODES>(like, [first, stride], entry, y, x);
                 next += WIDTH;
@@ -328,16 +347,76 @@ impl BlockMatrix {
         y: &mut [f64],
         x: &mut [f64],
     ) {
-        let rows = self.rows();
-        exchange.start(&x[..rows]);
-        self.apply_rows(&self.interior, operator, y, x);
-        exchange.finish(&mut x[rows..]);
-        self.apply_rows(&self.border, operator, y, x);
+        self.apply_then(exchange, operator, y, x, |_, _, _| {});
         if self.summed && operator != Operator::Generator {
             let share = |aux: &AuxiliaryRow| [aux.coupling * x[aux.row as usize]];
             let [sum] =
                 (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
             y[self.block.cells()] = if operator == Operator::Transpose { sum } else { 0.5 * sum };
+        }
+    }
+
+    /// The same, without what a common auxiliary unknown's row sums over all ranks. Calls `then`
+    /// with rows, `y` and `x`, as soon as these products are done, while they are in cache.
+    pub fn apply_then(
+        &self,
+        exchange: &mut GhostExchange,
+        operator: Operator,
+        y: &mut [f64],
+        x: &mut [f64],
+        mut then: impl FnMut(Range<usize>, &mut [f64], &[f64]),
+    ) {
+        let rows = self.rows();
+        // Lines of elements are no ranges of rows.
+        let is_by_rows = self.rows.lines().nodes == 1;
+        let mut apply = |runs: &[Range<usize>], y: &mut [f64], x: &[f64]| {
+            if !is_by_rows {
+                return self.apply_rows(runs, operator, y, x);
+            }
+            for run in runs {
+                self.apply_run(run.clone(), operator, y, x, &mut then);
+            }
+        };
+        exchange.start(&x[..rows]);
+        apply(&self.interior, y, x);
+        exchange.finish(&mut x[rows..]);
+        apply(&self.border, y, x);
+        if !is_by_rows {
+            then(0..rows, y, x);
+        }
+    }
+
+    /// `y ← (S ± K) x` or `S x` in rows that are lines, none of which needs ghosts; calls `then`
+    /// with them, `y` and `x`, piece by piece, while they are in cache.
+    pub(crate) fn apply_run(
+        &self,
+        rows: Range<usize>,
+        operator: Operator,
+        y: &mut [f64],
+        x: &[f64],
+        then: &mut impl FnMut(Range<usize>, &mut [f64], &[f64]),
+    ) {
+        for start in rows.clone().step_by(PIECE) {
+            let piece = start..rows.end.min(start + PIECE);
+            self.apply_rows(std::slice::from_ref(&piece), operator, y, x);
+            then(piece, y, x);
+        }
+    }
+
+    /// Rows of a layer of cells along the first space axis, where a layer's rows draw on it, on the
+    /// two next to it and on auxiliary unknowns alone: of degree 0, without ghosts and with ends.
+    pub(crate) fn layer(&self) -> Option<usize> {
+        let stands_alone = !self.by_elements && self.block.ghosts() == 0 && !self.block.closed;
+        stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
+    }
+
+    /// `y ← y + b` in the rows `rows`, with `b` row by row of [`inflow`](Self::inflow); nothing
+    /// where `b` is empty.
+    pub fn add_inflow(&self, b: &[f64], rows: Range<usize>, y: &mut [f64]) {
+        let first = self.inflow.partition_point(|aux| (aux.row as usize) < rows.start);
+        let inside = self.inflow.iter().zip(b).skip(first);
+        for (aux, b) in inside.take_while(|(aux, _)| (aux.row as usize) < rows.end) {
+            y[aux.row as usize] += b;
         }
     }
 
@@ -514,7 +593,7 @@ mod tests {
     /// Lines in bundles give the bits of the sums of each row in its order.
     #[test]
     fn bundles_keep_the_bits_of_rows() {
-        for (degree, flux) in [("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
+        for (degree, flux) in [("0", "1"), ("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
             let settings = [format!("scheme.degree={degree}"), format!("scheme.flux={flux}")];
             let case = Case::parse("case", CASE, &settings).expect("a case");
             let mesh = ProcessMesh { space: vec![1], groups: 1 };
@@ -522,8 +601,7 @@ mod tests {
             let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
             matrix.gather_elements();
             let (rows, lines) = (matrix.rows(), matrix.rows.line_count());
-            let bundled =
-                (0..lines).filter(|l| matrix.bundles.at(matrix.rows.lines(), *l).is_some());
+            let bundled = (0..lines).filter(|l| matrix.bundles.at(*l).is_some());
             assert!(WIDTH * bundled.count() > lines / 3, "degree {degree}: few lines in bundles");
             let x: Vec<f64> = (0..matrix.length()).map(|i| (0.7 * i as f64).sin()).collect();
             for operator in [Operator::Generator, Operator::Transpose, Operator::Symmetric] {

@@ -1,9 +1,10 @@
 //! Bundles of lines, by which real vectors are multiplied.
 //!
 //! Lines that follow each other are those of one element along the first space axis and of
-//! velocities, or other nodes, next to each other. Where their rows have entries at the same
-//! distances, the values of all lines of a bundle stand side by side: a bundle takes one pass of
-//! vertical operations, with the sums of each row in the order of its own entries.
+//! velocities, or other nodes, next to each other; of degree 0 they are the rows of velocities at
+//! one space cell. Where their rows have entries at the same distances, the values of all lines of
+//! a bundle stand side by side: a bundle takes one pass of vertical operations, with the sums of
+//! each row in the order of its own entries.
 
 use crate::matrix::rows::{RowLines, Rows};
 use std::collections::HashMap;
@@ -19,10 +20,12 @@ const LEAST_REPEATS: usize = 2;
 /// A number for each line of a bundle.
 type BundleLanes = [f64; WIDTH];
 
-/// The bundles of gathered rows.
+/// The bundles of rows.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bundles {
-    /// Bundles of a layer of elements.
+    /// Lines of a layer of elements; of degree 0, of a space cell.
+    stride: usize,
+    /// Bundles of a layer.
     in_layer: usize,
     /// By layer, the bundle that each bundle repeats; or [`NONE`].
     like: Vec<u32>,
@@ -36,12 +39,18 @@ pub(crate) struct Bundles {
     values: Vec<[BundleLanes; 2]>,
 }
 
+/// Nodes to which the rows of a line of `nodes` have dense entries.
+const fn dense_nodes(nodes: usize) -> usize {
+    if nodes == 1 { 0 } else { nodes }
+}
+
 impl Bundles {
-    /// The bundles of `rows`; none where lines are single rows, or rows hardly repeat.
-    pub fn of(rows: &Rows) -> Self {
-        let RowLines { nodes, stride, cells } = *rows.lines();
-        let mut this = Self { offsets: vec![0], ..Self::default() };
-        if nodes == 1 || rows.templates() * LEAST_REPEATS > cells {
+    /// The bundles of `rows`, whose `lines` are those that it is gathered into, or single rows in
+    /// layers of `stride`; none where rows hardly repeat.
+    pub fn of(rows: &Rows, lines: RowLines) -> Self {
+        let RowLines { nodes, stride, cells } = lines;
+        let mut this = Self { stride, offsets: vec![0], ..Self::default() };
+        if rows.templates() * LEAST_REPEATS > cells {
             return this;
         }
         this.in_layer = stride / WIDTH;
@@ -51,27 +60,29 @@ impl Bundles {
                 let first = layer * stride + bundle * WIDTH;
                 let templates: [u32; WIDTH] =
                     std::array::from_fn(|lane| rows.template(first + lane) as u32);
-                let like = *seen.entry(templates).or_insert_with(|| this.add(rows, first));
+                let add = || this.add(rows, nodes, first);
+                let like = *seen.entry(templates).or_insert_with(add);
                 this.like.push(like);
             }
         }
         this
     }
 
-    /// Adds the bundle that begins with line `first`, if its lines are alike; gives its number.
-    fn add(&mut self, rows: &Rows, first: usize) -> u32 {
-        let nodes = rows.lines().nodes;
+    /// Adds the bundle that begins with line `first`, of `nodes` rows, if its lines are alike;
+    /// gives its number.
+    fn add(&mut self, rows: &Rows, nodes: usize, first: usize) -> u32 {
         let entries = |lane: usize, m: usize| rows.others(rows.template(first + lane) + m, 0);
         let distances = |lane: usize, m: usize| entries(lane, m).map(|(distance, ..)| distance);
         let is_alike = |m: usize| (1..WIDTH).all(|lane| distances(lane, m).eq(distances(0, m)));
         if !(0..nodes).all(is_alike) {
             return NONE;
         }
-        let number = (self.dense.len() / (nodes * nodes)) as u32;
+        let number = ((self.offsets.len() - 1) / nodes) as u32;
         for m in 0..nodes {
             let dense = |lane: usize| rows.dense_row(rows.template(first + lane) + m);
             self.dense.extend(
-                (0..nodes).map(|n| -> BundleLanes { std::array::from_fn(|lane| dense(lane)[n]) }),
+                (0..dense_nodes(nodes))
+                    .map(|n| -> BundleLanes { std::array::from_fn(|lane| dense(lane)[n]) }),
             );
             for (e, distance) in distances(0, m).enumerate() {
                 let mut values = [[0.0; WIDTH]; 2];
@@ -88,13 +99,18 @@ impl Bundles {
         number
     }
 
-    /// The bundle that begins with line `line` of `lines`, if one does.
+    /// Lines that may be in bundles, from the first.
+    pub fn lines(&self) -> usize {
+        self.like.len().checked_div(self.in_layer).map_or(0, |layers| layers * self.stride)
+    }
+
+    /// The bundle that begins with line `line`, if one does.
     #[inline(always)]
-    pub fn at(&self, lines: &RowLines, line: usize) -> Option<usize> {
+    pub fn at(&self, line: usize) -> Option<usize> {
         if self.in_layer == 0 {
             return None;
         }
-        let (layer, within) = (line / lines.stride, line % lines.stride);
+        let (layer, within) = (line / self.stride, line % self.stride);
         let begins = within.is_multiple_of(WIDTH) && within / WIDTH < self.in_layer;
         let like = || self.like[layer * self.in_layer + within / WIDTH];
         begins.then(like).filter(|like| *like != NONE).map(|like| like as usize)
@@ -120,7 +136,8 @@ impl Bundles {
         for m in 0..NODES {
             let (row, i) = (like * NODES + m, first + m * stride);
             let mut sum = [0.0; WIDTH];
-            for (n, k) in self.dense[row * NODES..(row + 1) * NODES].iter().enumerate() {
+            let nodes = const { dense_nodes(NODES) };
+            for (n, k) in self.dense[row * nodes..(row + 1) * nodes].iter().enumerate() {
                 add(&mut sum, &[0.0; WIDTH], k, first + n * stride);
             }
             let others = self.offsets[row]..self.offsets[row + 1];

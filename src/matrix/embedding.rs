@@ -39,6 +39,7 @@
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
+use crate::matrix::bundles::Bundles;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Delta};
@@ -143,7 +144,11 @@ impl BlockMatrix {
     fn set_couplings(&mut self) {
         let cells = self.block.cells();
         let mut coupled = self.inflow.iter().filter(|aux| aux.enters()).peekable();
-        self.rows = self.rows.changed(|i, entries| {
+        let mut is_plain = vec![true; cells];
+        coupled.clone().for_each(|aux| is_plain[aux.row as usize] = false);
+        let plain = |i: usize| is_plain.get(i).is_some_and(|is_plain| *is_plain);
+        self.bundles = Bundles::default();
+        self.rows = self.rows.changed(plain, |i, entries| {
             let (sign, aux) = match i.checked_sub(cells) {
                 None => (1.0, coupled.next_if(|aux| aux.row as usize == i)),
                 Some(m) => (-1.0, (!self.shared).then(|| &self.inflow[m])),

@@ -171,11 +171,41 @@ impl Rows {
         self.reach
     }
 
-    /// The same rows with entries changed by `change(row, entries)`.
-    pub fn changed(&self, mut change: impl FnMut(usize, &mut Vec<MatrixEntry>)) -> Self {
+    /// Fused multiply-adds of a Chebyshev step of one mode: two an entry to a node of its line, as
+    /// `K` has those alone, four any other, and seven more a row.
+    pub fn multiply_adds(&self) -> usize {
+        let of_row = |template: usize, i: usize| {
+            7 + 2 * self.dense_row(template).len() + 4 * self.others(template, i).count()
+        };
+        let of_line = |line: usize| {
+            let rows = self.lines.rows(line).enumerate();
+            rows.map(|(m, i)| of_row(self.template(line) + m, i)).sum::<usize>()
+        };
+        (0..self.line_count()).map(of_line).sum()
+    }
+
+    /// The same rows with entries changed by `change(row, entries)`, which for the rows that are
+    /// `plain` depends on the entries' values alone.
+    pub fn changed(
+        &self,
+        plain: impl Fn(usize) -> bool,
+        mut change: impl FnMut(usize, &mut Vec<MatrixEntry>),
+    ) -> Self {
         let mut builder = RowsBuilder::with_capacity(self.len());
         let mut entries: Vec<MatrixEntry> = Vec::new();
+        // By template, the first plain row.
+        let mut first: Vec<Option<u32>> = vec![None; self.templates()];
         for i in 0..self.len() {
+            if plain(i) {
+                let (line, node) = self.lines.place(i);
+                match &mut first[self.template[line] as usize + node] {
+                    Some(earlier) => {
+                        builder.repeat(*earlier as usize);
+                        continue;
+                    }
+                    first => *first = Some(i as u32),
+                }
+            }
             entries.clear();
             entries.extend(self.row(i).map(|(column, s, k)| (column as u32, s, k)));
             change(i, &mut entries);
@@ -326,6 +356,15 @@ impl RowsBuilder {
         rows.template.push(template);
     }
 
+    /// The next row, with the entries of row `earlier` at the same distances from the diagonal.
+    pub fn repeat(&mut self, earlier: usize) {
+        let rows = &mut self.rows;
+        let (template, i) = (rows.template[earlier], rows.template.len());
+        let columns = rows.others(template as usize, i).map(|(column, ..)| column);
+        rows.reach = columns.fold(rows.reach, |reach, column| reach.max(column + 1));
+        rows.template.push(template);
+    }
+
     /// All rows.
     pub fn finish(mut self) -> Rows {
         let rows = &mut self.rows;
@@ -362,9 +401,15 @@ mod tests {
         };
         assert_eq!(back(&rows), list);
         assert_eq!(rows.reach(), 7);
-        let doubled = rows.changed(|_, entries| entries.iter_mut().for_each(|e| e.1 *= 2.0));
-        assert_eq!(doubled.templates(), 4);
-        assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);
+        for plain in [false, true] {
+            let double = |_, entries: &mut Vec<_>| {
+                entries.iter_mut().for_each(|e: &mut MatrixEntry| e.1 *= 2.0)
+            };
+            let doubled = rows.changed(|_| plain, double);
+            assert_eq!((doubled.templates(), doubled.reach()), (4, 7));
+            assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);
+            assert_eq!(back(&doubled)[4], vec![(4, -2.0, 0.0), (5, 1.0, -0.5)]);
+        }
     }
 
     /// With a flux of little dissipation, the symmetric part of an entry is small beside the rest.

@@ -37,8 +37,6 @@ pub struct BlockSize {
     pub cells: usize,
     /// Cells of neighbours.
     pub ghosts: usize,
-    /// The same of a block in a corner of the box, which has one neighbour along a split axis.
-    pub corner_ghosts: usize,
 }
 
 /// `part` of `parts` nearly equal pieces of the cells `range` of `axis`, all of whole elements.
@@ -65,11 +63,9 @@ impl ProcessMesh {
         let along = |a: usize| largest_part(&space.x[a], self.space[a]);
         let points: usize = (0..space.dimension()).map(along).product();
         let cells = points * space.velocity_cells();
-        let ghosts = |most: usize| {
-            let sides = self.space.iter().map(|&parts| (parts - 1).min(most));
-            sides.enumerate().map(|(a, sides)| sides * cells / along(a)).sum()
-        };
-        BlockSize { points, cells, ghosts: ghosts(2), corner_ghosts: ghosts(1) }
+        let sides = self.space.iter().map(|&parts| (parts - 1).min(2));
+        let ghosts = sides.enumerate().map(|(a, sides)| sides * cells / along(a)).sum();
+        BlockSize { points, cells, ghosts }
     }
 
     /// Checks that every block holds at least one cell a axis.

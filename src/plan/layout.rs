@@ -21,9 +21,13 @@ pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent
 /// and unpacked. Measured within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a
-/// row. Of two blocks; more have twice the ghosts between their neighbours, which is not counted.
+/// row.
 const ROWS_A_ROUND: f64 = 300.0;
 const ROWS_A_GHOST: f64 = 3.0;
+
+/// How many times as fast a mesh of more blocks must be, by the model, to be taken: ranks that
+/// split space wait for each other in every step, which the model does not count.
+const WORTH_A_SPLIT: f64 = 1.08;
 
 /// Who computes it, and in how much memory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -101,15 +105,16 @@ impl Layout {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
             return layout.within(case, bounds, warp, resources)?.numbered(case);
         }
-        // The cheapest split of the ranks that fits, fewest blocks first.
+        // The cheapest split of the ranks that fits, fewest blocks first; more where they are worth
+        // it.
         let mut best: Option<(bool, f64, Self)> = None;
         for layout in Self::every(case, bounds, warp, ranks) {
             let fits = layout.memory() <= limit;
             let cost = if fits { layout.cost(case, warp) } else { layout.memory() as f64 };
-            let better = match &best {
-                None => true,
-                Some((other, least, _)) => (fits && !other) || (fits == *other && cost < *least),
-            };
+            let worth = if fits { WORTH_A_SPLIT } else { 1.0 };
+            let better = best.as_ref().is_none_or(|(other, least, _)| {
+                (fits && !other) || (fits == *other && worth * cost < *least)
+            });
             if better {
                 best = Some((fits, cost, layout));
             }
@@ -213,7 +218,7 @@ impl Layout {
         }
         let splitting =
             warp.map_or(1.0, |_| descriptor(case.propagator.method).cost_of_splitting());
-        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.corner_ghosts as f64;
+        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts as f64;
         (rows, splitting * (rows + exchange) - rows)
     }
 
@@ -388,12 +393,12 @@ mod tests {
             let alone = layout(1).cost(&case, Some(&warp));
             // By the model of batches and ghosts: whole batches, or blocks of space, whatever is
             // faster.
-            for (ranks, least) in [(2, 0.91), (3, 0.84), (4, 0.78)] {
+            for (ranks, least) in [(2, 0.84), (3, 0.75), (4, 0.71)] {
                 let found = layout(ranks);
                 let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;
                 let at = format!("{modes} modes, {:?}: {efficiency}", found.mesh);
                 assert!((least..=1.0).contains(&efficiency), "{at}");
-                let even = modes < 28 || ranks == 3 || found.imbalance <= 1.05;
+                let even = modes < 28 || ranks == 3 || found.imbalance <= 1.18;
                 assert!(even, "{at}, imbalance {}", found.imbalance);
             }
         }

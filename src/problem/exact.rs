@@ -23,11 +23,13 @@
 //! periodic axis, that at the end where it is); of several faces met at once (an edge or a corner
 //! of a cell) the one of the lowest axis is crossed first.
 
+mod by_axes;
 pub mod sheet;
 mod traced_grid;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Inflow};
+use crate::problem::exact::by_axes::{AxisPaths, EndByAxes, moves_by_axes};
 use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_space};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
@@ -115,6 +117,8 @@ pub struct Tracer<'a> {
     free: Vec<u32>,
     /// Bound on the number of faces a particle meets in unit time.
     face_rate: f64,
+    /// The paths along the axes, where these do not depend on each other.
+    paths: Option<AxisPaths>,
 }
 
 /// A particle that is traced.
@@ -128,6 +132,8 @@ struct TracedParticle {
     w: [f64; MAX_DIMENSION],
     /// Axes along which it rests at a face to which both sides push it.
     rests: [bool; MAX_DIMENSION],
+    /// Axes along which it does not move at all.
+    held: [bool; MAX_DIMENSION],
     /// See [`Followed::history`].
     history: u64,
     /// See [`Followed::turns`].
@@ -216,12 +222,14 @@ impl<'a> Tracer<'a> {
         let free = free_layers(&space, &potential);
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
         let faces = space.x.iter().map(faces).collect();
-        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate })
+        let paths = moves_by_axes(&space, &potential).then(AxisPaths::default);
+        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths })
     }
 
     /// The same, but [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
-        Self { direction: 1.0, ..self }
+        let paths = self.paths.is_some().then(AxisPaths::default);
+        Self { direction: 1.0, paths, ..self }
     }
 
     /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time
@@ -236,7 +244,15 @@ impl<'a> Tracer<'a> {
     /// The same at many points.
     pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];
-        let feet: Vec<Foot> = points.iter().map(|point| self.foot(point, time)).collect();
+        let inflow_is_constant =
+            matches!(&field.inflow, Inflow::Formula(inflow) if inflow.constant().is_some());
+        let foot = |point: &[f64; 6]| match self.end_by_axes(point, time) {
+            Some(EndByAxes::Inside(point)) => Foot { point, entry: 0.0 },
+            // Wherever and whenever it came in.
+            Some(EndByAxes::Leaves) if inflow_is_constant => Foot { point: *point, entry: time },
+            _ => self.foot(point, time),
+        };
+        let feet: Vec<Foot> = points.iter().map(foot).collect();
         let at: Vec<[f64; 6]> = feet.iter().map(|foot| foot.point).collect();
         let mut values = field.initial.at_points(&at, 0.0);
         if let Inflow::Formula(inflow) = &field.inflow {
@@ -245,6 +261,30 @@ impl<'a> Tracer<'a> {
             }
         }
         values
+    }
+
+    /// What becomes of the particle at `point` after `time`, axis by axis; `None` where axes depend
+    /// on each other, or the point is outside of the box.
+    fn end_by_axes(&self, point: &[f64; 6], time: f64) -> Option<EndByAxes> {
+        let paths = self.paths.as_ref()?;
+        self.start(point)?;
+        let follow = |a: usize, start: [f64; 2]| self.path_along(a, start, time);
+        Some(paths.end(self.space.dimension(), point, time, follow))
+    }
+
+    /// Where a particle is after `time` that moves along axis `a` alone; `None` if it leaves the
+    /// box.
+    fn path_along(&self, a: usize, [x, v]: [f64; 2], time: f64) -> Option<[f64; 2]> {
+        let mut point = [0.0; 6];
+        for (b, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
+            (point[b], point[3 + b]) = (x.centre(0), 0.5 * (v.lower + v.upper));
+        }
+        (point[a], point[3 + a]) = (x, v);
+        let mut held = [true; MAX_DIMENSION];
+        held[a] = false;
+        let particle = TracedParticle { rests: held, held, ..self.start(&point)? };
+        let Followed { point, left, .. } = self.follow_particle(particle, time, &mut |_| {});
+        left.is_none().then(|| [point[a], point[3 + a]])
     }
 
     /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.
@@ -279,17 +319,27 @@ impl<'a> Tracer<'a> {
         time: f64,
         meet: &mut dyn FnMut(&Crossing),
     ) -> Followed {
-        let mut left = time.max(0.0);
-        let round_off = ROUND_OFF * left;
-        let Some(mut particle) = self.start(point) else {
-            return Followed {
+        match self.start(point) {
+            Some(particle) => self.follow_particle(particle, time, meet),
+            None => Followed {
                 point: *point,
-                left: Some(left),
+                left: Some(time.max(0.0)),
                 exit: None,
                 history: 0,
                 turns: [0; MAX_DIMENSION],
-            };
-        };
+            },
+        }
+    }
+
+    /// Follows a particle that is in the box.
+    fn follow_particle(
+        &self,
+        mut particle: TracedParticle,
+        time: f64,
+        meet: &mut dyn FnMut(&Crossing),
+    ) -> Followed {
+        let mut left = time.max(0.0);
+        let round_off = ROUND_OFF * left;
         // A particle sent on by one axis may meet two faces of each other axis before it rests
         // there again.
         let most = 64.0 + 16.0 * self.face_rate * left;
@@ -337,6 +387,7 @@ impl<'a> Tracer<'a> {
             x: [0.0; MAX_DIMENSION],
             w: [0.0; MAX_DIMENSION],
             rests: [false; MAX_DIMENSION],
+            held: [false; MAX_DIMENSION],
             history: 0xcbf2_9ce4_8422_2325,
             turns: [0; MAX_DIMENSION],
         };
@@ -490,7 +541,7 @@ impl<'a> Tracer<'a> {
                 particle.x[a] = self.faces[a][if upper { 0 } else { there + 1 }];
             }
             // Other slopes may hold here.
-            particle.rests = [false; MAX_DIMENSION];
+            particle.rests = particle.held;
             if rise != 0.0 {
                 particle.w[a] = outward * square.sqrt();
             }

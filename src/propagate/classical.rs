@@ -172,13 +172,6 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// `image ← image + b`.
-    fn add_held(&mut self) {
-        for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
-            self.image[aux.row as usize] += b;
-        }
-    }
-
     /// `state ← state(time)` of `f' = A f + b(t)`:
     /// `exp(A time) state + ∫ exp(A (time − s)) b(s) ds`, the integral by Gauss's rule on `panels`
     /// equal parts. Between nodes nothing enters; at a node `s` with weight `w`, `w b(s)` is added.
@@ -253,22 +246,22 @@ impl<'a> Classical<'a> {
         }
         let (start, weights) = poisson_weights(span.courant(), negligible);
         self.sum[..rows].fill(0.0);
-        for k in 0..start + weights.len() {
-            if k >= start {
-                let w = weights[k - start];
-                for (sum, x) in self.sum[..rows].iter_mut().zip(&*state) {
-                    *sum += w * x;
-                }
+        let Self { matrix, sum, held, image, progress, .. } = self;
+        let mut terms = Terms { matrix, held, rate: span.rate, sum };
+        let left_out = std::iter::repeat_n(None, start);
+        let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
+        let (mut x, mut next) = (&mut *state, &mut image[..]);
+        for weights in weights.chunks(TOGETHER) {
+            match matrix.layer() {
+                Some(layer) => terms.add_together(layer, weights, [x, next]),
+                None => terms.add_one_by_one(exchange, weights, [x, next]),
             }
-            self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
-            // A constant inflow is an unknown 1 that stays 1.
-            self.add_held();
-            for (x, a) in state[..rows].iter_mut().zip(&self.image) {
-                *x += a / span.rate;
+            if weights.len() % 2 == 1 {
+                std::mem::swap(&mut x, &mut next);
             }
-            self.progress.advance(1);
+            progress.advance(weights.len());
         }
-        self.progress.finish();
+        progress.finish();
         state[..rows].copy_from_slice(&self.sum[..rows]);
     }
 
@@ -317,12 +310,82 @@ impl<'a> Classical<'a> {
         let rows = self.matrix.rows();
         self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
         self.hold_source(now);
-        self.add_held();
+        self.matrix.add_inflow(&self.held, 0..rows, &mut self.image);
         if let Some(reconstruction) = &mut self.reconstruction {
             reconstruction.add(exchange, &mut self.image, state, rows);
         }
         for (x, a) in state[..rows].iter_mut().zip(&self.image) {
             *x += dt * a;
+        }
+    }
+}
+
+/// Terms of an exponential that are added in one trip through memory.
+const TOGETHER: usize = 4;
+
+/// Terms `Q^k x` of an exponential, one after the other, `Q x = x + (A x + b)/rate`.
+struct Terms<'a> {
+    matrix: &'a BlockMatrix,
+    /// `b`, see [`Classical::hold`].
+    held: &'a [f64],
+    rate: f64,
+    /// The sum of the terms so far.
+    sum: &'a mut [f64],
+}
+
+impl Terms<'_> {
+    /// Adds a term `x` with its weight, and turns `A x` into the next one, in some rows.
+    fn add(&mut self, rows: Range<usize>, weight: Option<f64>, image: &mut [f64], x: &[f64]) {
+        // A constant inflow is an unknown 1 that stays 1.
+        self.matrix.add_inflow(self.held, rows.clone(), image);
+        let x = &x[rows.clone()];
+        if let Some(weight) = weight {
+            self.sum[rows.clone()].iter_mut().zip(x).for_each(|(sum, x)| *sum += weight * x);
+        }
+        image[rows].iter_mut().zip(x).for_each(|(a, x)| *a = x + *a / self.rate);
+    }
+
+    /// Adds terms with these weights, those without one left out. The next term comes into the
+    /// first vector where their number is even, into the second where it is odd.
+    fn add_one_by_one(
+        &mut self,
+        exchange: &mut GhostExchange,
+        weights: &[Option<f64>],
+        [mut x, mut next]: [&mut [f64]; 2],
+    ) {
+        let matrix = self.matrix;
+        for weight in weights {
+            let add = |rows: Range<usize>, image: &mut [f64], x: &[f64]| {
+                self.add(rows, *weight, image, x);
+            };
+            matrix.apply_then(exchange, Operator::Generator, next, x, add);
+            std::mem::swap(&mut x, &mut next);
+        }
+    }
+
+    /// The same in one trip through memory, `layer` rows at a time: a term follows the one before
+    /// it by one layer, so that what it draws on is done, and what it overwrites is no longer
+    /// needed.
+    fn add_together(&mut self, layer: usize, weights: &[Option<f64>], [x, next]: [&mut [f64]; 2]) {
+        let (matrix, cells) = (self.matrix, self.matrix.block.cells());
+        let mut step = |term: usize, rows: Range<usize>| {
+            let (from, to) = match term % 2 {
+                0 => (&*x, &mut *next),
+                _ => (&*next, &mut *x),
+            };
+            matrix.apply_run(rows, Operator::Generator, to, from, &mut |rows, image, x| {
+                self.add(rows, weights[term], image, x);
+            });
+        };
+        // Auxiliary unknowns do not change.
+        (0..weights.len()).for_each(|term| step(term, cells..matrix.rows()));
+        let layers = cells / layer;
+        for front in 0..layers + weights.len() - 1 {
+            for term in 0..weights.len() {
+                if let Some(at) = front.checked_sub(term).filter(|at| *at < layers) {
+                    step(term, at * layer..(at + 1) * layer);
+                }
+            }
         }
     }
 }

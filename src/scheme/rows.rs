@@ -73,6 +73,11 @@ impl<'a> Scheme<'a> {
         Self::new(case, &ranges)
     }
 
+    /// `V` on the cells of these rows.
+    pub fn potential(&self) -> &Potential {
+        &self.potential
+    }
+
     /// Row `index` of `A` and `b`.
     pub fn row(&self, row: &mut Row, index: usize) {
         row.clear();

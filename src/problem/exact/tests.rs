@@ -342,6 +342,38 @@ fn a_separable_problem_is_the_product_of_its_axes() {
     assert!(filled > 400, "{filled}");
 }
 
+/// Of a curved `V` with two regions: the paths along the axes against whole paths; and no such
+/// paths where the axes depend on each other.
+#[test]
+fn paths_along_axes_are_whole_paths() {
+    let (x, v) = ((-1.5, 1.5, 12), (-1.5, 1.5, 12));
+    for (bent, is_by_axes) in [("0.3*y^2", true), ("0.1*y", true), ("0.3*x*y", false)] {
+        let left = format!("0.2*x^2 + {bent}");
+        let values = [("x < 0.25", &left[..]), ("", bent)];
+        let case = case(2, x, v, &values, "vx + 2*vy + 3*x + 4*y", "7");
+        let tracer = Tracer::new(&case).expect("V is finite");
+        assert_eq!(tracer.paths.is_some(), is_by_axes, "{bent}");
+        let (mut inside, mut left) = (0, 0);
+        for point in spread(&case, 400, 1.0) {
+            let whole = tracer.follow(&point, 1.3);
+            match tracer.end_by_axes(&point, 1.3) {
+                None => assert!(!is_by_axes),
+                Some(EndByAxes::Leaves) => {
+                    assert!(whole.left.is_some(), "{point:?}");
+                    assert_eq!(tracer.value(&point, 1.3), 7.0);
+                    left += 1;
+                }
+                Some(EndByAxes::Inside(end)) => {
+                    assert!(whole.left.is_none(), "{point:?}");
+                    assert!(distance(&whole.point, &end) < 1e-10, "{point:?}: {whole:?} {end:?}");
+                    inside += 1;
+                }
+            }
+        }
+        assert!(!is_by_axes || inside > 50 && left > 50, "{inside} {left}");
+    }
+}
+
 #[test]
 fn blocks_are_crossed_as_cell_by_cell() {
     for case in slopes_and_jumps().iter().chain([&step_down(74, 10)]) {

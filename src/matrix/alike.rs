@@ -1,0 +1,133 @@
+//! Space cells whose rows of `(S, K)` are the same but for their place: one of them is evaluated.
+//!
+//! Of degree 0, a row of `(S, K)` follows from its velocity, from the slopes and jumps of `V` at
+//! its space cell, and from where the neighbouring space cells are kept. What a neighbour's row
+//! draws from the cell depends on the jump at their common face alone. So space cells that agree in
+//! all of this have equal rows, at equal distances from the diagonal. Rows that draw on the inflow
+//! have values, or an auxiliary unknown, of their own: cells with such rows are like no other.
+
+use crate::parallel::partition::{Block, LocalIndex};
+use crate::problem::case::{Case, Embedding};
+use crate::problem::grid::{Cell, PhaseSpace, for_each_cell};
+use crate::scheme::rows::{Row, Scheme};
+use std::collections::{HashMap, HashSet};
+
+/// The space cells of a block, with the first one that is like each of them.
+pub(super) struct AlikeCells {
+    /// By space cell of the block: the first one whose rows are the same.
+    first: Vec<usize>,
+    /// The first unknowns of the space cells, ghosts included, whose rows of `A` are evaluated:
+    /// those that are like none before, and their neighbours. All where there is no list.
+    evaluated: Option<HashSet<usize>>,
+    /// Velocity cells at a point of space.
+    velocities: usize,
+}
+
+/// A space cell of a block.
+struct SpaceCell {
+    /// Its number in the block.
+    number: usize,
+    /// Where it is, at the first velocity.
+    place: Cell,
+    /// The first unknowns of the cells next to it, lower and upper along each axis.
+    neighbours: Vec<Option<usize>>,
+}
+
+impl SpaceCell {
+    fn new(space: &PhaseSpace, number: usize, i: &[usize]) -> Self {
+        let mut place = Cell::default();
+        place[..i.len()].copy_from_slice(i);
+        let next = |(a, step): (usize, i64)| {
+            let mut next = place;
+            next[a] = space.wrap(a, place[a] as i64 + step)?;
+            Some(space.index(&next))
+        };
+        let sides = (0..space.dimension()).flat_map(|a| [(a, -1), (a, 1)]);
+        Self { number, place, neighbours: sides.map(next).collect() }
+    }
+
+    /// What its rows follow from.
+    fn kind(&self, case: &Case, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
+        let potential = scheme.potential();
+        let first = case.space.index(&self.place);
+        let local = self.number * block.velocity_cells;
+        let mut kind = Vec::new();
+        for a in 0..case.space.dimension() {
+            let slope = potential.slope(&self.place, a);
+            let jumps =
+                [potential.jump_below(&self.place, a), potential.jump_above(&self.place, a)];
+            kind.extend([slope, jumps[0], jumps[1]].map(f64::to_bits));
+        }
+        for neighbour in &self.neighbours {
+            let Some(global) = *neighbour else {
+                kind.extend([0, 0, 0]);
+                continue;
+            };
+            let (is_ghost, at) = match block.local(global) {
+                Some(LocalIndex::Own(at)) => (1, at),
+                Some(LocalIndex::Ghost(at)) => (2, at),
+                None => (3, 0),
+            };
+            kind.extend([
+                is_ghost,
+                global.wrapping_sub(first) as u64,
+                at.wrapping_sub(local) as u64,
+            ]);
+        }
+        kind
+    }
+}
+
+impl AlikeCells {
+    /// No two cells of `block` taken to be alike.
+    pub fn none(block: &Block) -> Self {
+        let first = (0..block.space_cells()).collect();
+        Self { first, evaluated: None, velocities: block.velocity_cells }
+    }
+
+    /// Those of `block`.
+    pub fn new(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -> Self {
+        let mut this = Self::none(block);
+        if case.is_galerkin() || case.embeds() && case.warp.inflow == Embedding::Full {
+            return this;
+        }
+        let velocities = block.velocity_cells;
+        let mut kinds: HashMap<Vec<u64>, Option<usize>> = HashMap::new();
+        let mut evaluated = HashSet::new();
+        let mut draws = |cell: &Cell| {
+            let first = case.space.index(cell);
+            case.embeds()
+                && (first..first + velocities).any(|i| {
+                    scheme.row(row, i);
+                    row.draw != 0.0
+                })
+        };
+        let mut number = 0;
+        for_each_cell(&block.ranges, |i| {
+            let cell = SpaceCell::new(&case.space, number, &i[..case.space.dimension()]);
+            let like = *kinds
+                .entry(cell.kind(case, scheme, block))
+                .or_insert_with(|| (!draws(&cell.place)).then_some(number));
+            this.first[number] = like.unwrap_or(number);
+            if this.first[number] == number {
+                evaluated.insert(case.space.index(&cell.place));
+                evaluated.extend(cell.neighbours.iter().flatten());
+            }
+            number += 1;
+        });
+        this.evaluated = Some(evaluated);
+        this
+    }
+
+    /// The row of the block that row `row` of it is like, if that is another.
+    pub fn earlier(&self, row: usize) -> Option<usize> {
+        let cell = row / self.velocities;
+        let first = self.first[cell];
+        (first != cell).then(|| row - (cell - first) * self.velocities)
+    }
+
+    /// Whether the rows of `A` at the space cell whose first unknown is `global` are evaluated.
+    pub fn are_evaluated(&self, global: usize) -> bool {
+        self.evaluated.as_ref().is_none_or(|list| list.contains(&global))
+    }
+}
