@@ -94,9 +94,9 @@ def test_blocks_are_those_of_the_program(case: str, cells: int, blocks: str) -> 
     layer = run.most_rows // max(block.sizes[0] for block in run.blocks)
     assert arrays["ghost exchange"] == 2 * messages.BYTES_A_ROW * 2 * layer
     modelled = ranks.modelled(plan, ROW_SECONDS)
-    # Rows and, as the plan counts them, a round of messages and the ghosts of one neighbour.
+    # Rows and, as the plan counts them, a round of messages and the ghosts of both neighbours.
     most = max(run.steps) * run.row_seconds
-    assert modelled == pytest.approx(most * (run.most_rows + 300 + 3 * layer), rel=1e-9)
+    assert modelled == pytest.approx(most * (run.most_rows + 300 + 3 * 2 * layer), rel=1e-9)
     # Every cell is in one block.
     total = sum(block.rows for block in run.blocks)
     assert total == plan["cells"]
