@@ -9,7 +9,7 @@
 //! A layer is one of elements: the rows of a cell draw on its element's other cells.
 //!
 //! Of degree 0, rows that are the same but for their place are evaluated once (see
-//! [`AlikeCells`]).
+//! `AlikeCells`).
 //!
 //! Where the first axis is periodic, the last layer is next to the first. What the first gives to
 //! the last waits; rows of the last are evaluated beforehand for what they give to the first.
