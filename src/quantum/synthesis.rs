@@ -43,7 +43,7 @@ impl RotationSynthesis {
     pub fn t_of_each(self, rotations: f64, tolerance: f64) -> LabelledNumber {
         let Self { factor, constant } = self;
         let why = format!(
-            "{factor} log2(1/e) + {constant} T gates of a rotation to e, all of them to \\
+            "{factor} log2(1/e) + {constant} T gates of a rotation to e, all of them to \
              {OF_ROTATIONS} of the tolerance"
         );
         let bits = (rotations.max(1.0) / (OF_ROTATIONS * tolerance)).log2().max(0.0);

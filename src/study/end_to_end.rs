@@ -173,6 +173,16 @@ impl MeasuredScheme {
             last = (found.seconds, spread(&group, &plain.space, &found, &density));
         }
         let order = Order::of(&errors, ORDERS);
+        if !order.falls() {
+            let trials = shapes.iter().zip(&errors);
+            let trials = trials.map(|(grid, e)| format!("{e:.1e} on {}", shape_text(grid)));
+            return Err(Error::Input(format!(
+                "{}: --accuracy takes errors of the density that fall with the grid, and these do \
+                 not: {}. Another number of cells, with faces where V jumps, may help",
+                case.name,
+                trials.collect::<Vec<_>>().join(", ")
+            )));
+        }
         // All ranks count on the same seconds.
         Ok(Self { grids: shapes, order, seconds: group.max(last.0), spread: last.1, errors })
     }
