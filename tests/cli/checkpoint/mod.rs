@@ -21,8 +21,8 @@ const LONG: [&str; 5] = [
     "solver.tolerance=1e-3",
     "solver.warp.profile=exponential",
     "solver.warp.points=2048",
-    "axis.0.x.cells=40",
-    "axis.0.v.cells=30",
+    "axis.0.x.cells=32",
+    "axis.0.v.cells=24",
 ];
 
 /// A checkpoint after nearly every batch.

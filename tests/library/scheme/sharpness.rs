@@ -11,16 +11,45 @@ use std::path::Path;
 /// Steps of Lanczos.
 const STEPS: usize = 90;
 
-/// `μS + i skew K`.
-#[derive(Clone, Copy)]
-struct Form {
-    mu: f64,
-    skew: f64,
-}
+/// `μ` of the forms `μS + iK` that are compared.
+const MUS: [f64; 4] = [0.0, 0.5, -2.0, 9.0];
+
+/// Those forms and, last, `S` alone.
+const FORMS: usize = MUS.len() + 1;
+
+/// A number for each form. Their Krylov spaces are built side by side: the matrix is read once.
+type Each<T> = [T; FORMS];
 
 /// `D A D⁻¹` and its transpose, by rows.
 struct Sparse {
     rows: [Vec<Vec<(usize, f64)>>; 2],
+}
+
+/// The tridiagonal matrix of a Krylov space.
+#[derive(Default)]
+struct Tridiagonal {
+    diagonal: Vec<f64>,
+    /// The entries beside the diagonal, and the norm of what is left.
+    beside: Vec<f64>,
+}
+
+impl Tridiagonal {
+    /// Whether the space cannot grow.
+    fn is_over(&self) -> bool {
+        self.beside.last().is_some_and(|&b| b < 1e-12)
+    }
+
+    /// Least and largest eigenvalue.
+    fn ends(&self) -> [f64; 2] {
+        let m = self.diagonal.len();
+        let t = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
+            0 => self.diagonal[i],
+            1 => self.beside[i.min(j)],
+            _ => 0.0,
+        });
+        let values = t.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+        [values[0], values[m - 1]]
+    }
 }
 
 impl Sparse {
@@ -42,53 +71,70 @@ impl Sparse {
         Self { rows }
     }
 
-    /// The form times `x`.
-    fn apply(&self, form: Form, x: &[Complex64]) -> Vec<Complex64> {
-        let sum =
-            |row: &Vec<(usize, f64)>| -> Complex64 { row.iter().map(|&(j, a)| x[j] * a).sum() };
-        let [to, from] = [form.skew, -form.skew].map(|k| 0.5 * Complex64::new(form.mu, k));
+    /// Each form times its vector of `x`.
+    fn apply(&self, x: &[Each<Complex64>]) -> Vec<Each<Complex64>> {
+        let sum = |row: &[(usize, f64)]| {
+            let mut sum = Each::<Complex64>::default();
+            for &(j, a) in row {
+                sum.iter_mut().zip(&x[j]).for_each(|(sum, x)| *sum += x * a);
+            }
+            sum
+        };
+        let factors: Each<Complex64> = std::array::from_fn(|k| match MUS.get(k) {
+            Some(&mu) => 0.5 * Complex64::new(mu, 1.0),
+            None => Complex64::new(0.5, 0.0),
+        });
         let [a, t] = &self.rows;
-        a.iter().zip(t).map(|(a, t)| to * sum(a) + from * sum(t)).collect()
+        let products = a.iter().zip(t).map(|(a, t)| {
+            let (a, t) = (sum(a), sum(t));
+            std::array::from_fn(|k| factors[k] * a[k] + factors[k].conj() * t[k])
+        });
+        products.collect()
     }
 
-    /// Those of `μS + iK`.
-    fn ends(&self, mu: f64, steps: usize) -> [f64; 2] {
-        self.ends_of(Form { mu, skew: 1.0 }, steps)
-    }
-
-    /// Least and largest eigenvalue of the form on a Krylov space: between those of all.
-    fn ends_of(&self, form: Form, steps: usize) -> [f64; 2] {
+    /// Least and largest eigenvalue of each form on a Krylov space of `steps` vectors: between those
+    /// of all.
+    fn ends(&self, steps: usize) -> Each<[f64; 2]> {
         let size = self.rows[0].len();
-        let norm = |x: &[Complex64]| x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt();
-        let mut x: Vec<Complex64> =
-            (0..size).map(|i| Complex64::new(noise(i, 1), noise(i, 2))).collect();
-        let length = norm(&x);
-        x.iter_mut().for_each(|x| *x /= length);
-        let mut before = vec![Complex64::default(); size];
-        let (mut diagonal, mut beside) = (Vec::new(), vec![0.0]);
+        let norms = |x: &[Each<Complex64>]| -> Each<f64> {
+            std::array::from_fn(|k| x.iter().map(|x| x[k].norm_sqr()).sum::<f64>().sqrt())
+        };
+        let scaled = |x: Vec<Each<Complex64>>, by: Each<f64>| -> Vec<Each<Complex64>> {
+            x.into_iter().map(|x| std::array::from_fn(|k| x[k] / by[k])).collect()
+        };
+        let start = |i| [Complex64::new(noise(i, 1), noise(i, 2)); FORMS];
+        let x: Vec<_> = (0..size).map(start).collect();
+        let lengths = norms(&x);
+        let mut x = scaled(x, lengths);
+        let mut before = vec![Each::default(); size];
+        let mut spaces: Each<Tridiagonal> = Default::default();
         for _ in 0..steps.min(size) {
-            let mut y = self.apply(form, &x);
-            let last = *beside.last().expect("begun with one");
-            y.iter_mut().zip(&before).for_each(|(y, b)| *y -= b * last);
-            let a: f64 = y.iter().zip(&x).map(|(y, x)| (x.conj() * y).re).sum();
-            y.iter_mut().zip(&x).for_each(|(y, x)| *y -= x * a);
-            diagonal.push(a);
-            let b = norm(&y);
-            if b < 1e-12 {
+            let mut y = self.apply(&x);
+            let last: Each<f64> =
+                std::array::from_fn(|k| spaces[k].beside.last().copied().unwrap_or(0.0));
+            let mut a = Each::<f64>::default();
+            for ((y, b), x) in y.iter_mut().zip(&before).zip(&x) {
+                for k in 0..FORMS {
+                    y[k] -= b[k] * last[k];
+                    a[k] += (x[k].conj() * y[k]).re;
+                }
+            }
+            for (y, x) in y.iter_mut().zip(&x) {
+                (0..FORMS).for_each(|k| y[k] -= x[k] * a[k]);
+            }
+            let b = norms(&y);
+            for (k, space) in spaces.iter_mut().enumerate().filter(|(_, s)| !s.is_over()) {
+                space.diagonal.push(a[k]);
+                space.beside.push(b[k]);
+            }
+            if spaces.iter().all(Tridiagonal::is_over) {
                 break;
             }
-            beside.push(b);
             before = x;
-            x = y.iter().map(|y| y / b).collect();
+            // A space that is over stays as it is: what follows of it is not read.
+            x = scaled(y, b.map(|b| b.max(f64::MIN_POSITIVE)));
         }
-        let m = diagonal.len();
-        let t = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
-            0 => diagonal[i],
-            1 => beside[i.max(j)],
-            _ => 0.0,
-        });
-        let values = t.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
-        [values[0], values[m - 1]]
+        std::array::from_fn(|k| spaces[k].ends())
     }
 }
 
@@ -97,16 +143,16 @@ impl Sparse {
 fn widest(name: &str, case: &Case) -> f64 {
     let bounds = Bounds::new(case).expect("V is finite");
     let generator = Sparse::new(case);
+    let ends = generator.ends(STEPS);
     let mut widest = 1.0f64;
-    for mu in [0.0, 0.5, -2.0, 9.0] {
-        let [low, high] = generator.ends(mu, STEPS);
+    for (mu, [low, high]) in MUS.into_iter().zip(ends) {
         let Interval { centre, half_width } = bounds.interval(mu);
         let slack = 1e-12 * half_width;
         let holds = centre - half_width - slack <= low && high <= centre + half_width + slack;
         assert!(holds, "{name}, mu = {mu}: [{low}, {high}] in {centre} +- {half_width}");
         widest = widest.max(2.0 * half_width / (high - low));
     }
-    let low = -generator.ends_of(Form { mu: 1.0, skew: 0.0 }, STEPS)[0];
+    let low = -ends[FORMS - 1][0];
     let allowed = bounds.dissipation;
     assert!(low <= allowed * (1.0 + 1e-12) + 1e-12, "{name}: {low} {allowed}");
     match allowed == 0.0 {
