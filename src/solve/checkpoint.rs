@@ -123,7 +123,9 @@ impl<'a> Checkpoints<'a> {
             self.watch.wrote(started.elapsed());
             let why = match (verdict, self.wall_seconds) {
                 (Verdict::StopBySignal, _) => "stopped by a signal".to_owned(),
-                (Verdict::StopByWallTime, Some(seconds)) => format!("stopped by --walltime {seconds}"),
+                (Verdict::StopByWallTime, Some(seconds)) => {
+                    format!("stopped by --walltime {seconds}")
+                }
                 _ => {
                     match written {
                         Ok(_) => self.written += 1,
