@@ -6,12 +6,11 @@
 //! - [`implicit`]: Crank–Nicolson and backward Euler, of second and first order in the step. The
 //!   cost is counted in steps, each a solve.
 //!
-//! [`evolution`] is what they propagate. A propagator is a file of this folder that implements
-//! [`method::Propagator`] and says in a [`method::Descriptor`] what a plan needs to know
+//! [`evolution`] is the system that they propagate. A propagator is a file of this folder that
+//! implements [`method::Propagator`] and describes in a [`method::Descriptor`] what a plan needs
 //! beforehand. [`descriptor`] is the table: to add a propagator, add its file, a line there, and
-//! its name to [`PropagatorMethod`].
-//! [`commutator_free`] is the Chebyshev propagator where the inflow depends on time; [`classical`]
-//! integrates `f' = A f + b` directly.
+//! its name to [`PropagatorMethod`]. [`commutator_free`] is the Chebyshev propagator for an inflow
+//! that depends on time; [`classical`] integrates `f' = A f + b` directly.
 //!
 //! Uses: matrix, scheme, parallel, problem, base. Paper: section 3.1, equation (3.13).
 
@@ -48,11 +47,11 @@ pub fn descriptor(method: PropagatorMethod) -> &'static dyn Descriptor {
     }
 }
 
-/// The propagator of a setting, with its scratch; a product of exponentials with a `schedule` of
-/// the inflow.
+/// The propagator of a setting, with its scratch; given a `schedule` of the inflow, a product of
+/// exponentials.
 ///
 /// # Errors
-/// Where the matrix of an implicit step cannot be analysed. Not collective.
+/// If the matrix of an implicit step cannot be analysed. Not collective.
 pub fn propagator<'a>(
     setting: &PropagatorSetting,
     schedule: Option<&'a Schedule>,
@@ -68,8 +67,8 @@ pub fn propagator<'a>(
 }
 
 /// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method, 0
-/// for the others. Each step solves a system to a residual of some units, which add up like a
-/// random walk (measured: half of this at 1000 and at 4000 steps of example 1).
+/// for the others. Each step leaves a residual of a few units of round-off, and these add up like a
+/// random walk (measured: half of this bound at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
     f64::EPSILON * (1.0 + 8.0 * (steps as f64).sqrt())
 }

@@ -1,9 +1,8 @@
 //! The Hamiltonian-preserving scheme: from a case to `f' = A f + b`, row by row (paper, section 4).
 //!
-//! [`rows`] is the only definition of `A` and `b`, of degree 0 there and of a higher degree in
-//! [`galerkin`]; the matrix, its transpose, the oracles and the tests come from it. [`interface`]
-//! holds the laws at a jump of `V`. [`reduce`] leaves out the cells and axes that a case does not
-//! need.
+//! [`rows`] is the only definition of `A` and `b`; it takes degrees above 0 from [`galerkin`]. The
+//! matrix, its transpose, the oracles and the tests derive from it. [`interface`] holds the laws at
+//! a jump of `V`. [`reduce`] leaves out the cells and axes that a case does not need.
 //!
 //! [`rows::Scheme`] is the main type, [`row::Row`] is one row.
 //!

@@ -1,9 +1,9 @@
 //! The warped phase transformation (paper, section 3): `g(p)` and its Fourier series, modes,
 //! recovery.
 //!
-//! [`profile`] holds the functions `g` and what each demands of period, cut-off and recovery point;
-//! [`warp_plan::WarpPlan`] is the series that a run takes; [`recovery`] reads `u(T)` from
-//! `v(T, p)`; [`transform`] is the distributed transform in `p`.
+//! [`profile`] holds the functions `g` and their requirements on period, cut-off and recovery
+//! point; [`warp_plan::WarpPlan`] is the series of a run; [`recovery`] reads `u(T)` from `v(T, p)`;
+//! [`transform`] is the transform in `p`.
 //!
 //! [`placement`] finds period, cut-off and recovery points of a case. A profile is one file of
 //! [`profile`].

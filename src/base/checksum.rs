@@ -1,7 +1,7 @@
 //! A checksum of a dataset, computed by any ranks in any order.
 //!
-//! With `b_i` the bits of element `i` (row-major, from 0) as an unsigned number — a byte of a text
-//! —
+//! Let `b_i` be element `i` (row-major, from 0): its bits as an unsigned number, or a byte of a
+//! text. Then
 //!
 //! ```text
 //! checksum = Σ_i mix(b_i + (i + 1) 0x9e3779b97f4a7c15)   mod 2^64
@@ -25,7 +25,7 @@ fn term(index: u64, bits: u64) -> u64 {
     z ^ z >> 31
 }
 
-/// The sum over elements that follow each other from `first` on.
+/// The sum over consecutive elements, the first of which has the index `first`.
 pub fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
     (first..).zip(elements).fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
 }
@@ -47,8 +47,7 @@ pub struct FileChecksum {
 /// Sizes and checksums of files, by name.
 pub type FileChecksums = BTreeMap<String, FileChecksum>;
 
-/// Size of a file, and the part of its checksum that every `of`-th piece from piece `first` on
-/// contributes.
+/// Size of a file, and the contribution to its checksum of the pieces `first`, `first + of`, ….
 ///
 /// # Errors
 /// The error of the system.
@@ -69,7 +68,7 @@ pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChec
     Ok(FileChecksum { bytes, checksum })
 }
 
-/// The part of a slab in the checksum of a dataset of this shape.
+/// The contribution of a slab to the checksum of a dataset of this shape.
 pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
     let Some(&run) = slab.count.last() else { return 0 };
     let mut sum: u64 = 0;
@@ -120,9 +119,10 @@ impl DatasetBox {
         self.count.iter().product()
     }
 
-    /// Boxes of about `most` elements that make up a dataset of this shape, in its order.
+    /// Splits a dataset of this shape into boxes of about `most` elements, in storage order.
     pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> + use<> {
-        // Whole beyond `axis`, a range along it, one by one before it.
+        // A box is whole along the axes after `axis`, a range along it, one element along those
+        // before.
         let mut axis = shape.len().saturating_sub(1);
         let mut beyond = 1;
         while axis > 0 && beyond * shape[axis] <= most {

@@ -1,4 +1,4 @@
-//! Output directories, files that are written whole or not at all, and errors about both.
+//! Output directories, files written atomically, and errors about both.
 
 use crate::base::error::{Error, Result};
 use crate::base::machine;
@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Makes `directory` and makes sure that it can be written. On one rank.
+/// Creates `directory` and checks that it is writable. Called by one rank.
 ///
 /// # Errors
 /// [`Error::Directory`].
@@ -21,7 +21,7 @@ pub fn make(directory: &Path) -> Result<()> {
         .map_err(|e| refused(directory, &e))
 }
 
-/// The name that the file `path` has while it is written: its own, and `.partial`.
+/// The name of the file `path` while it is written: with `.partial` appended.
 pub(crate) fn partial(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".partial");
@@ -38,7 +38,7 @@ pub(crate) fn clear(path: &Path) -> io::Result<()> {
 }
 
 /// Writes the file `path` under another name, flushes it to disk and renames it: an older file
-/// stays whole until then, and nothing stays of a file that could not be written.
+/// stays intact until then, and a failed write leaves no file.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -53,7 +53,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
     let partial = partial(path);
     let written = clear(&partial).and_then(|()| {
-        // Exclusively: nothing that someone puts there meanwhile is followed or overwritten.
+        // `create_new` neither follows nor overwrites what someone else puts there.
         let mut file = File::create_new(&partial)?;
         fill(&mut file)?;
         file.sync_all()?;
@@ -65,7 +65,7 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -
     written.map_err(|e| failure(path, &e))
 }
 
-/// As [`write`], of a text: what a terminal or a page would obey is shown instead.
+/// As [`write`], for a text, whose control characters are escaped.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -73,7 +73,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<()> {
     write(path, visible(text).as_bytes())
 }
 
-/// The text of a file, which must be one: nothing waits for the other end of a pipe.
+/// The text of a regular file. A pipe is refused, as reading it may wait for ever.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -85,8 +85,8 @@ pub fn read_text(path: &Path) -> Result<String> {
     }
 }
 
-/// Refuses files of `needed` bytes that the disk of `directory` cannot hold. `what` makes the first
-/// words of the message of their size as text.
+/// Refuses files of `needed` bytes that the disk of `directory` cannot hold. `what` makes the
+/// beginning of the message from the size as text.
 ///
 /// # Errors
 /// [`Error::Directory`].
@@ -107,7 +107,7 @@ pub fn require_room(
 }
 
 pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
-    // The nearest that there is on the way to it.
+    // The nearest existing ancestor.
     let there = directory.ancestors().find(|path| std::fs::metadata(path).is_ok());
     let reason = match (there, why.kind()) {
         (Some(file), _) if file.is_file() && file == directory => "is not a directory".to_owned(),

@@ -25,7 +25,7 @@ pub enum Error {
         key: String,
         /// Text of the formula.
         formula: String,
-        /// What it gave.
+        /// Its value.
         value: f64,
         /// The point, written `x = …, v = …`.
         place: String,
@@ -41,7 +41,7 @@ pub enum Error {
         available: String,
         /// The largest array.
         detail: String,
-        /// What would need less memory.
+        /// Changes of the case that need less memory.
         remedies: String,
     },
     /// No profile reaches the tolerance in double precision.
@@ -53,7 +53,7 @@ pub enum Error {
     Tolerance {
         /// File, line and key.
         place: String,
-        /// What was asked.
+        /// The tolerance asked for.
         tolerance: f64,
         /// The smallest that can be met.
         smallest: f64,
@@ -89,11 +89,11 @@ pub enum Error {
         given: [f64; 2],
         /// The least length.
         needed: f64,
-        /// Ends that would do.
+        /// Ends that suffice.
         ends: [f64; 2],
         /// `p◇`.
         point: f64,
-        /// What was asked.
+        /// The tolerance asked for.
         tolerance: f64,
     },
     /// A recovery point at which the field is lost in round-off.
@@ -104,9 +104,9 @@ pub enum Error {
     Recovery {
         /// `p◇`.
         point: f64,
-        /// The largest that keeps the tolerance.
+        /// The largest point that keeps the tolerance.
         highest: f64,
-        /// What was asked.
+        /// The tolerance asked for.
         tolerance: f64,
     },
     /// More modes than any machine can propagate.
@@ -118,11 +118,11 @@ pub enum Error {
     Modes {
         /// The profile.
         profile: String,
-        /// The number.
+        /// The number of modes that it takes.
         modes: f64,
-        /// The most.
+        /// The largest number allowed.
         limit: usize,
-        /// What was asked.
+        /// The tolerance asked for.
         tolerance: f64,
     },
     /// A rank layout that does not fit the grid.
@@ -192,7 +192,7 @@ pub enum Error {
          need none"
     )]
     Factors(String),
-    /// The results are there, but not as exact as was asked for (`solver.strict`).
+    /// The results are written, but less accurate than requested (`solver.strict`).
     #[error("{0}; solver.strict = true makes this an error, the results are kept")]
     Missed(String),
     /// The result holds NaN or infinity.
@@ -203,7 +203,7 @@ pub enum Error {
     Directory {
         /// The directory.
         path: PathBuf,
-        /// What the system said.
+        /// The message of the system.
         reason: String,
     },
     /// A file of the results cannot be written.
@@ -211,7 +211,7 @@ pub enum Error {
     Output {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The message of the system.
         reason: String,
     },
     /// A checkpoint cannot be written, or none can be used.
@@ -222,7 +222,7 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// A batch of modes was left before its end; the run stops.
+    /// A batch of modes was interrupted; the run stops.
     #[error("a batch of modes was left before its end")]
     Left,
     /// The run was stopped before its end on request, and can be resumed.
@@ -276,7 +276,7 @@ pub enum Error {
         /// All runs.
         runs: usize,
     },
-    /// Too short a time for anything to be finished.
+    /// The wall time did not suffice for one batch of modes.
     #[error(
         "--walltime {seconds}: not one batch of modes was finished; it takes a longer time, or \
          more ranks"
@@ -342,7 +342,7 @@ impl Error {
         Self::Input(message.into())
     }
 
-    /// Whether files were given up half-written.
+    /// Whether files stay open because they are half-written.
     pub fn leaves_files_open(&self) -> bool {
         match self {
             Error::Output { .. } => true,
@@ -351,12 +351,12 @@ impl Error {
         }
     }
 
-    /// Whether this is not an error, but a batch of modes that was left because the run is to stop.
+    /// Whether this is no failure, but a batch of modes interrupted because the run is to stop.
     pub fn is_left(&self) -> bool {
         matches!(self, Error::Left)
     }
 
-    /// Whether this is not an error, but a run that was asked to stop.
+    /// Whether this is no failure, but a run that was asked to stop.
     pub fn is_stop(&self) -> bool {
         matches!(self, Error::Stopped { .. } | Error::SweepStopped { .. })
     }
@@ -397,7 +397,7 @@ impl Error {
 }
 
 impl From<&Error> for Refusal {
-    /// The refusal of a case for this error; only its text if the error has no key.
+    /// This error as a refusal of the case; only its text if the error has no key.
     fn from(error: &Error) -> Self {
         let text = error.to_string();
         match error {

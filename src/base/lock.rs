@@ -1,5 +1,5 @@
-//! One run at a time in a directory: a lock that the system releases when its process ends, however
-//! that is.
+//! A lock that admits one run at a time to a directory. The system releases it when the process
+//! ends, even after a crash.
 
 use crate::base::disk::{clear, refused};
 use crate::base::error::Result;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 /// Name of the file that is locked; it says who holds the lock.
 pub const NAME: &str = "run.lock";
 
-/// How long a lock is waited for: ranks of a job that was killed end a moment after it.
+/// How long to wait for a lock: ranks of a killed job end a moment after the job.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
 /// The lock of a directory, held until it is dropped.
@@ -21,7 +21,7 @@ pub struct DirectoryLock {
     path: PathBuf,
     /// Locked, if the file system can.
     file: File,
-    /// What the file says, which no other lock's says.
+    /// Contents of the file, unique to this lock.
     pub text: String,
     /// Why the file system does not lock.
     pub unlocked: Option<String>,
@@ -61,7 +61,7 @@ impl DirectoryLock {
 }
 
 impl Drop for DirectoryLock {
-    /// Removes the file while it is locked: who waits for it finds that it is not there any more.
+    /// Removes the file while it is locked: a waiting process finds that the file is gone.
     fn drop(&mut self) {
         let _ = clear(&self.path);
     }
@@ -74,7 +74,7 @@ fn open(path: &Path) -> std::io::Result<File> {
     options.custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)
 }
 
-/// Whether `path` is that open file, and not another one of the same name.
+/// Whether `path` still names the open `file`.
 fn is_at(file: &File, path: &Path) -> bool {
     let (Ok(open), Ok(found)) = (file.metadata(), std::fs::symlink_metadata(path)) else {
         return false;
@@ -89,7 +89,7 @@ fn holder() -> String {
     format!("process {} on {} since {now}\n", std::process::id(), host.trim())
 }
 
-/// Why the lock of `file` is not had.
+/// The message that another run holds the lock of `file`.
 fn in_use(file: &mut File) -> String {
     let mut bytes = [0; 200];
     let read = file.rewind().and_then(|()| file.read(&mut bytes)).unwrap_or(0);
@@ -118,7 +118,7 @@ mod tests {
         // The lock of a killed process is free.
         std::fs::write(directory.join(NAME), "process 1\u{1b}[2J").expect("a file");
         drop(DirectoryLock::take(&directory).expect("a lock"));
-        // Who waits gets it as soon as it is free.
+        // A waiting process gets the lock as soon as it is free.
         let first = DirectoryLock::take(&directory).expect("a lock");
         std::thread::scope(|scope| {
             let second = scope.spawn(|| DirectoryLock::take(&directory));

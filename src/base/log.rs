@@ -1,4 +1,4 @@
-//! Lines for the user, on rank 0. What a terminal would obey is shown instead.
+//! Output lines for the user, on rank 0. Control characters are escaped.
 
 use crate::base::text::{visible, wrapped};
 use std::io::{ErrorKind, Write};
@@ -12,8 +12,8 @@ pub fn say(text: &str) {
     say_unwrapped(&wrapped(&visible(text)));
 }
 
-/// Prints lines for programs, as they are. A reader that went away (`| head`) is no error; any
-/// other reason why they are not written is kept for [`unwritten`].
+/// Prints lines for programs, as they are. A closed pipe (`| head`) is no error; any other failure
+/// is kept for [`unwritten`].
 pub(crate) fn say_unwrapped(text: &str) {
     let mut output = std::io::stdout().lock();
     let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());
@@ -28,8 +28,7 @@ pub fn unwritten() -> Option<&'static str> {
     UNWRITTEN.get().map(String::as_str)
 }
 
-/// Prints lines for people to standard error, wrapped; that they cannot be written is no reason to
-/// stop.
+/// Prints lines for people to standard error, wrapped; a failure to write is ignored.
 pub fn report(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", wrapped(&visible(text)));
 }

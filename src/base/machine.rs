@@ -19,19 +19,18 @@ static NO_CHECKPOINT: AtomicBool = AtomicBool::new(false);
 /// Signals closer to each other count as one: `timeout` and launchers send the same one twice.
 const ONE_SIGNAL: Duration = Duration::from_millis(500);
 
-/// Bytes of the largest cache that a core has to itself, its share of the second level; 1 MiB where
-/// the system does not say.
+/// Bytes of a core's share of the second-level cache; 1 MiB if that is unknown.
 pub fn cache_per_core() -> u64 {
     const USUAL: u64 = 1 << 20;
     share_of_cache("2").unwrap_or(USUAL)
 }
 
-/// Bytes of a core's share of the third level; what it has to itself where there is none.
+/// Bytes of a core's share of the third-level cache; of the second level if there is no third.
 pub fn last_cache_per_core() -> u64 {
     share_of_cache("3").unwrap_or_else(cache_per_core)
 }
 
-/// Bytes of a core's share of the cache of a level, if the system says.
+/// Bytes of a core's share of the cache of a level, if known.
 fn share_of_cache(level: &str) -> Option<u64> {
     let read = |index: usize, name: &str| {
         let path = format!("/sys/devices/system/cpu/cpu0/cache/index{index}/{name}");
@@ -56,14 +55,14 @@ pub fn room_for_file(directory: &Path) -> u64 {
     disk.min(getrlimit(Resource::Fsize).current.unwrap_or(u64::MAX))
 }
 
-/// Reserves space on disk for a file that is to grow to `bytes`. Its size stays where the file
-/// system can reserve; elsewhere (ext2) the file grows at once, by a zero in each of its blocks, if
-/// these are not too many.
+/// Reserves disk space for a file that will grow to `bytes`. The file keeps its size if the file
+/// system can reserve space; otherwise (ext2) a zero is written into each new block, if there are
+/// not too many.
 ///
 /// # Errors
-/// What the system says: that the disk is full, or the user's share of it.
+/// The error of the system: the disk or the user's quota is full.
 pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
-    /// A system call each: seconds at most.
+    /// Each takes a system call: seconds in all.
     const MOST_BLOCKS: u64 = 1 << 20;
     let file = std::fs::File::options().write(true).open(path)?;
     match fallocate(&file, FallocateFlags::KEEP_SIZE, 0, bytes) {
@@ -75,7 +74,7 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
             if blocks > MOST_BLOCKS {
                 return Ok(());
             }
-            // The last byte of each block, and of the file; none that is there already.
+            // The last byte of each new block, and of the file.
             let last_bytes = (now.len() / block..blocks).map(|k| ((k + 1) * block).min(bytes) - 1);
             last_bytes.filter(|&at| at >= now.len()).try_for_each(|at| file.write_all_at(&[0], at))
         }
@@ -92,13 +91,13 @@ pub fn give_back(path: &Path) -> std::io::Result<()> {
     file.set_len(file.metadata()?.len())
 }
 
-/// A file that grows beyond the process's limit shall give an error, not end the process.
+/// Turns the signal of a file that outgrows the process's limit into an error of the write.
 pub fn catch_file_size_signal() {
-    // The flag is not looked at. Fails for signals that cannot be caught only.
+    // The flag is not used. Registering fails only for signals that cannot be caught.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
-/// The flag that SIGUSR1 raises, from the first call on, instead of ending the process.
+/// The flag that SIGUSR1 raises instead of ending the process, from the first call on.
 pub fn stop_flag() -> Arc<AtomicBool> {
     static FLAG: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
         let flag = Arc::new(AtomicBool::new(false));
@@ -110,8 +109,8 @@ pub fn stop_flag() -> Arc<AtomicBool> {
 }
 
 /// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
-/// the process at once. A signal that is ignored stays so. `message` is written to standard error
-/// as soon as the first one comes.
+/// the process at once. An ignored signal stays ignored. `message` is written to standard error
+/// when the first one arrives.
 pub fn stop_when_terminated(message: &'static str) {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {
@@ -123,14 +122,13 @@ pub fn stop_when_terminated(message: &'static str) {
     });
 }
 
-/// From now on a signal asks for nothing: the run is over. `mpirun` sends SIGTERM to the others
-/// when the first rank ends with an error.
+/// From now on signals request no checkpoint, as the run is over. `mpirun` sends SIGTERM to the
+/// others when the first rank ends with an error.
 pub fn no_more_checkpoints() {
     NO_CHECKPOINT.store(true, Ordering::Relaxed);
 }
 
-/// Whether this process, or who started it, chose to ignore a signal: as a bit of a line of its
-/// status.
+/// Whether this process ignores a signal, by choice or by inheritance: a bit of its status.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -139,7 +137,7 @@ fn is_ignored(signal: i32) -> bool {
 }
 
 fn stop_on(signal: i32, message: &'static str) {
-    /// Milliseconds, and one, from `start` to the first signal; 0 before.
+    /// One more than the milliseconds from `start` to the first signal; 0 before it.
     static FIRST: AtomicU64 = AtomicU64::new(0);
     let (flag, start) = (stop_flag(), Instant::now());
     let act = move || {
@@ -166,8 +164,8 @@ pub fn leave(code: i32) -> ! {
     signal_hook::low_level::exit(code)
 }
 
-/// Keeps each shared library whose path contains `part` in memory until the process ends, also
-/// where whoever loaded it unloads it.
+/// Keeps each shared library whose path contains `part` in memory until the process ends, even if
+/// its loader unloads it.
 pub fn keep_libraries(part: &str) {
     // Lines as "7f…-7f… r-xp 0000 08:01 42   /usr/lib/x.so", one for each part of a library.
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
@@ -187,7 +185,7 @@ pub fn end_with_parent() {
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
 }
 
-/// Limits the address space of this process to `bytes`, and leaves no core when it fails.
+/// Limits the address space of this process to `bytes`, and disables core dumps.
 pub fn limit_memory(bytes: u64) {
     limit(Resource::As, bytes);
     limit(Resource::Core, 0);
@@ -199,13 +197,12 @@ pub fn processor_seconds() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// Ends this process by SIGXCPU when it has used so many `seconds` of processor time more, or up to
-/// one more.
+/// Ends this process by SIGXCPU after `seconds` more of processor time, or up to one second later.
 pub fn limit_processor_time(seconds: u64) {
     limit(Resource::Cpu, processor_seconds() as u64 + 1 + seconds);
 }
 
-/// Sets a limit on a resource of this process, within what the system lets it have.
+/// Sets a limit on a resource of this process, at most the system's own.
 fn limit(resource: Resource, most: u64) {
     let Rlimit { maximum, .. } = getrlimit(resource);
     let current = Some(maximum.map_or(most, |maximum| most.min(maximum)));

@@ -1,4 +1,4 @@
-//! The memory that a process may still take: what is free, and what limits allow.
+//! The memory that a process may still take: free memory, within all limits.
 
 use rustix::process::{Resource, getrlimit};
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub fn peak() -> u64 {
     kilobytes(Path::new("/proc/self/status"), "VmHWM:").unwrap_or(0)
 }
 
-/// Gives freed memory back to the system, which the allocator else keeps for what comes.
+/// Returns freed memory to the system, which the allocator would otherwise keep.
 pub fn give_back() {
     // SAFETY: a plain call; it may be made at any time.
     #[cfg(target_env = "gnu")]
@@ -36,8 +36,8 @@ pub fn give_back() {
     }
 }
 
-/// Gives freed memory back and restarts [`peak`]; where the system cannot, the peak stays that of
-/// the whole process.
+/// Returns freed memory and restarts [`peak`]; if the system cannot, the peak stays that of the
+/// whole process.
 pub fn reset_peak() {
     give_back();
     // Not every kernel lets a process do this.
@@ -52,8 +52,7 @@ fn kilobytes(path: &Path, key: &str) -> Option<u64> {
     Some(number.saturating_mul(1024))
 }
 
-/// Free memory; where the system promises no more than it has (overcommit off), no more than it
-/// still promises.
+/// Free memory; with overcommit off, at most what the system can still commit.
 fn free(root: &Path) -> u64 {
     let value = |key: &str| kilobytes(&root.join("proc/meminfo"), key);
     let free = value("MemAvailable:").unwrap_or(u64::MAX);
@@ -66,8 +65,8 @@ fn free(root: &Path) -> u64 {
     }
 }
 
-/// What a limit of this process (`setrlimit`) leaves, where `key` of `/proc/self/status` counts
-/// against it.
+/// Bytes left of a limit of this process (`setrlimit`), of which `key` of `/proc/self/status` is
+/// used.
 fn process_room(resource: Resource, key: &str) -> u64 {
     let Some(limit) = getrlimit(resource).current else { return u64::MAX };
     let taken = kilobytes(Path::new("/proc/self/status"), key).unwrap_or(0);
@@ -76,7 +75,7 @@ fn process_room(resource: Resource, key: &str) -> u64 {
 
 /// The files in which a version of control groups reports limit and use.
 struct ControlGroupFiles {
-    /// Limits; a text that is no number is none.
+    /// Limits; a text that is not a number means no limit.
     limits: &'static [&'static str],
     /// Bytes in use.
     used: &'static str,
@@ -97,8 +96,8 @@ const VERSION_2: ControlGroupFiles = ControlGroupFiles {
     reclaimable: "inactive_file ",
 };
 
-/// What the memory limits of this process's control group, and of all groups that it is part of,
-/// leave. `root` is where `/proc` and `/sys` are.
+/// Bytes left of the memory limits of this process's control group and of all groups around it.
+/// `root` is where `/proc` and `/sys` are.
 fn control_group_room(root: &Path) -> u64 {
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap_or_default();
     let (groups, mounts) = (read("proc/self/cgroup"), read("proc/self/mountinfo"));
@@ -119,9 +118,9 @@ fn control_group_room(root: &Path) -> u64 {
     rooms.fold(u64::MAX, u64::min)
 }
 
-/// Where control groups are shown.
+/// A mount of control groups.
 struct Mount {
-    /// The group that is shown at `point`.
+    /// The group mounted at `point`.
     group: String,
     /// A directory, without its leading slash.
     point: String,
@@ -147,8 +146,8 @@ fn mount_of(mounts: &str, version_2: bool) -> Option<Mount> {
     })
 }
 
-/// The directories of the group `own` and of all above it that `mount` shows. A group that it does
-/// not show, as in some containers, is the one at its top.
+/// The directories in `mount` of the group `own` and of all groups above it. A group that the mount
+/// does not contain, as in some containers, is the one at its top.
 fn directories(mount: &Mount, own: &str) -> Vec<PathBuf> {
     let top = Path::new(&mount.point);
     let below = Path::new(own).strip_prefix(&mount.group).unwrap_or(Path::new(""));
@@ -156,7 +155,7 @@ fn directories(mount: &Mount, own: &str) -> Vec<PathBuf> {
     below.ancestors().map(|path| top.join(path)).collect()
 }
 
-/// What the limits of the group of `directory` leave; those that it has not leave all.
+/// Bytes left of the limits of the group of `directory`; a missing limit leaves all.
 fn group_room(directory: &Path, files: &ControlGroupFiles) -> u64 {
     let text = |name: &str| std::fs::read_to_string(directory.join(name)).ok();
     let number = |name: &str| text(name)?.trim().parse::<u64>().ok();

@@ -7,23 +7,23 @@
 //! f(m + ht) = Σ_n c_n P_n(t),     ∫ f(x) e^{−iμx} dx = 2h e^{−iμm} Σ_n (−i)^n c_n j_n(μh),
 //! ```
 //!
-//! for every `μ` to round-off. A piece is halved until its last coefficients are round-off. Where
-//! that makes pieces ever smaller about a point, `f` or a derivative jumps there: the point becomes
-//! the end of two pieces, and wide ones do beside it.
+//! for every `μ` to round-off. A piece is halved until its last coefficients are round-off. If
+//! pieces become ever smaller about a point, `f` or a derivative jumps there: the point becomes the
+//! common end of two wide pieces.
 
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
 use num_complex::Complex64;
 
-/// Derivatives whose jumps are known: `0 … ORDERS − 1`; of the next, too, the integral.
+/// Jumps are known of the derivatives `0 … ORDERS − 1`, integrals also of the next one.
 pub const ORDERS: usize = 10;
 /// Coefficients of a piece.
 const NODES: usize = 24;
-/// A piece is resolved where so many last coefficients ...
+/// Number of last coefficients that show whether a piece is resolved.
 const LAST: usize = 4;
-/// ... are at most this, relative to the larger of 1 and the largest value: round-off, or more
-/// where the function itself is rounded coarsely, ...
+/// Largest size of these coefficients in a resolved piece, relative to the larger of 1 and the
+/// largest value: round-off, or more if the function itself is rounded coarsely.
 const RESOLVED: [f64; 3] = [4e-15, 1e-13, 2e-12];
-/// ... and values between the nodes are met within so many times that.
+/// Largest error at points between the nodes, as a multiple of that size.
 const CLOSE: f64 = 25.0;
 /// Least width of a piece, relative to the larger of 1 and its distance from 0.
 const LEAST_WIDTH: f64 = 1e-12;
@@ -36,7 +36,7 @@ const MOST_JUMPS: usize = 50;
 /// Jumps of values and of slopes up to these are round-off.
 const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
 
-/// Why a function is not represented.
+/// Why a function has no representation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
     /// The function's value at this point is too large, or not a number.
@@ -164,7 +164,7 @@ impl Piecewise {
         })
     }
 
-    /// A function of pieces that follow each other, with what is known at their ends.
+    /// The function with these consecutive pieces, and its jumps.
     fn new(pieces: Vec<PolynomialPiece>) -> Self {
         let mut found = Self {
             jumps: Vec::new(),
@@ -207,7 +207,7 @@ impl Piecewise {
         if mu < 0.0 { sum.conj() } else { sum }
     }
 
-    /// A point below which `|f| ≤ bound`, looked for at points that are close to each other.
+    /// A point below which `|f| ≤ bound`, found on closely spaced samples.
     pub fn first_above(&self, bound: f64) -> f64 {
         const STEPS: u32 = 64;
         const SAFETY: f64 = 0.9;
@@ -229,12 +229,12 @@ impl Piecewise {
         self.pieces.last().map_or(last, |piece| piece.upper)
     }
 
-    /// Where it or its slope jumps, but for the upper end; ascending.
+    /// Points other than the upper end where the function or its slope jumps; ascending.
     pub fn jumps(&self) -> &[FunctionJump] {
         &self.jumps
     }
 
-    /// `Σ |f^{(k)}(x+) − f^{(k)}(x−)|` over the other ends of pieces but the last.
+    /// `Σ |f^{(k)}(x+) − f^{(k)}(x−)|` over the ends of pieces without a jump, except the last.
     pub fn rounded(&self, order: usize) -> f64 {
         self.rounded[order]
     }
@@ -250,8 +250,8 @@ impl Piecewise {
     }
 }
 
-/// The middle of the narrowest piece, where that is so narrow that something jumps there and is not
-/// the last of those that become narrower towards an end.
+/// The middle of the narrowest piece if it is narrow enough for a jump, and not the last of pieces
+/// that become narrower towards an end.
 fn narrowest(pieces: &[PolynomialPiece]) -> Option<f64> {
     let widths: Vec<f64> = pieces.iter().map(PolynomialPiece::half).collect();
     let narrower = |pair: &[f64]| pair[1] < pair[0];
@@ -398,7 +398,8 @@ mod tests {
 
     type Function = fn(f64) -> f64;
 
-    /// What is smooth, kinks, a jump and a singular end, with where they are.
+    /// Functions that are smooth, or have kinks, a jump or a singular end, with the places of
+    /// these.
     const FUNCTIONS: [(Function, &[f64]); 7] = [
         (|x| x.exp(), &[]),
         (|x| (-x * x).exp(), &[]),

@@ -3,24 +3,24 @@
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// A mistake in a case file or a `--set`. What is not known is `None`.
+/// A mistake in a case file or a `--set`. Unknown parts are `None`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Refusal {
     /// The full key.
     pub key: Option<String>,
-    /// The key's value, as the case gives it.
+    /// The value of the key in the case.
     pub value: Option<String>,
     /// What is wrong with it, and what is allowed.
     pub message: String,
     /// The case file.
     pub file: Option<String>,
-    /// From 1.
+    /// The line, from 1.
     pub line: Option<usize>,
-    /// In characters, from 1.
+    /// The column in characters, from 1.
     pub column: Option<usize>,
-    /// The `--set` that it stands in.
+    /// The `--set` that contains it.
     pub set: Option<String>,
-    /// The text after the place, if it is more than the message: with key and value before it.
+    /// The text after the place, if key and value precede the message.
     #[serde(skip)]
     pub text: Option<String>,
     /// The line of the file, with a mark below the column.

@@ -11,7 +11,7 @@ pub(crate) struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// Begins; `start_seconds` were the start of MPI, before.
+    /// Starts the first lap; starting MPI took `start_seconds` before.
     pub(crate) fn start(start_seconds: f64) -> Self {
         let now = Instant::now();
         Self {
@@ -21,13 +21,13 @@ impl Stopwatch {
         }
     }
 
-    /// Counts `seconds` of the present lap for the step `name`.
+    /// Assigns `seconds` of the current lap to the step `name`.
     pub(crate) fn part(&mut self, name: &str, seconds: f64) {
         *self.seconds.entry(name.to_owned()).or_default() += seconds;
         self.last += Duration::from_secs_f64(seconds);
     }
 
-    /// Ends a lap: the time since the last one, less its parts, was for the step `name`.
+    /// Ends the lap; its time, less its parts, is assigned to the step `name`.
     pub(crate) fn lap(&mut self, name: &str) {
         *self.seconds.entry(name.to_owned()).or_default() += self.last.elapsed().as_secs_f64();
         self.last = Instant::now();

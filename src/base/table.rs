@@ -38,7 +38,8 @@ impl Column {
     }
 }
 
-/// `columns` in pieces that fit a terminal, each behind the column `first`. All have as many rows.
+/// `columns` split into pieces that fit a terminal, each after the column `first`. All columns have
+/// equally many rows.
 pub fn in_pieces(first: &Column, columns: &[Column]) -> String {
     let mut text = String::new();
     let mut rest = columns;
@@ -69,7 +70,7 @@ pub struct ColumnValues {
     pub name: String,
     /// A value a row; null where there is none.
     pub cells: Vec<Value>,
-    /// A label a row, of columns that have some.
+    /// A label for each row; empty for a column without labels.
     pub labels: Vec<Label>,
 }
 
@@ -83,7 +84,7 @@ pub struct Label {
 }
 
 impl ColumnValues {
-    /// Without labels.
+    /// A column without labels.
     pub fn new(name: &str, cells: impl IntoIterator<Item = Value>) -> Self {
         let cells = cells.into_iter().collect();
         Self { name: name.to_owned(), cells, labels: Vec::new() }
@@ -94,7 +95,7 @@ impl ColumnValues {
         self.cells.iter().all(Value::is_null)
     }
 
-    /// Whether some are words.
+    /// Whether some values are words.
     fn has_words(&self) -> bool {
         self.cells.iter().any(|cell| cell.is_string() || cell.is_array())
     }

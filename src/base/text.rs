@@ -10,12 +10,12 @@ use textwrap::{Options, WordSeparator, WordSplitter, WrapAlgorithm, wrap};
 
 /// Columns of lines that are printed for people.
 pub const COLUMNS: usize = 100;
-/// Columns at most behind which the value of a name goes on.
+/// Largest indentation of a continued value.
 const MOST_HANG: usize = 40;
 /// First words of commands for a shell.
 const COMMANDS: [&str; 4] = ["phasewarp", "mpirun", "srun", "sbatch"];
 
-/// A choice as the case file writes it, its parameters behind it.
+/// A choice as in the case file, followed by its parameters.
 pub(crate) fn word(choice: &impl Serialize) -> String {
     fn text(value: &Value) -> Option<String> {
         match value {
@@ -43,9 +43,8 @@ pub(crate) fn shortened(text: &str, most: usize) -> String {
     }
 }
 
-/// A text without what a terminal or a page would obey instead of showing: control characters but
-/// for the end of a line and the tabulator, marks that change the direction of writing, and ends of
-/// lines of other kinds are written as in JSON, `\u001b`.
+/// A text whose control characters are escaped as in JSON, `\u001b`, except line feed and
+/// tabulator; so are marks of the writing direction and other line separators.
 pub fn visible(text: &str) -> Cow<'_, str> {
     let obeyed = |c: char| {
         c.is_control() && c != '\n' && c != '\t'
@@ -63,23 +62,22 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A text in lines of at most [`COLUMNS`] columns. A longer line goes on under the value of its
-/// name, which two blanks or more precede, else two blanks further in than it begins. A command for
-/// a shell goes on behind a backslash, so that it can be pasted. A word that is longer than a line
-/// stays whole.
+/// A text wrapped to [`COLUMNS`] columns. A line with a name, two or more blanks and a value is
+/// continued under the value; any other line two blanks further in. A shell command is continued
+/// after a backslash, so that it can be pasted. A word that is longer than a line stays whole.
 pub fn wrapped(text: &str) -> String {
     let lines: Vec<Cow<'_, str>> = text.split('\n').map(wrapped_line).collect();
     lines.join("\n")
 }
 
-/// A line in lines of at most [`COLUMNS`] columns.
+/// A line wrapped to [`COLUMNS`] columns.
 fn wrapped_line(line: &str) -> Cow<'_, str> {
     if display_width(line) <= COLUMNS {
         return Cow::Borrowed(line);
     }
     let begin = line.len() - line.trim_start().len();
     let first = line[begin..].split(' ').next().unwrap_or_default();
-    // Settings alone are pasted behind a command; help names what --set takes in brackets.
+    // A line of settings is part of a command. In help, the argument of --set is in brackets.
     let settings = first == "--set" && !line[begin..].starts_with("--set <");
     let is_command = COMMANDS.contains(&first) || settings;
     let (width, hang, separator, end) = match is_command {
@@ -96,7 +94,7 @@ fn wrapped_line(line: &str) -> Cow<'_, str> {
     Cow::Owned(wrap(line, options).join(end))
 }
 
-/// Blanks before what does not fit on `line`, which begins behind so many.
+/// Indentation of the continuation of `line`, which is itself indented by `begin`.
 fn hang(line: &str, begin: usize) -> usize {
     let value = line[begin..].find("  ").map(|gap| {
         let rest = &line[begin + gap..];
@@ -171,7 +169,7 @@ pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()
 }
 
-/// A part of a whole, as `-4.25 %`.
+/// A fraction as a percentage, `-4.25 %`.
 pub fn percent(part: f64) -> String {
     let percent = 100.0 * part;
     match (0.01..1e4).contains(&percent.abs()) {
@@ -190,7 +188,7 @@ pub fn rounded_down(x: f64) -> f64 {
     let power = x.log10().floor() as i32;
     let unit = 10f64.powi(power);
     let digit = (x / unit * (1.0 + 1e-9)).floor().clamp(1.0, 9.0);
-    // As it is written, so that a command has the same number.
+    // Parsed from its text, so that a command has the same number.
     format!("{digit}e{power}").parse().unwrap_or(x)
 }
 
@@ -206,13 +204,13 @@ pub fn place(value: f64, apart: f64) -> String {
     digits(value, if count.is_finite() { count.clamp(1.0, 16.0) as usize } else { 4 })
 }
 
-/// Zero in the place of round-off beside numbers as large as `scale`.
+/// `value`, or zero if it is round-off relative to `scale`.
 pub fn rounded(value: f64, scale: f64) -> f64 {
     const ROUND_OFF: f64 = 1e-12;
     if value.abs() <= ROUND_OFF * scale.abs() { 0.0 } else { value }
 }
 
-/// So many digits, without trailing zeros; in scientific form where it is shorter.
+/// `count` digits, without trailing zeros; in scientific form if that is shorter.
 fn digits(value: f64, count: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -235,10 +233,11 @@ fn without_zeros(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
 }
 
-/// The first of the two numbers of a run, as every command names it: the distance of what the
-/// algorithm finds to the exact solution of the scheme's equations.
+/// The name, in every command, of the distance between the computed and the exact solution of the
+/// semi-discrete equations.
 pub const OF_ALGORITHM: &str = "error of the algorithm";
-/// The second one: the distance of that solution to the exact solution of the problem.
+/// The name of the distance between the exact semi-discrete solution and the exact solution of the
+/// problem.
 pub const OF_GRID: &str = "error of the grid";
 
 /// `text` with a capital letter.
@@ -252,7 +251,7 @@ pub fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// A text on one line, as a formula of a case file may be on several.
+/// A text joined to one line; a formula of a case file may have several.
 pub fn on_one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

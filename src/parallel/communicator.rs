@@ -1,8 +1,7 @@
-//! The use of MPI, here and in the files below: start and end, groups of ranks, agreement on
-//! errors, exact reductions, ghost exchange.
+//! MPI: start and end, groups of ranks, agreement on errors, exact reductions, ghost exchange.
 //!
-//! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and
-//! minima only, so results are the same bits on any number of ranks.
+//! A serial run has one rank. Nothing depends on timing, and all reductions are sums of integers,
+//! maxima or minima. So results have the same bits on any number of ranks.
 
 pub mod transpose;
 pub mod vote;
@@ -26,13 +25,13 @@ pub struct World {
     universe: mpi::environment::Universe,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
-    /// When the program began to start it.
+    /// The time at which MPI was started.
     pub started: Instant,
 }
 
 impl World {
-    /// Starts MPI; from here on a panic on any rank ends the whole job. To be called before the
-    /// program starts a thread: it may set a variable of the environment.
+    /// Starts MPI; a panic on any rank then ends the whole job. Must be called before the program
+    /// starts a thread, as it may set environment variables.
     ///
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
@@ -66,8 +65,8 @@ impl World {
 }
 
 impl Drop for World {
-    /// At its end Open MPI unloads its components while its thread may still call one of them: one
-    /// command in some thousand ended with a segmentation fault (version 4.1.4). They stay.
+    /// Keeps Open MPI's components loaded. Open MPI unloads them while its own thread may still
+    /// call them: about one command in a thousand ended with a segmentation fault (version 4.1.4).
     fn drop(&mut self) {
         machine::keep_libraries("/mca_");
     }
@@ -76,11 +75,10 @@ impl Drop for World {
 /// Settings of Open MPI that this program needs. The user's own settings take precedence; other MPI
 /// libraries ignore these.
 ///
-/// - The component for shared file pointers, which nothing here uses, is off. It puts the name of
-///   every file that is opened, and more, into 256 bytes, and longer names abort the program (seen
-///   in version 4.1.4).
-/// - On one machine, messages go by shared memory. Open MPI would first look for networks, which
-///   takes 0.2 s with the library of Debian (`docs/performance.md`).
+/// - The component for shared file pointers, which is not used here, is off. It copies the name of
+///   every opened file into 256 bytes, and longer names abort the program (version 4.1.4).
+/// - On one machine, messages use shared memory. The search for networks would take 0.2 s with the
+///   library of Debian (`docs/performance.md`).
 fn configure_open_mpi() {
     let mut settings = vec![("OMPI_MCA_sharedfp", "^lockedfile")];
     if on_one_machine(|name| std::env::var(name).ok()) {
@@ -94,8 +92,8 @@ fn configure_open_mpi() {
     }
 }
 
-/// Whether the environment says that all ranks are on this machine: the launcher counts as many
-/// ranks here as anywhere, or there was no launcher. Every rank of a job finds the same.
+/// Whether all ranks are on this machine: the launcher's variables count as many local ranks as
+/// ranks in all, or there is no launcher. Every rank of a job gets the same answer.
 fn on_one_machine(variable: impl Fn(&str) -> Option<String>) -> bool {
     match (variable("OMPI_COMM_WORLD_SIZE"), variable("OMPI_COMM_WORLD_LOCAL_SIZE")) {
         (Some(all), Some(here)) => all == here,
@@ -146,14 +144,14 @@ impl Group {
         String::from_utf8_lossy(&bytes).into_owned()
     }
 
-    /// Largest value over the ranks, elementwise; NaN on any rank gives NaN. Allocates nothing.
+    /// Elementwise maximum over the ranks; NaN on any rank gives NaN. Allocates nothing.
     pub fn max_into(&self, values: &mut [f64]) {
         const PIECE: usize = 512;
         let (mut keys, mut result) = ([0i64; PIECE], [0i64; PIECE]);
         for piece in values.chunks_mut(PIECE) {
             let (keys, result) = (&mut keys[..piece.len()], &mut result[..piece.len()]);
-            // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in
-            // an integer order.
+            // MPI_MAX is undefined for NaN: values become ordered integers, with NaN above
+            // infinity.
             for (key, &value) in keys.iter_mut().zip(&*piece) {
                 *key = ordered_key(value);
             }
@@ -164,10 +162,9 @@ impl Group {
         }
     }
 
-    /// One number over the ranks; allocates nothing.
+    /// Reduces one number over the ranks; allocates nothing.
     ///
-    /// Extrema are those of signed integers: MPICH 4.0 compares unsigned ones as if they were
-    /// signed.
+    /// Integers are signed, as MPICH 4.0 compares unsigned ones as if they were signed.
     fn reduced(&self, value: i64, operation: SystemOperation) -> i64 {
         let mut result = 0;
         (self.communicator).all_reduce_into(&value, &mut result, operation);
@@ -213,7 +210,7 @@ impl Group {
         }
     }
 
-    /// Values that are zero on all ranks but one, on all ranks, bit by bit.
+    /// Gathers values on all ranks, bit by bit. Each value is zero on all ranks but one.
     pub fn gathered(&self, mine: &[f64]) -> Vec<f64> {
         // As integers: a sum over the ranks keeps every bit.
         let mut bits: Vec<i64> = mine.iter().map(|value| value.to_bits() as i64).collect();
@@ -231,7 +228,7 @@ impl Group {
         self.reduced(value as i64, SystemOperation::sum()) as u64
     }
 
-    /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are.
+    /// Sums integers over the ranks on rank `root`; on other ranks `values` do not change.
     /// Collective.
     pub fn sum_integers_to(&self, root: usize, values: &mut [i64]) {
         if self.size() == 1 {
@@ -252,8 +249,7 @@ impl Group {
         }
     }
 
-    /// The messages of all ranks to this one, by their ranks, where `messages[r]` goes to rank `r`.
-    /// Collective.
+    /// Sends `messages[r]` to rank `r`; returns the received messages, by sending rank. Collective.
     pub fn exchanged(&self, messages: &[Vec<u64>]) -> Vec<Vec<u64>> {
         let size = self.size();
         let lengths: Vec<u64> = messages.iter().map(|message| message.len() as u64).collect();
@@ -272,8 +268,8 @@ impl Group {
             let total = from.iter().map(|n| *n as usize).sum();
             let mut buffer = vec![0u64; total];
             self.communicator.all_to_all_varcount_into(
-                &Partition::new(&sent[..], &to[..], places(&to)),
-                &mut PartitionMut::new(&mut buffer[..], &from[..], places(&from)),
+                &Partition::new(&sent[..], &to[..], offsets(&to)),
+                &mut PartitionMut::new(&mut buffer[..], &from[..], offsets(&from)),
             );
             let mut rest = &buffer[..];
             for (received, n) in received.iter_mut().zip(&from) {
@@ -285,7 +281,7 @@ impl Group {
         received
     }
 
-    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere.
+    /// Gathers equally many numbers of each rank on rank 0, rank after rank; empty on other ranks.
     /// Collective.
     pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
         let root = self.communicator.process_at_rank(0);
@@ -298,8 +294,8 @@ impl Group {
         all
     }
 
-    /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks;
-    /// `terms` are this rank's. NaN for a bound that is not finite.
+    /// Sum over the ranks of `count` terms in all, each of magnitude at most `bound`; `terms` are
+    /// this rank's. The bits do not depend on the ranks. NaN if the bound is not finite.
     pub fn sum(&self, bound: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
         if !bound.is_finite() {
             return f64::NAN;
@@ -315,9 +311,8 @@ impl Group {
         fixed.join(total)
     }
 
-    /// Sums of `N` numbers side by side over `count` terms in all, the same bits on any ranks;
-    /// `terms` are this rank's. The largest of each is found first. NaN where a term is not finite.
-    /// Allocates nothing.
+    /// As [`sum`](Self::sum) for `N` sums at once, whose bounds are found first. NaN if a term is
+    /// not finite. Allocates nothing.
     pub fn sum_lanes<const N: usize>(
         &self,
         count: usize,
@@ -360,7 +355,7 @@ impl Group {
         self.sum(bound, count, terms.iter().copied())
     }
 
-    /// Does `work` on the first rank; the others get a default, or its error. Collective.
+    /// Does `work` on the first rank; the others get the default value, or its error. Collective.
     ///
     /// # Errors
     /// As `work`, the same on all ranks.
@@ -368,11 +363,11 @@ impl Group {
         self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
     }
 
-    /// Makes all ranks agree: `Ok` only if every rank has it, otherwise the lowest failing rank's
+    /// Makes all ranks agree: `Ok` if all ranks have `Ok`, otherwise the lowest failing rank's
     /// error on all.
     ///
     /// # Errors
-    /// That error; [`Error::Remote`] where it is another rank's.
+    /// The agreed error; [`Error::Remote`] if it is another rank's.
     pub fn agree<T>(&self, result: Result<T>) -> Result<T> {
         let size = self.size();
         let first = self.min_count(if result.is_err() { self.rank() } else { size });
@@ -420,8 +415,8 @@ impl Group {
     }
 }
 
-/// Where parts of these lengths begin, one after the other.
-fn places(lengths: &[i32]) -> Vec<i32> {
+/// Offsets of consecutive parts of these lengths.
+fn offsets(lengths: &[i32]) -> Vec<i32> {
     let mut end = 0;
     let mut place = |length: &i32| {
         end += length;
@@ -442,8 +437,8 @@ fn from_ordered_key(key: i64) -> f64 {
     if key == i64::MAX { f64::NAN } else { f64::from_bits(turned(key) as u64) }
 }
 
-/// Bits of a negative number without its sign turned over, so that larger ones come first; and
-/// back.
+/// Inverts all bits of a negative number but the sign, so that integers are ordered as floats; its
+/// own inverse.
 fn turned(bits: i64) -> i64 {
     if bits < 0 { bits ^ i64::MAX } else { bits }
 }
@@ -473,7 +468,7 @@ impl Communicator {
 
 /// A row of a distributed vector: a fixed number of values side by side.
 pub trait VectorRow: Copy {
-    /// Numbers a row.
+    /// Numbers in a row.
     const WIDTH: usize;
     /// Writes its numbers, [`Self::WIDTH`] of them.
     fn write_to(&self, numbers: &mut [f64]);
@@ -547,7 +542,7 @@ impl GhostExchange {
         &self.group
     }
 
-    /// Sends the rows the neighbours need, of `vector`, and posts the receives.
+    /// Sends the rows of `vector` that the neighbours need, and posts the receives.
     pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
         assert!(self.requests.is_empty(), "one exchange at a time");
         let communicator = self.group.communicator.as_raw();
@@ -557,8 +552,8 @@ impl GhostExchange {
                 let mut request = std::mem::MaybeUninit::uninit();
                 // SAFETY: the buffer is on the heap and has so many numbers. Nobody touches it
                 // until `finish` has waited for the request: `start` refuses to run twice, and
-                // `drop` leaves the buffer to MPI. The call fills the request, as MPI ends the job
-                // where it fails.
+                // `drop` leaves the buffer to MPI. The call sets the request, as a failure would
+                // end the job.
                 unsafe {
                     ffi::MPI_Irecv(
                         piece.as_mut_ptr().cast(),
@@ -599,12 +594,12 @@ impl GhostExchange {
         }
     }
 
-    /// Waits, and puts what was received into `ghosts` (the ghost rows of the vector).
+    /// Waits, and copies the received rows into `ghosts`, the ghost rows of the vector.
     pub fn finish<R: VectorRow>(&mut self, ghosts: &mut [R]) {
         if self.requests.is_empty() {
             return;
         }
-        // SAFETY: as many requests as there are were made by `start`; each is completed here, once.
+        // SAFETY: `start` made all requests; each is completed here, once.
         unsafe {
             ffi::MPI_Waitall(
                 self.requests.len() as i32,
@@ -623,7 +618,7 @@ impl GhostExchange {
 }
 
 impl Drop for GhostExchange {
-    /// Buffers that MPI may still use stay where they are.
+    /// Does not free buffers that MPI may still use.
     fn drop(&mut self) {
         debug_assert!(self.requests.is_empty(), "an exchange was not finished");
         if !self.requests.is_empty() {

@@ -9,10 +9,10 @@ use std::path::Path;
 /// Name of the attribute with the checksum of a dataset ([`crate::base::checksum`]).
 pub const CHECKSUM: &str = "checksum";
 
-/// Opens a file on all ranks of `world`. Collective, as closing it.
+/// Opens a file on all ranks of `world`. Collective, as is closing it.
 ///
-/// A file that only some ranks can open stays open to the end of the process: the library does not
-/// close it then, which would wait for the others (the crate `hdf5` switches that off).
+/// A file that only some ranks can open stays open until the process ends, as closing it would wait
+/// for the other ranks. HDF5 does not close it at exit (the crate `hdf5` switches that off).
 ///
 /// # Errors
 /// The error of HDF5.
@@ -23,7 +23,7 @@ pub fn open(world: &Group, path: &Path) -> hdf5::Result<File> {
 /// The numbers of a slab, row-major, read by this rank on its own.
 ///
 /// # Errors
-/// What HDF5 says.
+/// The error of HDF5.
 pub fn read_slab(dataset: &Dataset, slab: &DatasetBox) -> hdf5::Result<Vec<f64>> {
     let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
         .map(|(&start, &count)| SliceOrIndex::SliceTo {

@@ -1,4 +1,4 @@
-//! Who owns what: arithmetic only, no communication.
+//! The partition of space and modes over the ranks: arithmetic only, no communication.
 //!
 //! Ranks form a mesh `space × modes`. Space blocks split the x-axes, never v; one layer of
 //! neighbouring space cells (ghosts) carries the flux rows of their common faces; a periodic axis
@@ -17,7 +17,7 @@ pub struct ProcessMesh {
     pub groups: usize,
 }
 
-/// `part` of `parts` nearly equal pieces of `range`.
+/// Piece number `part` of `parts` nearly equal pieces of `range`.
 pub fn split(range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     let at = |k: usize| range.start + range.len() * k / parts;
     at(part)..at(part + 1)
@@ -28,18 +28,19 @@ pub fn largest_part(axis: &Axis, parts: usize) -> usize {
     axis.elements().div_ceil(parts) * axis.nodes.count()
 }
 
-/// How much of the grid a block has.
+/// The size of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockSize {
     /// Points of space.
     pub points: usize,
     /// Cells.
     pub cells: usize,
-    /// Cells of neighbours.
+    /// Ghost cells.
     pub ghosts: usize,
 }
 
-/// `part` of `parts` nearly equal pieces of the cells `range` of `axis`, all of whole elements.
+/// Piece number `part` of `parts` nearly equal pieces of the cells `range` of `axis`, each of whole
+/// elements.
 fn split_elements(axis: &Axis, range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     let count = axis.nodes.count();
     let elements = split(&(range.start / count..range.end / count), parts, part);
@@ -68,10 +69,10 @@ impl ProcessMesh {
         BlockSize { points, cells, ghosts }
     }
 
-    /// Checks that every block holds at least one cell a axis.
+    /// Checks that every block has at least one cell along each axis.
     ///
     /// # Errors
-    /// [`Error::Ranks`] with the numbers that do.
+    /// [`Error::Ranks`], with the allowed numbers.
     pub fn validate(&self, space: &PhaseSpace) -> Result<()> {
         for (a, (&parts, axis)) in self.space.iter().zip(&space.x).enumerate() {
             if space.is_periodic(a) && parts != 1 {
@@ -202,7 +203,7 @@ pub fn common_runs(from: &[Range<usize>], to: &[Range<usize>]) -> Vec<CommonRun>
     runs
 }
 
-/// Where an unknown is kept.
+/// The place of an unknown on a rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LocalIndex {
     /// A cell of the block, by local number.
@@ -305,8 +306,7 @@ impl Block {
         self.shape.iter().zip(i).fold(0, |index, (&cells, &i)| index * cells + i)
     }
 
-    /// Where global unknown `index` is kept; `None` if it is neither in the block nor a ghost of
-    /// it.
+    /// The place of global unknown `index`; `None` if it is neither in the block nor a ghost of it.
     pub fn local(&self, index: usize) -> Option<LocalIndex> {
         let (mut rest, v) = (index / self.velocity_cells, index % self.velocity_cells);
         let mut i = [0; MAX_DIMENSION];

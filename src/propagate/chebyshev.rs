@@ -19,10 +19,10 @@
 //! Σ a_k φ_k = a_0 x + G b_1 + b_2
 //! ```
 //!
-//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is
-//! mostly real and common to the modes of a batch. Where moments are wanted on the way, it is
-//! summed forwards (see [`crate::propagate::passed`]). Each lane has a degree of its own, with
-//! zeros above it, so its bits do not depend on the others'.
+//! This takes as many applications as forwards, but only two vectors a mode and none for the sum:
+//! the start `x` is mostly real and common to the modes of a batch. For moments at intermediate
+//! times the series is summed forwards (see [`crate::propagate::passed`]). Each lane has its own
+//! degree, with zero coefficients above it, so its bits do not depend on other lanes.
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
@@ -38,9 +38,8 @@ use crate::propagate::method::{
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
-/// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series one that is at most some
-/// units larger, from `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and the
-/// geometric series that follows.
+/// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series at most some units more,
+/// from `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and a geometric series.
 pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
     /// Up to here the series itself is computed.
     const SHORT: f64 = 1e4;
@@ -69,7 +68,7 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
 
 /// Scratch of the Chebyshev propagator for one rank; made once, used for every batch.
 pub struct Chebyshev {
-    /// `b_k`; in the end `w(T)` of the batch, but for the lanes' phases.
+    /// `b_k`; at the end `w(T)` of the batch, without the lanes' phases.
     pub(crate) current: Vec<Lanes>,
     /// `b_{k+1}`.
     previous: Vec<Lanes>,
@@ -84,13 +83,13 @@ pub struct Chebyshev {
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, steps blocked as
-    /// planned.
+    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, with the planned
+    /// blocking of steps.
     pub fn new(matrix: &BlockMatrix, largest_degree: usize) -> Self {
         Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
     }
 
-    /// As [`new`](Self::new), steps blocked as given.
+    /// As [`new`](Self::new), with the given blocking of steps.
     pub fn blocked(
         matrix: &BlockMatrix,
         largest_degree: usize,
@@ -132,15 +131,15 @@ impl Chebyshev {
         };
         for l in 0..LANES {
             let interval = system.bounds.interval(batch.wavenumbers[l]);
-            // Where nothing moves the spectrum is one point, and the series its first term.
+            // Without motion the spectrum is one point, and the series has one term.
             let still = interval.half_width == 0.0;
             constants.scale[l] = if still { 0.0 } else { 1.0 / interval.half_width };
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
-            // From J_0 + 2 Σ J_{2k} = 1, with the digits that J_0 − 1 has lost.
+            // From J_0 + 2 Σ J_{2k} = 1, without the cancellation of J_0 − 1.
             self.first_less_one[l] = -2.0 * self.series.iter().skip(2).step_by(2).sum::<f64>();
-            // A lane ends at its own degree: its bits do not depend on what else is in the batch.
+            // A lane ends at its own degree: its bits do not depend on other lanes of the batch.
             let cut = self.series.len().min(batch.work[l] + 1);
             report.tails[l] = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
             self.series.truncate(cut);
@@ -152,8 +151,8 @@ impl Chebyshev {
         (constants, report)
     }
 
-    /// After [`prepare`](Self::prepare): the coefficients of `exp(−i(H−c)t) − 1`, small where `t`
-    /// is, in place of those of the exponential.
+    /// After [`prepare`](Self::prepare): replaces the coefficients of the exponential by those of
+    /// `exp(−i(H−c)t) − 1`, which are small for small `t`.
     pub(crate) fn leave_out_identity(&mut self) {
         self.coefficients[..LANES].copy_from_slice(&self.first_less_one);
     }
@@ -185,7 +184,7 @@ impl Chebyshev {
         self.current.fill(Lanes::ZERO);
         let first = constants(degree).coefficient;
         for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
-            // Zeros are added to: the same on any processor.
+            // `current` is zero here, so the sum has the same bits on any processor.
             R::add_unfused(start, i, &first, current);
         }
         let most = self.blocking.as_ref().map_or(1, Blocking::depth);
@@ -315,8 +314,8 @@ impl Descriptor for ChebyshevMethod {
     }
 
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
-        // Where the inflow varies, what a stage starts from is kept beside the recurrence, and what
-        // adding to it rounds away.
+        // For an inflow that varies, the start of a stage and its rounding errors are stored beside
+        // the recurrence.
         let vectors = 2 + 2 * u64::from(share.case.varies());
         let batch = vectors * size_of::<Lanes>() as u64 * share.length;
         let order = Blocking::bytes_per_row(share.case.space.velocity_cells());
@@ -388,7 +387,7 @@ mod tests {
             let left = bessel_series(&mut cut, tau, 1e-6);
             let rest: f64 = all[cut.len()..].iter().map(|j| 2.0 * j.abs()).sum();
             assert!(left <= 1e-6 && (rest - left).abs() < 1e-15);
-            // One term fewer would not do.
+            // One term fewer does not suffice.
             assert!(left + 2.0 * cut[cut.len() - 1].abs() > 1e-6);
         }
     }

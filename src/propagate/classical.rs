@@ -1,8 +1,8 @@
 //! The semi-discrete system integrated directly: `f' = A f + b`.
 //!
-//! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous
-//! here: `u' = A u`. [`Classical::exponential`] is the reference that the tolerance is defined by.
-//! The steps take slopes, see [`crate::propagate::limiter`].
+//! The auxiliary unknowns of the matrix carry the inflow, so the system is homogeneous here: `u' =
+//! A u`. [`Classical::exponential`] is the reference that defines the tolerance. Explicit steps may
+//! use slopes, see [`crate::propagate::limiter`].
 
 use crate::base::progress::Progress;
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
 pub const EXACT: f64 = 1e-18;
-/// Poisson probabilities below this are left out where three digits do.
+/// Poisson probabilities below this are left out if three digits suffice.
 pub const ROUGH: f64 = 1e-5;
 
 /// `ln(k!)`.
@@ -48,8 +48,7 @@ pub fn poisson_window(lambda: f64, negligible: f64) -> Range<usize> {
 /// Poisson probabilities over [`poisson_window`], scaled to sum 1 exactly up to round-off.
 fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
     let window = poisson_window(lambda, negligible);
-    // From the largest outwards by ratios: relative errors stay at round-off, which `lgamma` would
-    // spoil.
+    // By ratios from the largest outwards: relative errors stay at round-off, unlike with `lgamma`.
     let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
     let mut weights = vec![1.0; window.len()];
     for k in mode + 1..window.end {
@@ -63,9 +62,9 @@ fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
     (window.start, weights)
 }
 
-/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: on 16 nodes a function that
-/// varies with the rate is integrated to round-off; twice as many, and at least 32, for what
-/// enters.
+/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: 16 nodes integrate a
+/// function that varies with the rate to round-off. There are twice as many, and at least 32, for
+/// the variation of the inflow.
 pub fn duhamel_panels(courant: f64) -> usize {
     ((courant / 4.0).ceil() as usize).max(32)
 }
@@ -77,7 +76,7 @@ pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
     let mut applications =
         |at: f64| poisson_window(width * (at - std::mem::replace(&mut now, at)), EXACT).end;
     let inside: usize = panel_rule().map(|point| applications(point.node)).sum();
-    // About as many from the last node of a panel to its end as from its beginning to the first.
+    // The part after the last node of a panel takes about as many as the part before its first.
     panels * inside
 }
 
@@ -89,10 +88,10 @@ fn panel_rule() -> impl Iterator<Item = QuadraturePoint> {
     gauss_legendre(GAUSS_NODES).into_iter().map(|point| point.moved_to([0.0, 1.0]))
 }
 
-/// How long a state is propagated, and how fast it may change.
+/// The length of a propagation, and the largest rate of change.
 #[derive(Clone, Copy, Debug)]
 pub struct ClassicalSpan {
-    /// Bound on the rates: `max |A_ii|`, of elements `‖A‖`.
+    /// Bound on the rates: `max |A_ii|`, for elements `‖A‖`.
     pub rate: f64,
     /// Length of time.
     pub time: f64,
@@ -112,12 +111,12 @@ pub struct Classical<'a> {
     stage: Vec<f64>,
     sum: Vec<f64>,
     reconstruction: Option<Reconstruction>,
-    /// `b_i` now, in weighted unknowns, row by row of the matrix's `inflow`; empty where the matrix
-    /// couples it.
+    /// The current `b_i`, in weighted unknowns, row by row of the matrix's `inflow`; empty if the
+    /// matrix contains the inflow.
     held: Vec<f64>,
-    /// An inflow that varies, and `√π_i` of its rows.
+    /// An inflow that depends on time, and `√π_i` of its rows.
     source: Option<(&'a LiouvilleField, Vec<f64>)>,
-    /// The time at which a state begins, for an inflow that depends on time.
+    /// The start time of a state, for an inflow that depends on time.
     begin: f64,
     progress: Progress,
 }
@@ -139,31 +138,31 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// The integrator of a case, with its inflow if that varies with time; `pi` are the weights.
+    /// The integrator of a case, with its inflow if that depends on time; `pi` are the weights.
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
         let this = Self { begin: case.begin, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
     }
 
-    /// Whether what enters varies with time.
+    /// Whether the inflow depends on time.
     pub fn varies(&self) -> bool {
         self.source.is_some()
     }
 
-    /// With what enters of `field`, which varies with time, in unknowns weighted by `√π`.
+    /// With the inflow of `field`, which depends on time, in unknowns weighted by `√π`.
     pub fn with_source(self, field: &'a LiouvilleField, pi: &[f64]) -> Self {
         let root = |aux: &crate::matrix::inflow::AuxiliaryRow| pi[aux.row as usize].sqrt();
         let roots = self.matrix.inflow.iter().map(root).collect();
         Self { source: Some((field, roots)), ..self }
     }
 
-    /// From now on `b` has these values, row by row of the matrix's `inflow`, in weighted unknowns.
+    /// Sets `b` to these values, row by row of the matrix's `inflow`, in weighted unknowns.
     pub fn hold(&mut self, values: impl Iterator<Item = f64>) {
         self.held.clear();
         self.held.extend(values);
     }
 
-    /// `b`, so long after the beginning, in weighted unknowns, into `held`.
+    /// Sets `held` to `b` at `time` after the start, in weighted unknowns.
     fn hold_source(&mut self, time: f64) {
         if let Some((field, roots)) = &self.source {
             let values = self.matrix.entering.values(field, self.begin + time);
@@ -172,11 +171,10 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// `state ← state(time)` of `f' = A f + b(t)`:
-    /// `exp(A time) state + ∫ exp(A (time − s)) b(s) ds`, the integral by Gauss's rule on `panels`
-    /// equal parts. Between nodes nothing enters; at a node `s` with weight `w`, `w b(s)` is added.
-    /// Converges like a power `2·16` of the panels' length where `b` is smooth. Collective over the
-    /// space group.
+    /// `state ← state(time)` of `f' = A f + b(t)`: `exp(A time) state + ∫ exp(A (time − s)) b(s)
+    /// ds`, the integral by Gauss's rule on `panels` equal parts. Between nodes there is no inflow;
+    /// at a node `s` with weight `w`, `w b(s)` is added. Of order `2·16` in the length of a panel
+    /// for smooth `b`. Collective over the space group.
     pub fn duhamel(
         &mut self,
         exchange: &mut GhostExchange,
@@ -203,21 +201,21 @@ impl<'a> Classical<'a> {
         self.exponential(exchange, state, ClassicalSpan { time: span.time - now, ..span }, EXACT);
     }
 
-    /// Says how far it is.
+    /// Reports its progress.
     pub fn with_progress(self, progress: Progress) -> Self {
         Self { progress, ..self }
     }
 
-    /// With slopes in the steps; the exponential is that of `A` and takes none.
+    /// With slopes in the explicit steps; the exponential does not use them.
     pub fn with_slopes(self, reconstruction: Option<Reconstruction>) -> Self {
         Self { reconstruction, ..self }
     }
 
     /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`,
-    /// `λ = rate·t`, `Q = I + A/rate ≥ 0`. All terms are of one sign where the data are, so nothing
-    /// cancels (uniformisation, Jensen 1953), those below `negligible` left out ([`EXACT`],
-    /// [`ROUGH`]). Of a degree above 0, where `rate ≥ ‖A‖` and `Q` is no contraction, in as many
-    /// parts as keep what cancels small. Collective over the space group.
+    /// `λ = rate·t`, `Q = I + A/rate ≥ 0`. For data of one sign all terms have that sign, so
+    /// nothing cancels (uniformisation, Jensen 1953). Terms below `negligible` are left out
+    /// ([`EXACT`], [`ROUGH`]). For degrees above 0, with `rate ≥ ‖A‖`, `Q` is no contraction: the
+    /// time is split into parts that limit cancellation. Collective over the space group.
     pub fn exponential(
         &mut self,
         exchange: &mut GhostExchange,
@@ -305,7 +303,7 @@ impl<'a> Classical<'a> {
         self.progress.finish();
     }
 
-    /// `state ← state + dt (A state + b(now))`, with slopes where there are some.
+    /// `state ← state + dt (A state + b(now))`, with slopes if there are any.
     fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], now: f64, dt: f64) {
         let rows = self.matrix.rows();
         self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
@@ -320,7 +318,7 @@ impl<'a> Classical<'a> {
     }
 }
 
-/// Terms of an exponential that are added in one trip through memory.
+/// Terms of an exponential that are added in one pass through memory.
 const TOGETHER: usize = 4;
 
 /// Terms `Q^k x` of an exponential, one after the other, `Q x = x + (A x + b)/rate`.
@@ -345,8 +343,8 @@ impl Terms<'_> {
         image[rows].iter_mut().zip(x).for_each(|(a, x)| *a = x + *a / self.rate);
     }
 
-    /// Adds terms with these weights, those without one left out. The next term comes into the
-    /// first vector where their number is even, into the second where it is odd.
+    /// Adds terms with these weights, except those without one. The next term is then in the first
+    /// vector for an even number of terms, in the second for an odd one.
     fn add_one_by_one(
         &mut self,
         exchange: &mut GhostExchange,
@@ -363,9 +361,9 @@ impl Terms<'_> {
         }
     }
 
-    /// The same in one trip through memory, `layer` rows at a time: a term follows the one before
-    /// it by one layer, so that what it draws on is done, and what it overwrites is no longer
-    /// needed.
+    /// The same in one pass through memory, `layer` rows at a time: each term lags one layer behind
+    /// the previous one, so that its inputs are complete and the rows that it overwrites are no
+    /// longer needed.
     fn add_together(&mut self, layer: usize, weights: &[Option<f64>], [x, next]: [&mut [f64]; 2]) {
         let (matrix, cells) = (self.matrix, self.matrix.block.cells());
         let mut step = |term: usize, rows: Range<usize>| {
@@ -390,11 +388,11 @@ impl Terms<'_> {
     }
 }
 
-/// Longest part `‖A‖t` of an exponential of a degree above 0: `‖Q‖^k ≤ 2^{k/2}` lets round-off grow
-/// by at most `e^{(√2 − 1)‖A‖t}` in it, a factor of 28.
+/// Longest part `‖A‖t` of an exponential for degrees above 0: by `‖Q‖^k ≤ 2^{k/2}`, round-off grows
+/// in a part by at most `e^{(√2 − 1)‖A‖t}`, a factor of 28.
 const LONGEST_PART: f64 = 8.0;
 
-/// Parts that an exponential over `courant = rate · time` takes.
+/// Number of parts of an exponential over `courant = rate · time`.
 fn exponential_parts(courant: f64, by_elements: bool) -> usize {
     if by_elements { (courant / LONGEST_PART).ceil().max(1.0) as usize } else { 1 }
 }

@@ -1,13 +1,13 @@
-//! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series
-//! (see [`crate::propagate::time_dependent_inflow`]).
+//! Propagation with an inflow that depends on time: a product of exponentials, each a Chebyshev
+//! series (see [`crate::propagate::time_dependent_inflow`]).
 //!
-//! **Round-off.** Thousands of stages, each rounded to the size of the state, would leave far more
-//! than one exponential does: the coefficients are the same in every stage and the auxiliary
-//! unknowns nearly so, so that their roundings add up. So a stage computes what it adds,
-//! `(exp(−i(H−c)t) − 1) w` with `J_0 − 1` in place of `J_0`, which is as small as a stage is short,
-//! and the sum is compensated (Kahan 1965): what adding to the state rounds away is kept, and added
-//! in the next stage. The whole run then rounds as one exponential of its length does, however many
-//! stages it has.
+//! **Round-off.** Thousands of stages, each rounded to the size of the state, would have a much
+//! larger error than one exponential: the coefficients are the same in every stage and the
+//! auxiliary unknowns nearly so, so that their rounding errors add up. So a stage computes the
+//! increment `(exp(−i(H−c)t) − 1) w`, with `J_0 − 1` in place of `J_0`; it is small for short
+//! stages. The sum is compensated (Kahan 1965): the rounding error of each addition is stored and
+//! added in the next stage. The rounding error of a run is then that of one exponential of its
+//! length, for any number of stages.
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -18,13 +18,13 @@ use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
 
-/// Relative errors below this are round-off, whatever the plan's series leaves.
+/// Relative errors below this are round-off, even if the plan's series has a smaller one.
 const ROUND_OFF: f64 = 1e-15;
 
-/// A Chebyshev series a stage; made once, used for every batch.
+/// One Chebyshev series for each stage; made once, used for every batch.
 pub struct CommutatorFree<'a> {
     chebyshev: Chebyshev,
-    /// The state at the start of a stage, in the end `w(T)`, without the phases of the lanes.
+    /// The state at the start of a stage, at the end `w(T)`, without the phases of the lanes.
     start: Vec<Lanes>,
     /// The rounding errors of the additions to it.
     rounded: Vec<Lanes>,
@@ -33,8 +33,8 @@ pub struct CommutatorFree<'a> {
 }
 
 /// Degree of the series of one of `stages` equal parts of a run, for a mode whose series of the
-/// whole run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave so much that
-/// their product leaves what that does.
+/// whole run, of argument `tau = hT`, is cut at `whole_degree`. The truncation errors of the parts
+/// multiply to that of the whole series.
 pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stages: usize) -> usize {
     let rest = bessel_series(scratch, tau, 0.0);
     let cut = scratch.len().min(whole_degree + 1);
@@ -47,8 +47,8 @@ pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stage
 impl<'a> CommutatorFree<'a> {
     /// Scratch for vectors of `matrix` and batches whose modes take at most `largest_work`.
     pub fn new(matrix: &BlockMatrix, largest_work: usize, schedule: &'a Schedule) -> Self {
-        // A stage's series is shorter than that of the whole run, but for the terms that its
-        // smaller error takes.
+        // A stage's series is shorter than that of the whole run, except for additional terms for
+        // its smaller error.
         let largest = largest_work + 60;
         Self {
             chebyshev: Chebyshev::new(matrix, largest),
@@ -105,7 +105,8 @@ impl Propagator for CommutatorFree<'_> {
         for l in 0..LANES {
             // (1 + tail)^stages − 1.
             report.tails[l] = (stages as f64 * report.tails[l].ln_1p()).exp_m1();
-            // Not a power of a stage's, whose rounding would grow with the stages.
+            // Not a power of the stage's phase, whose rounding error would grow with the number of
+            // stages.
             let centre = system.bounds.interval(batch.wavenumbers[l]).centre;
             report.phases[l] = Complex64::new(0.0, -centre * system.time).exp();
         }
@@ -117,8 +118,8 @@ impl Propagator for CommutatorFree<'_> {
     }
 }
 
-/// The sum of `state` and `increment`, and the rounding error of this and of earlier additions: sum
-/// and rounding error of two numbers of any sizes (Knuth).
+/// The sum of `state` and `increment`, and the rounding error of this and of earlier additions, by
+/// Knuth's exact sum of two numbers of any sizes.
 fn added([state, rounded]: [f64; 2], increment: f64) -> [f64; 2] {
     let term = increment + rounded;
     let sum = state + term;
@@ -130,7 +131,7 @@ fn added([state, rounded]: [f64; 2], increment: f64) -> [f64; 2] {
 mod tests {
     use super::added;
 
-    /// A million increments, none of which alone changes the sum by a whole unit of its last place.
+    /// A million increments, each smaller than a unit in the last place of the sum.
     #[test]
     fn rounding_errors_are_compensated() {
         let (increment, count) = (0.3 * f64::EPSILON, 1_000_000);

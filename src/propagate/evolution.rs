@@ -1,4 +1,4 @@
-//! The system that is propagated, its state, and a batch of modes.
+//! The propagated system, its state, and a batch of modes.
 
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -24,15 +24,15 @@ pub struct Evolution<'a> {
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
     pub terms: usize,
-    /// Whether a batch is left before its end.
+    /// Decides whether a batch is interrupted.
     pub interruption: Interruption,
 }
 
 impl Evolution<'_> {
-    /// Sums of `term(row)` over all unknowns, by lane, where a sum's terms add up to no more than
-    /// `bounds[l]` in magnitude: over the velocities at each point of space, then exactly over
-    /// space and ranks, so that the bits do not depend on the partition. Collective over the space
-    /// group; allocates nothing.
+    /// Sums of `term(row)` over all unknowns, by lane; the magnitudes of a lane's terms add up to
+    /// at most `bounds[l]`. Terms are added over the velocities at each point of space, then
+    /// exactly over space and ranks, so that the bits do not depend on the partition. Collective
+    /// over the space group; allocates nothing.
     pub fn lane_sums(
         &self,
         bounds: &[f64; LANES],
@@ -69,8 +69,8 @@ impl Evolution<'_> {
     }
 }
 
-/// The rows that are always together on a rank: the velocities at each point of space, then each
-/// auxiliary unknown; one that the ranks share on the first of them.
+/// Groups of rows that are on one rank in any partition: the velocities at each point of space,
+/// then each auxiliary unknown. An unknown that the ranks share counts on the first rank.
 pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
     let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
     let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
@@ -82,7 +82,7 @@ pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>>
 pub enum StateRows<'a> {
     /// A real vector, the same in every mode.
     Real(&'a [f64]),
-    /// A complex vector a mode.
+    /// A complex vector for each mode.
     Lanes(&'a [Lanes]),
 }
 

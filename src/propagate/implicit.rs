@@ -7,17 +7,16 @@
 //! backward Euler    (I − Δt G) w' = w                    w' = z,       (I − Δt G) z = w
 //! ```
 //!
-//! Crank–Nicolson is unitary; backward Euler damps a component of frequency `ω` by
-//! `(1 + ω²Δt²)^{−½}` a step. Both commute with `G`, which gives the leading term of their error at
-//! `T` from the result alone: `n` steps are `exp(nΔt G')` with
-//! `G' = (2/Δt) artanh(Δt G/2) = G + Δt²G³/12 + …` and
-//! `G' = −(1/Δt) ln(I − Δt G) = G + Δt G²/2 + …`, so
+//! Crank–Nicolson is unitary; backward Euler damps a component of frequency `ω` by `(1 +
+//! ω²Δt²)^{−½}` a step. Both commute with `G`, so the result alone gives the leading term of the
+//! error at `T`: `n` steps are `exp(nΔt G')` with `G' = (2/Δt) artanh(Δt G/2) = G + Δt²G³/12 + …`
+//! and `G' = −(1/Δt) ln(I − Δt G) = G + Δt G²/2 + …`, so
 //!
 //! ```text
 //! w_n − w(T) ≈ T Δt²/12 G³ w_n        and        w_n − w(T) ≈ T Δt/2 G² w_n
 //! ```
 //!
-//! Modes go one after the other: one set of factors is kept.
+//! Modes are propagated one after the other, so that one set of factors is stored.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
@@ -33,18 +32,18 @@ use num_complex::Complex64;
 pub struct Implicit {
     order: usize,
     system: Shifted,
-    /// `w`, `z` and a vector beside them, of one mode.
+    /// `w`, `z` and a scratch vector, of one mode.
     mode: Vec<Complex64>,
     solved: Vec<Complex64>,
     /// `w(T)` of the batch.
     state: Vec<Lanes>,
-    /// The leading term of its error.
+    /// The leading term of the error of `state`.
     error: Vec<Lanes>,
 }
 
-/// Complex vectors of the matrix's length.
+/// Number of complex vectors of the matrix's length.
 fn vectors(split: bool) -> usize {
-    // w and z here; residual, preconditioned vector and basis there; the factors' workspace.
+    // w and z; residual, preconditioned vector and basis of the solver; workspace of the factors.
     2 + 2 + 1 + if split { RESTART } else { REFINEMENTS } + 2
 }
 
@@ -108,7 +107,7 @@ impl Propagator for Implicit {
                 *w = Complex64::new(row[l], row[LANES + l]);
             }
             for _ in 0..steps {
-                // No step makes the norm larger, round-off aside.
+                // No step increases the norm, except by round-off.
                 let norm = 1.001 * initial.norms[l];
                 let found = self.system.solve(system, &mut self.solved, &self.mode, norm)?;
                 for (w, z) in self.mode[..rows].iter_mut().zip(&self.solved) {
@@ -154,7 +153,7 @@ impl Propagator for Implicit {
 
 /// Equal steps over `time`, none longer than `step`: `⌈T/step⌉`.
 pub fn steps(step: f64, time: f64) -> usize {
-    // A quotient that is a whole number but for round-off is that number.
+    // A quotient within round-off of a whole number is that number.
     (time / step * (1.0 - 1e-12)).ceil().max(1.0) as usize
 }
 
@@ -183,7 +182,7 @@ impl Descriptor for ImplicitMethod {
         20
     }
 
-    /// A Krylov solver comes on top of the factors.
+    /// A Krylov solver is needed in addition to the factors.
     fn cost_of_splitting(&self) -> f64 {
         20.0
     }

@@ -1,9 +1,9 @@
-//! Leaving a batch before its end: the ranks that split space agree on it between two applications.
+//! Interruption of a batch: the ranks that split space agree on it between two applications.
 //!
-//! Each rank looks at a flag that a signal raises. Where space is split, all look after the same
-//! applications, whatever the blocks in which each takes them, and leave together: at each look
-//! they take the outcome of the vote that was posted at the one before, and post the next. No rank
-//! waits for a vote that others still compute for, and there is one every tenth of a second or so.
+//! Each rank checks a flag that a signal raises. If space is split, all ranks check after the same
+//! applications, however each blocks its steps, and stop together: at each check they take the
+//! outcome of the vote posted at the previous one, and post the next. So no rank waits for others,
+//! and there is a vote about every tenth of a second.
 
 use crate::matrix::blocking::MOST_LEVELS;
 use crate::parallel::communicator::Group;
@@ -11,9 +11,9 @@ use crate::parallel::communicator::vote::Vote;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Rows of a rank that are applied between two votes, about: some 0.1 s of work.
+/// Rows that a rank applies between two votes, about: 0.1 s of work.
 const ROWS_BETWEEN: usize = 1 << 20;
-/// Fewest applications between two votes: those of a block of steps.
+/// Fewest applications between two votes: the size of a block of steps.
 const FEWEST_BETWEEN: usize = MOST_LEVELS;
 /// Most applications between two votes.
 const MOST_BETWEEN: usize = 64;
@@ -24,18 +24,18 @@ const MOST_BETWEEN: usize = 64;
 pub struct Interruption {
     /// Raised when the run shall stop.
     stop: Option<Arc<AtomicBool>>,
-    /// Where space is split.
+    /// The votes, if space is split.
     votes: Option<Vote>,
     /// Applications between two votes, and those since the last.
     every: usize,
     since: usize,
-    /// Whether the batch may be left now; the same on all ranks of the space group.
+    /// Whether the batch may be interrupted now; the same on all ranks of the space group.
     pub allowed: bool,
 }
 
 impl Interruption {
-    /// Of ranks that split space, with `rows` rows on this one, by the flag `stop`; never without
-    /// one. Collective over the space group.
+    /// The interruption by the flag `stop` for ranks that split space, with `rows` rows on this
+    /// one; without a flag, never. Collective over the space group.
     pub fn new(space: &Group, rows: usize, stop: Option<Arc<AtomicBool>>) -> Self {
         let most = space.max_count(rows).max(1);
         Self {
@@ -48,7 +48,7 @@ impl Interruption {
     }
 
     /// How many of `most` applications this rank may take before it calls [`after`](Self::after):
-    /// not beyond those after which all ranks look, for each may block its steps in its own way.
+    /// up to the next check of all ranks, since each rank may block its steps differently.
     pub fn before_look(&self, most: usize) -> usize {
         match self.stop.is_some() && self.allowed && self.votes.is_some() {
             true => most.min(self.every - self.since),
@@ -79,7 +79,7 @@ impl Interruption {
 
 impl Drop for Interruption {
     fn drop(&mut self) {
-        // All ranks of the space group posted as many.
+        // All ranks of the space group posted equally many votes.
         if let Some(votes) = self.votes.as_mut().filter(|votes| votes.is_posted()) {
             votes.take();
         }

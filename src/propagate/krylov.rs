@@ -22,9 +22,9 @@
 //!   (Hochbruck and Lubich 1997; Saad 1992). The integral is taken as an upper sum over steps in
 //!   which the integrand rises.
 //!
-//! A step is as long as either bound allows within the mode's tolerance times `τ/T`, so the whole
-//! run keeps it. The basis is not reorthogonalised: lost orthogonality costs the exponential no
-//! accuracy (Druskin and Knizhnerman 1991).
+//! A step is the longest for which one of the bounds is within the mode's tolerance times `τ/T`, so
+//! the whole run meets the tolerance. The basis is not reorthogonalised: lost orthogonality costs
+//! the exponential no accuracy (Druskin and Knizhnerman 1991).
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
@@ -41,10 +41,10 @@ use num_complex::Complex64;
 /// Largest dimension `m` of the Krylov space.
 const DIMENSION: usize = 30;
 
-/// Pieces of the step that is guaranteed beforehand, in which the residual is followed.
+/// Number of pieces, of a step guaranteed beforehand, in which the residual is integrated.
 const PIECES: f64 = 32.0;
 
-/// Bound on the relative error of a Krylov space of dimension `m` for `x = hτ`, before it is known.
+/// A-priori bound on the relative error of a Krylov space of dimension `m` for `x = hτ`.
 fn bound_before(scratch: &mut Vec<f64>, m: usize, x: f64) -> f64 {
     bessel_series(scratch, x, 0.0);
     4.0 * scratch.iter().skip(m).map(|j| j.abs()).sum::<f64>()
@@ -74,7 +74,7 @@ fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
     m.min(DIMENSION)
 }
 
-/// Applications that a mode takes at most: those of the steps that are guaranteed beforehand.
+/// Most applications of a mode: those of the steps that are guaranteed beforehand.
 fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
     let &ModeDemand { half_width, time, tolerance, step } = demand;
     if half_width == 0.0 {
@@ -97,9 +97,9 @@ pub struct Krylov {
     basis: Vec<Lanes>,
     /// Length of a vector of the basis.
     length: usize,
-    /// `w`, but for the lanes' phases.
+    /// `w`, without the lanes' phases.
     state: Vec<Lanes>,
-    /// Longest step by hand.
+    /// The given longest step, if any.
     step: Option<f64>,
     /// `α_j` and `β_j` by lane.
     alpha: Vec<[f64; LANES]>,
@@ -131,9 +131,9 @@ impl Projected {
         }
     }
 
-    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with
-    /// `(α_j, β_j)` in `entry`; whether they were found. QL iteration with implicit shifts
-    /// (Dubrulle, Martin and Wilkinson 1968): unlike a general routine it allocates nothing.
+    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with `(α_j,
+    /// β_j)` in `entry`; returns whether it converged. QL iteration with implicit shifts (Dubrulle,
+    /// Martin and Wilkinson 1968): unlike a general routine it allocates nothing.
     fn decompose(&mut self, m: usize, entry: impl Fn(usize) -> (f64, f64)) -> bool {
         const MOST_SWEEPS: usize = 100;
         let (d, q) = (&mut self.values, &mut self.vectors);
@@ -156,7 +156,8 @@ impl Projected {
                 if sweep == MOST_SWEEPS || e[l].is_nan() {
                     return false;
                 }
-                // Wilkinson's shift from the block's top, chased up from its bottom by rotations.
+                // Wilkinson's shift from the top of the block; rotations chase the bulge up from
+                // its bottom.
                 let half = 0.5 * (d[l + 1] - d[l]) / e[l];
                 let mut g = d[end] - d[l] + e[l] / (half + half.hypot(1.0).copysign(half));
                 let (mut s, mut c, mut shift) = (1.0, 1.0, 0.0);
@@ -192,8 +193,8 @@ impl Projected {
         true
     }
 
-    /// The longest multiple of `piece` that `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s` allows,
-    /// until `most` is passed; and that integral.
+    /// The longest multiple of `piece`, at most about `most`, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤
+    /// slope · s`; and that integral.
     fn follow(&mut self, m: usize, beta: f64, piece: f64, most: f64, slope: f64) -> (f64, f64) {
         for k in 0..m {
             let product = self.vectors[k][0] * self.vectors[k][m - 1];
@@ -209,7 +210,7 @@ impl Projected {
             }
             let after = entry(&self.terms[..m]);
             let next = integral + beta * piece * f64::max(before, after);
-            // NaN ends it too.
+            // NaN ends the loop, too.
             if next.is_nan() || next > slope * (s + piece) {
                 break;
             }
@@ -294,7 +295,7 @@ impl Krylov {
             });
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
-                // A space that closes is exact: the rest of the recurrence is round-off.
+                // An invariant Krylov space is exact: the rest of the recurrence is round-off.
                 let beta = square[l].max(0.0).sqrt();
                 let closed = beta <= f64::EPSILON * sizes[l];
                 self.beta[j][l] = if closed { 0.0 } else { beta };
@@ -335,8 +336,8 @@ impl Krylov {
         (steps, m)
     }
 
-    /// The step of lane `l` in the space of dimension `m` and the bound of its error: as long as
-    /// the error that is followed allows, from the guaranteed `step` to `most`. The given
+    /// The step of lane `l` in the space of dimension `m`, and the bound on its error: the longest
+    /// from the guaranteed `step` to `most` that the integrated residual allows. The given
     /// `tolerance` is that of the whole `time`.
     fn followed(
         &mut self,
@@ -356,7 +357,7 @@ impl Krylov {
             if reach >= tau {
                 (tau, error) = (reach.min(most), bound);
             }
-            // All the time that is left, but for round-off.
+            // The step covers the remaining time up to round-off.
             if most - tau <= 1e-12 * time {
                 tau = most;
             }
@@ -446,7 +447,7 @@ impl Propagator for Krylov {
     }
 }
 
-/// Describes the exponential in Krylov spaces.
+/// Describes the Krylov propagator.
 pub struct KrylovMethod;
 
 impl Descriptor for KrylovMethod {
@@ -513,7 +514,8 @@ mod tests {
     #[test]
     fn tridiagonal_matrices_are_decomposed() {
         let mut projected = Projected::new();
-        // Ordinary; decoupled in the middle and at the end; a multiple of one; graded.
+        // An ordinary matrix; one decoupled in the middle and at the end; a multiple of the
+        // identity; a graded one.
         let cases: [&dyn Fn(usize) -> (f64, f64); 4] = [
             &|j| (((j * 7) % 5) as f64 - 2.0, 1.0 + 0.1 * j as f64),
             &|j| (j as f64, if j % 4 == 2 || j > 7 { 0.0 } else { 0.5 }),
@@ -546,8 +548,8 @@ mod tests {
         let mut scratch = Vec::new();
         for (span, tolerance) in [(0.1, 1e-6), (20.0, 1e-6), (500.0, 1e-12)] {
             let whole = all(&mut scratch, span, 1.0, tolerance);
-            // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by
-            // much.
+            // A Chebyshev series of that accuracy covers the time in one piece: it is shorter, but
+            // not by much.
             bessel_series(&mut scratch, span, tolerance);
             let degree = scratch.len() - 1;
             assert!(whole >= degree && whole <= 6 * degree + DIMENSION, "{span}: {whole} {degree}");

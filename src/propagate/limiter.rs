@@ -1,4 +1,4 @@
-//! Second order in `x` and `v` by limited slopes: the correction of the first-order right-hand side
+//! Limited slopes, of second order in `x` and `v`: a correction of the first-order right-hand side
 //! `A f + b`.
 //!
 //! The paper (remark after section 4.2) replaces the source `f` of a face by its value at the face,
@@ -9,20 +9,19 @@
 //! half_i = ½ (f_{i+1} − f_i) ψ(θ_i),  θ_i = (f_i − f_{i−1})/(f_{i+1} − f_i)
 //! ```
 //!
-//! with `+` at an upper and `−` at a lower face, and the weights of [`Scheme::neighbour`], those of
-//! `A`; with `ψ = 0` nothing is added. `ψ` is minmod or van Leer, both symmetric in the two
-//! differences.
+//! with `+` at an upper and `−` at a lower face, and the weights of `A` from [`Scheme::neighbour`].
+//! `ψ = 0` adds nothing. `ψ` is minmod or van Leer, both symmetric in the two differences.
 //!
 //! **Next to a jump** `f_{i±1}` at the same velocity belongs to another energy. The difference is
-//! taken along the path instead: `f` behind the face at the same energy, transmitted or reflected,
-//! `Σ weight · f` once more. So a face value always lies between `f_i` and a mean of what the path
-//! goes through, and the maximum principle holds across jumps too: forward Euler keeps
-//! `min f, max f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so
-//! does every convex combination of such steps.
+//! taken along the path instead, to `f` behind the face at the same energy, transmitted or
+//! reflected: `Σ weight · f` again. So a face value always lies between `f_i` and a mean of values
+//! on the path, and the maximum principle holds across jumps, too: forward Euler keeps `min f, max
+//! f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so does every
+//! convex combination of such steps.
 //!
-//! **At the box's ends** the ghost cell holds the inflow. Its own slope is not known: the face
-//! takes the mean of the ghost and the cell. Where particles leave there is nothing beyond, and the
-//! slope is zero.
+//! **At the box's ends** the ghost cell holds the inflow. Its slope is not known, so the face value
+//! is the mean of ghost and cell. Where particles leave, there is no value beyond, and the slope is
+//! zero.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -57,7 +56,7 @@ pub fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
 enum Beyond {
     /// A cell, by the number of its first unknown.
     Cell(u32),
-    /// A jump or an end of the box: faces, one a velocity, by the number of the first.
+    /// A jump or an end of the box: one face for each velocity, by the number of the first.
     Faces(u32),
 }
 
@@ -101,7 +100,7 @@ struct LimitedForce {
     /// Cells along the axis, and how far apart they are in the ordering.
     cells: usize,
     stride: usize,
-    /// Inflow at the end particles come from, by space cell and line; empty where it is `constant`.
+    /// Inflow at the upstream end, by space cell and line; empty if it is `constant`.
     entering: Vec<f64>,
     constant: f64,
 }
@@ -116,7 +115,8 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// For field number `field` of `case` on the block of `matrix`; `None` without a limiter.
+    /// The reconstruction for field number `field` of `case` on the block of `matrix`; `None`
+    /// without a limiter.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Formula`] where the inflow is not finite. Not collective.
@@ -143,8 +143,8 @@ impl Reconstruction {
         Ok(Some(this))
     }
 
-    /// `image ← image +` the second-order part for `state`, whose ghosts are fresh. Collective over
-    /// the space group.
+    /// `image ← image +` the second-order part for `state`, whose ghosts are up to date. Collective
+    /// over the space group.
     pub fn add(
         &mut self,
         exchange: &mut GhostExchange,

@@ -1,7 +1,7 @@
 //! The interface of propagators.
 //!
-//! [`Propagator`] propagates batches of an [`Evolution`]; [`Descriptor`] is what a plan needs to
-//! know of it beforehand.
+//! [`Propagator`] propagates batches of an [`Evolution`]; [`Descriptor`] has the properties that a
+//! plan needs beforehand.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -17,13 +17,13 @@ pub struct BatchReport {
     /// Factor of each lane that [`Propagator::state`] leaves out.
     pub phases: [Complex64; LANES],
     /// Bound on the relative error of each lane from cutting a series or a Krylov space, or from
-    /// solving to a residual; the norm must not change by more, round-off aside. The error of an
-    /// implicit step is not in it.
+    /// the residual of a solve; the norm must not change by more, except by round-off. It does not
+    /// include the error of an implicit step.
     pub tails: [f64; LANES],
     /// Whether the method keeps the norm.
     pub unitary: bool,
-    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series the terms
-    /// of each mode's own, whatever the others take.
+    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series, the terms
+    /// of each mode's own series.
     pub applications: usize,
     /// Linear systems solved, over the modes of the batch.
     pub solves: usize,
@@ -36,14 +36,14 @@ impl BatchReport {
     }
 }
 
-/// A method that applies `exp(−iHT)` to the modes of a batch. Scratch is made once; propagating
-/// allocates nothing, but for what factorising a mode's matrix takes.
+/// A method that applies `exp(−iHT)` to the modes of a batch. Scratch is made once; propagation
+/// allocates nothing, except to factorise a mode's matrix.
 pub trait Propagator {
     /// Propagates `initial` in every lane. Collective over the space group.
     ///
     /// # Errors
-    /// Where the method does not converge, on all ranks of the space group;
-    /// [`Error::Left`](crate::base::error::Error::Left) where the batch is left before its end.
+    /// If the method does not converge, on all ranks of the space group;
+    /// [`Error::Left`](crate::base::error::Error::Left) if the batch is interrupted.
     fn propagate(
         &mut self,
         system: &mut Evolution<'_>,
@@ -51,14 +51,14 @@ pub trait Propagator {
         initial: &Initial<'_>,
     ) -> Result<BatchReport>;
 
-    /// Propagates `initial`, and puts the moments at the times of `passed` into it. Collective over
+    /// Propagates `initial`, and stores the moments at the times of `passed` in it. Collective over
     /// the space group.
     ///
     /// # Errors
     /// As [`propagate`](Self::propagate).
     ///
     /// # Panics
-    /// Where [`Descriptor::passes_times`] is not true.
+    /// If [`Descriptor::passes_times`] is false.
     fn propagate_past(
         &mut self,
         _system: &mut Evolution<'_>,
@@ -69,18 +69,18 @@ pub trait Propagator {
         panic!("this method stops at every output time");
     }
 
-    /// `w(T)` of the batch that was propagated last, on this rank's rows, but for the lanes'
+    /// `w(T)` of the batch that was propagated last, on this rank's rows, without the lanes'
     /// phases.
     fn state(&self) -> &[Lanes];
 
-    /// Leading term of the error that the time step leaves in [`state`](Self::state); `None` where
-    /// the method meets its tolerance by itself.
+    /// Leading term of the time-step error of [`state`](Self::state); `None` if the method meets
+    /// its tolerance by itself.
     fn step_error(&self) -> Option<&[Lanes]> {
         None
     }
 
     /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu` and so many
-    /// steps, beside that of the initial state.
+    /// steps, relative to the norm of the initial state.
     fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64, _steps: usize) -> f64 {
         0.0
     }
@@ -92,7 +92,8 @@ pub enum BatchCoupling {
     /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as
     /// its longest mode.
     Independent,
-    /// Side by side, the bits of each depend on the others: batches are fixed blocks of neighbours.
+    /// Side by side, with bits that depend on each other: batches are fixed blocks of neighbouring
+    /// modes.
     Coupled,
     /// One after the other, each with the bits it would have alone: a batch takes as long as its
     /// modes together.
@@ -109,12 +110,12 @@ impl BatchCoupling {
     }
 }
 
-/// The system and the accuracy that a propagator is made for.
+/// The settings with which a propagator is made.
 #[derive(Clone, Copy, Debug)]
 pub struct PropagatorSetting {
     /// Method and time step.
     pub propagation: Propagation,
-    /// The most that a mode takes: see [`Descriptor::work`].
+    /// Most work of a mode, see [`Descriptor::work`].
     pub largest_work: usize,
     /// Whether the space is split between ranks.
     pub split: bool,
@@ -165,7 +166,7 @@ pub trait Descriptor: Sync {
         1.0
     }
 
-    /// Whether a leg may pass times at which moments are wanted.
+    /// Whether a leg may pass output times of moments.
     fn passes_times(&self) -> bool {
         false
     }

@@ -1,15 +1,15 @@
 //! Moments at times that a leg passes, from one series.
 //!
-//! The terms `φ_k` of a Chebyshev series do not depend on the time, its coefficients do. So a
-//! linear functional `M` of the state takes one series for any number of times `t ≤ T`:
+//! The terms `φ_k` of a Chebyshev series do not depend on the time; its coefficients do. So one
+//! series gives a linear functional `M` of the state at any number of times `t ≤ T`:
 //!
 //! ```text
 //! M exp(−iHt) x = e^{−ict} ( J_0(ht) M φ_0 + 2 Σ_k J_k(ht) M φ_k )
 //! ```
 //!
-//! It is summed forwards, so that each term is there, and each is read once: its moments, a few
-//! numbers at each point of space, are added to those of every time. The state at `T` is the sum of
-//! the terms, which takes a third vector.
+//! It is summed forwards, so that each term is available. Each term is read once: its moments, a
+//! few numbers at each point of space, are added to the moments at every time. The state at `T` is
+//! the sum of the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::{Blocking, MOST_LEVELS};
@@ -21,12 +21,12 @@ use crate::propagate::evolution::{BatchSpec, Evolution, MatrixShare};
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// The moments of a batch at the times that a leg passes, and what they take; made once.
+/// The moments of a batch at the times that a leg passes, and their scratch; made once.
 pub struct PassedMoments<'a> {
     moments: &'a MomentsOf<'a>,
     /// `1/√π` of the cells.
     scales: Vec<f64>,
-    /// The times of the leg, since its beginning.
+    /// The times, measured from the beginning of the leg.
     times: Vec<f64>,
     /// Factor of each lane at each time.
     weights: Vec<[Complex64; LANES]>,
@@ -36,7 +36,7 @@ pub struct PassedMoments<'a> {
     coefficients: Vec<f64>,
     /// Terms that there is room for.
     most_terms: usize,
-    /// Factors of the terms of a trip, by term and time.
+    /// Factors of the terms of one pass through memory, by term and time.
     of_terms: Vec<[f64; 2 * LANES]>,
     /// Sums by point of space, time and moment.
     values: Vec<[f64; LANES]>,
@@ -71,7 +71,7 @@ impl<'a> PassedMoments<'a> {
         }
     }
 
-    /// The same, steps blocked as given: a tile has all velocities.
+    /// The same, with the given blocking of steps: a tile has all velocities.
     pub fn blocked(self, blocking: Option<Blocking>) -> Self {
         Self { blocking, ..self }
     }
@@ -87,8 +87,8 @@ impl<'a> PassedMoments<'a> {
             + order as u64
     }
 
-    /// The times that the next leg passes, and what each lane is multiplied by, but for what the
-    /// leg itself does to its phase.
+    /// Sets the times that the next leg passes, and the factor of each lane, without the phase of
+    /// the leg itself.
     pub fn begin(&mut self, times: &[f64], weights: &[Complex64; LANES]) {
         self.times.clear();
         self.times.extend_from_slice(times);
@@ -98,7 +98,7 @@ impl<'a> PassedMoments<'a> {
         self.lengths.resize(times.len(), 0);
     }
 
-    /// The coefficients of the terms at each time, each lane to its own degree.
+    /// Computes the coefficients of the terms at each time, each lane up to its own degree.
     pub(crate) fn prepare(&mut self, system: &Evolution<'_>, batch: &BatchSpec) {
         self.values.fill([0.0; LANES]);
         self.sum.fill(Lanes::ZERO);
@@ -120,7 +120,7 @@ impl<'a> PassedMoments<'a> {
         }
     }
 
-    /// What reads the terms of a series, which has these `coefficients` at the end of the leg; and
+    /// The reader of the terms of a series that has these `coefficients` at the end of the leg; and
     /// the blocking of its steps.
     pub(crate) fn reader<'r>(
         &'r mut self,
@@ -194,7 +194,8 @@ impl TermReader<'_> {
         }
     }
 
-    /// Some rows of the `level`-th of these terms: whole points of space, or auxiliary unknowns.
+    /// Reads some rows of the `level`-th of these terms: whole points of space, or auxiliary
+    /// unknowns.
     pub(crate) fn read(&mut self, level: usize, rows: Range<usize>, term: &[Lanes]) {
         let (k, cells) = (self.first + level, self.scales.len());
         let own = rows.start.min(cells)..rows.end.min(cells);

@@ -2,10 +2,10 @@
 //!
 //! `G` is skew-Hermitian, so `M = I − aG` is normal, its eigenvalues lie on `1 + i[−a‖H‖, a‖H‖]`,
 //! `‖M⁻¹‖ ≤ 1`: a residual bounds the error. The part of `M` on this rank's rows has the same form.
-//! It is factorised by a sparse LU, whose symbolic part is done once. Where one rank holds the
-//! space that solves the system; where it is split, it is the preconditioner (block Jacobi) of
-//! GMRES, restarted. Either way the residual of the whole system is computed and must come below a
-//! limit.
+//! It is factorised by a sparse LU, whose symbolic part is done once. If one rank holds all of
+//! space, the factors solve the system; if space is split, they are the preconditioner (block
+//! Jacobi) of restarted GMRES. Either way the residual of the whole system is computed and must
+//! fall below a limit.
 //!
 //! Sums over ranks go through fixed-point integers: the bits depend on how space is split, not on
 //! timing or mode groups.
@@ -29,15 +29,15 @@ const RESIDUAL: f64 = 1e-13;
 pub const RESTART: usize = 60;
 /// The same where one rank holds the space: a refinement or two.
 pub const REFINEMENTS: usize = 2;
-/// Iterations after which a system is given up.
+/// Most iterations for a system.
 const MOST_ITERATIONS: usize = 3000;
 
-/// Bytes a row that the factors and their workspace take at the fullest, from measurements on grids
-/// of one to three dimensions (docs/numerics.md): not a bound, but up to four times too much.
+/// Peak bytes a row of the factors and their workspace, from measurements on grids of one to three
+/// dimensions (docs/numerics.md). Not a bound; it is up to four times too large.
 ///
-/// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a
-/// force moves particles along them. Chains fill little, two axes like `log` of the grid, more like
-/// its largest separator.
+/// The coupled unknowns form a grid of the x-axes, and of the v-axes along which a force acts. The
+/// fill-in is small for one axis, grows like the `log` of the grid for two, and like its largest
+/// separator for more.
 pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     let MatrixShare { case, bounds, mesh, .. } = share;
     let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
@@ -63,7 +63,7 @@ pub struct Shifted {
     gmres: Gmres,
 }
 
-/// `M` on this rank's rows, column by column, with what factorises and solves it.
+/// `M` on this rank's rows, column by column, with its factors.
 struct Local {
     offsets: Vec<usize>,
     rows: Vec<usize>,
@@ -72,8 +72,9 @@ struct Local {
     numeric: NumericLu<usize, Complex64>,
     factor_scratch: MemBuffer,
     solve_scratch: MemBuffer,
-    /// `a` and `μ` of the factors.
+    /// `a` of the factors.
     shift: f64,
+    /// `μ` of the factors.
     wavenumber: f64,
 }
 
@@ -98,7 +99,7 @@ struct Gmres {
 /// How a system was solved.
 #[derive(Clone, Copy, Debug)]
 pub struct SolveCounts {
-    /// `‖w − Mz‖/‖w‖`, what round-off may hide in it included.
+    /// `‖w − Mz‖/‖w‖`, plus the part that round-off may hide.
     pub residual: f64,
     /// Applications of `G`.
     pub applications: usize,
@@ -230,7 +231,7 @@ impl Shifted {
         let (local, gmres) = (&mut self.local, &mut self.gmres);
         let rows = local.count();
         let interval = system.bounds.interval(local.wavenumber);
-        // ‖M‖, and what round-off leaves of a residual.
+        // A bound on ‖M‖, and the round-off of a residual.
         let size = 1.0 + local.shift * (interval.centre.abs() + interval.half_width);
         let round_off = f64::EPSILON * size;
         let (aim, limit) = (AIM + 0.5 * round_off, RESIDUAL + round_off);
@@ -272,7 +273,7 @@ fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
             break;
         }
         let square = square(rows);
-        // NaN stays.
+        // NaN remains NaN.
         if square.is_nan() || square > largest {
             largest = square;
         }
@@ -328,8 +329,8 @@ impl Gmres {
         }
     }
 
-    /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that makes the residual smallest in a Krylov space of
-    /// `M P⁻¹`; until its norm, at first `from`, is below `goal`. Returns the applications.
+    /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that minimises the residual in a Krylov space of `M
+    /// P⁻¹`, until its norm, initially `from`, is below `goal`. Returns the applications.
     fn improve(
         &mut self,
         local: &mut Local,

@@ -10,15 +10,15 @@
 //! ```
 //!
 //! (`A` itself is constant, and the two weights add up to 1.) Schrödingerization of a stage, whose
-//! generator is constant, is exact: what is recovered from the modes is the product of the stages'
-//! real exponentials. So the error of the time steps is that of the same scheme applied to
-//! `f' = A f + b(t)` directly, and one real vector shows how many steps a tolerance takes: they are
-//! doubled, and from the ratio `q` by which the distance `d` of two runs fell (16 at order 4, less
-//! where the steps are too long or `b` is rough; 16 at most is believed, and 4 until there is a
-//! ratio) the error of the finer of them is `d/(q − 1)`, that of the coarser `d q/(q − 1)`.
+//! generator is constant, is exact: the modes recover the product of the stages' real exponentials.
+//! So the error of the time steps is that of the same scheme applied to `f' = A f + b(t)` directly,
+//! and one real vector shows how many steps a tolerance needs. The number of steps is doubled; let
+//! the distance `d` of two runs fall by the ratio `q` (16 at order 4, less if the steps are too
+//! long or `b` is rough). The error of the finer run is `d/(q − 1)`, that of the coarser one `d
+//! q/(q − 1)`. At most `q = 16` is trusted, and `q = 4` before there is a ratio.
 //!
-//! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with the `δ_i` that make the
-//! largest of them over the stages what [`crate::matrix::embedding`] allows.
+//! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with `δ_i` such that the largest
+//! coupling over the stages is the largest that [`crate::matrix::embedding`] allows.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::memory;
@@ -54,7 +54,7 @@ pub fn halves() -> [[f64; 2]; 2] {
     [[0.5 + third, 0.5 - third], [0.5 - third, 0.5 + third]]
 }
 
-/// The inflow in stages: it is constant on each half of each step.
+/// The inflow in stages: constant on each half of each step.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
     /// Steps; there are two stages a step.
@@ -65,7 +65,7 @@ pub struct Schedule {
     pub envelope: Vec<f64>,
     /// The auxiliary unknowns, in weighted unknowns.
     pub unknowns: Vec<f64>,
-    /// What the inflow adds to the growth of elements by one unknown for all rows.
+    /// Growth that the inflow adds for elements with one unknown for all rows.
     pub summed_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
@@ -119,7 +119,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
     matrix.entering.sums(square).collect()
 }
 
-/// Looks at the inflow all through the run; the largest `|b_i|`, on this rank.
+/// Samples the inflow over the whole run; returns the largest `|b_i|` on this rank.
 ///
 /// # Errors
 /// [`Error::Formula`] where it is not finite. Not collective.
@@ -140,7 +140,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     Ok(largest)
 }
 
-/// `‖f‖` of the weighted values `f(row)` on the block's cells, the weights undone. Collective over
+/// `‖f‖` of the weighted values `f(row)` on the block's cells, without the weights. Collective over
 /// the space group.
 fn norm(
     communicator: &Communicator,
@@ -175,7 +175,7 @@ fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
     })
 }
 
-/// The field that a schedule is found for.
+/// The field of a schedule.
 pub struct WeightedField<'a> {
     /// Weights `π` of the rows.
     pub weights: &'a [f64],
@@ -185,7 +185,7 @@ pub struct WeightedField<'a> {
     pub rate: f64,
 }
 
-/// A run with a given number of steps, of the real field.
+/// A run of the real field with a given number of steps.
 struct RealRun {
     /// `b̄_i`, stage by stage.
     values: Vec<f64>,
@@ -199,7 +199,7 @@ struct StepSearch<'a> {
     matrix: &'a BlockMatrix,
     communicator: &'a Communicator,
     start: &'a WeightedField<'a>,
-    /// `√π` of the rows that something enters.
+    /// `√π` of the rows with inflow.
     roots: Vec<f64>,
 }
 
@@ -225,7 +225,7 @@ impl StepSearch<'_> {
 
     /// `‖f‖` of the weighted unknowns `f(row)`. Collective over the space group.
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
-        // Of a degree above 0 the weights are volumes, which the norm has.
+        // For degrees above 0 the weights are volumes, which belong to the norm.
         let unweighted = |i: usize| match self.matrix.by_elements {
             true => f(i),
             false => f(i) / self.start.weights[i].sqrt(),
@@ -233,8 +233,8 @@ impl StepSearch<'_> {
         norm(self.communicator, self.case, self.matrix, unweighted)
     }
 
-    /// What one unknown for all rows adds to the growth by each row, times `δ²`: `π b²/(2 g)`, of
-    /// elements `½ π Σ rate b²`. `most` are the largest `|b̄|` of the rows over the stages.
+    /// The growth by each row from one unknown for all rows, times `δ²`: `π b²/(2 g)`, for elements
+    /// `½ π Σ rate b²`. `most` are the largest `|b̄|` of the rows over the stages.
     fn halved_strengths(&self, most: &[f64], steps: usize) -> Vec<f64> {
         if self.matrix.by_elements {
             let strengths = largest_strengths(self.case, self.matrix, steps);
@@ -252,20 +252,20 @@ impl StepSearch<'_> {
         .collect()
     }
 
-    /// Whether the steps of a run resolve the inflow. Runs with steps so long that they miss a
-    /// pulse agree with each other, too. Collective over the space group.
+    /// Whether the steps of a run resolve the inflow. Without this check, two runs that both miss a
+    /// pulse would agree. Collective over the space group.
     fn sees(&self, run: &RealRun, largest: f64) -> bool {
         let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
         self.communicator.space.max(found) >= 0.9 * largest
     }
 }
 
-/// Finds the number of steps that `case.tolerance` takes, and the couplings of their stages.
+/// Finds the number of steps that `case.tolerance` needs, and the couplings of their stages.
 /// Collective.
 ///
 /// # Errors
-/// [`Error::Formula`] where the inflow is not finite, [`Error::Tolerance`] for one below what so
-/// many roundings allow, [`Error::Input`] where it varies too fast.
+/// [`Error::Formula`] if the inflow is not finite, [`Error::Tolerance`] for a tolerance below the
+/// round-off of so many stages, [`Error::Input`] if the inflow varies too fast.
 pub fn schedule(
     case: &Case,
     matrix: &BlockMatrix,
@@ -287,7 +287,7 @@ pub fn schedule(
     let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
     let search = StepSearch { case, matrix, communicator, start, roots };
     let goal = TIME_SHARE * case.tolerance;
-    // The run of half as many steps, and the distance of the last two.
+    // The run of half as many steps, and the distance of the last two runs.
     let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
     let mut steps = STEPS.0;
     let (run, steps, error, norm) = loop {

@@ -1,4 +1,4 @@
-//! Rows of `A` and `b` of any degree and flux: a discontinuous Galerkin scheme, linear and
+//! Rows of `A` and `b` for any degree and flux: a discontinuous Galerkin scheme, linear and
 //! dissipative by construction.
 //!
 //! Unknowns are the values at the nodes of the elements, Gauss–Lobatto along space axes and
@@ -14,11 +14,10 @@
 //!
 //! with the traces `f_o` before the face and `f_i` behind it, and `l`, `r` the values of the
 //! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At open ends
-//! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At
-//! closed ones it is that of inner faces, with 0 outside. At a jump of `V`, `f_o` behind the face
-//! and `f_i` before it are coupled by the energy-matched [`FaceCoupling`], with partial reflection
-//! where a region gives it (`potential.reflection`); that is also the scheme of degree 0 then.
-//! There the flux is upwind.
+//! of the box the flux is upwind, and `f_o` is the inflow. At closed ends the flux is that of inner
+//! faces, with 0 outside. At a jump of `V` the traces are coupled by the energy-matched
+//! [`FaceCoupling`]. If a region gives partial reflection (`potential.reflection`), the flux at its
+//! jumps is upwind, and degree 0 uses this scheme, too.
 //!
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
@@ -71,9 +70,8 @@ impl Elements {
 struct Coupling {
     /// How the traces on both sides are coupled.
     traces: FaceCoupling,
-    /// Whether the flux is upwind whatever `α` is: partial reflection mixes two traces into two,
-    /// which is a contraction and no isometry, so that `f_o` is not what the adjoint takes from
-    /// `f_i`.
+    /// Whether the flux is upwind for any `α`. Partial reflection maps two traces to two by a
+    /// contraction that is no isometry, so that its adjoint is not its inverse.
     is_upwind: bool,
 }
 
@@ -109,7 +107,7 @@ struct CellLine<'a> {
     /// The element of the cell, and the cell's node in it.
     element: i64,
     node: usize,
-    /// Whether the flow goes up.
+    /// Whether the speed is positive.
     up: bool,
     /// `s (2/h)`.
     rate: f64,
@@ -143,7 +141,7 @@ impl<'a> CellLine<'a> {
         self.rate / self.reference.weights[self.node]
     }
 
-    /// The element against the flow, and the one with it.
+    /// The upstream and the downstream element.
     fn neighbours(&self) -> [i64; 2] {
         let step = if self.up { 1 } else { -1 };
         [self.element - step, self.element + step]
@@ -168,7 +166,7 @@ pub(super) struct LineTerms<'a> {
     pub potential: &'a Potential,
     /// The data that all rows share.
     pub elements: &'a Elements,
-    /// What enters.
+    /// The inflow.
     pub entering: InflowTerm<'a>,
 }
 
@@ -189,7 +187,7 @@ impl LineTerms<'_> {
         }
     }
 
-    /// Adds `value` times the cell that has `cells[..]` along the axes of the pair.
+    /// Adds `value` times the cell that differs from `cell` in its index `j` along `axis`.
     fn couple(&self, row: &mut Row, cell: &Cell, [axis, j]: [usize; 2], value: f64) {
         let mut source = *cell;
         source[axis] = j;
@@ -226,10 +224,10 @@ impl LineTerms<'_> {
         }
     }
 
-    /// The cell next to the element of `line` against the flow or, if `with`, with the flow; `None`
+    /// The cell next to the element of `line`, upstream, or downstream if `downstream`; `None`
     /// beyond the box.
-    fn across(&self, a: usize, line: &CellLine<'_>, with: bool) -> Option<usize> {
-        let up = line.up == with;
+    fn across(&self, a: usize, line: &CellLine<'_>, downstream: bool) -> Option<usize> {
+        let up = line.up == downstream;
         let beyond = match up {
             true => line.first(line.element + 1),
             false => line.first(line.element) - 1,

@@ -1,7 +1,7 @@
-//! Transmission and reflection at a face: where the velocity `ξ_j` that leaves the face comes from.
+//! Transmission and reflection at a face: the sources of the velocity `ξ_j` that leaves it.
 //!
-//! Of degree 0, an interface law is a file of this folder that implements [`InterfaceLaw`];
-//! [`law_of`] is the table. Of a higher degree traces are coupled by [`energy::FaceCoupling`].
+//! For degree 0, an interface law is a file of this folder that implements [`InterfaceLaw`];
+//! [`law_of`] is the table. For higher degrees, [`energy::FaceCoupling`] couples the traces.
 
 pub mod conservative;
 pub mod energy;
@@ -22,7 +22,8 @@ pub fn law_of(interface: Interface) -> &'static dyn InterfaceLaw {
 }
 
 /// Sources of velocity cell `j` behind a face where the potential rises by `rise` from the source
-/// side to the target side (see [`InterfaceLaw::sources`]); without a jump the cell across.
+/// side to the target side (see [`InterfaceLaw::sources`]); without a jump, cell `j` on the other
+/// side.
 pub fn sources(out: &mut Vec<FluxSource>, axis: &Axis, interface: Interface, j: i64, rise: f64) {
     out.clear();
     if rise == 0.0 {

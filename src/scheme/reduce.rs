@@ -1,25 +1,27 @@
 //! Reduction of a case to one with fewer cells that has the same solution.
 //!
-//! What goes, where, and why the answer stays:
+//! The reductions, their conditions, and why the solution does not change:
 //!
-//! - A space axis becomes one cell where `V`, `f(0)`, inflow and exact solution do not name it, and
-//!   it is periodic or nothing moves along it. Every cell along it holds the same at all times:
-//!   `Σ_i` of the transport terms vanishes cell by cell.
-//! - Its velocity axis becomes one cell where they do not name that either. Nothing pushes along
-//!   it, so that every velocity holds the same.
-//! - Velocities beyond a box go where nothing is there at time zero, nothing enters, and no row
-//!   takes from a cell that is reached. Their cells stay exactly zero ([`reached`]).
-//! - Auxiliary unknowns go where nothing enters: they are zero.
-//! - Modes `l < 0` go always. Data and `A` are real: `w_{−l}` is the conjugate of `w_l`.
+//! - A space axis becomes one cell if `V`, `f(0)`, inflow and exact solution do not depend on it,
+//!   and it is periodic or no particle moves along it. All cells along it have equal values at all
+//!   times, as the transport terms vanish in each.
+//! - Its velocity axis becomes one cell if they do not depend on it either. No force acts along it,
+//!   so that all velocities have equal values.
+//! - Velocities outside an interval are left out if they have no initial data and no inflow, and
+//!   none of their rows depends on a cell that `f` reaches. Their cells stay exactly zero
+//!   ([`reached`]).
+//! - Auxiliary unknowns are left out without inflow: they are zero.
+//! - Modes `l < 0` are left out. Data and `A` are real: `w_{−l}` is the conjugate of `w_l`.
 //!
-//! An axis keeps its place: it has one cell as long as all of them
-//! ([`AxisPart::Merged`](crate::problem::grid::AxisPart)), so that mass and momentum are right, or
-//! is a window of the case's cells ([`AxisPart::Window`](crate::problem::grid::AxisPart)), whose
-//! centres have the same bits. Results are put back onto the case's velocities, zero where none
-//! were kept, and with `output.expand` onto all of its grid.
+//! A merged axis has one cell of the length of the whole axis
+//! ([`AxisPart::Merged`](crate::problem::grid::AxisPart)), so that mass and momentum are right. A
+//! cropped axis is a window of the case's cells
+//! ([`AxisPart::Window`](crate::problem::grid::AxisPart)), whose centres have the same bits.
+//! Results are written on the case's velocities, zero where these were left out, and with
+//! `output.expand` on its whole grid.
 //!
-//! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and
-//! their error another one. They keep the grid.
+//! Explicit steps are as long as the fastest cell allows. On fewer cells they would be longer, with
+//! another error, so runs with them keep the grid.
 
 pub mod reached;
 
@@ -55,7 +57,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
             if allowed.velocities {
                 crate::scheme::reduce::reached::crop(world, &mut case, &mut reductions)?;
                 if allowed.axes {
-                    // Where what is left of the velocities stands still.
+                    // After cropping, no particle may move along an axis any more.
                     merge_axes(&mut case, &mut reductions);
                 }
             }
@@ -124,7 +126,7 @@ fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
     fields.chain(exact)
 }
 
-/// The first that varies along coordinate `slot` of a formula.
+/// The name of the first formula that varies along coordinate `slot`.
 fn varies_along(case: &Case, slot: usize) -> Option<String> {
     let names = |formula: &Expression| formula.depends_on(slot);
     let potential = (case.potential.iter())

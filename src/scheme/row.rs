@@ -8,15 +8,14 @@ use crate::scheme::interface::FluxSource;
 pub struct Row {
     /// `(column, value)`, ascending and distinct columns.
     pub entries: Vec<(usize, f64)>,
-    /// `b_i` of each field, at the start: what enters through the boundary.
+    /// `b_i` of each field at the start: the inflow through the boundary.
     pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
-    /// Where the inflow is taken, `(rate, ghost centre)`:
-    /// `b_i(t) = Σ rate · value(ghost centre, t)`.
+    /// The ghost cells of the inflow, `(rate, ghost centre)`: `b_i(t) = Σ rate · value(ghost
+    /// centre, t)`.
     pub ghosts: Vec<(f64, [f64; 6])>,
-    /// `g_i ≥ 0`: by taking inflow, the row adds `−½ g_i x_i²` to `xᵀSx` on its own account. Of
-    /// degree 0 all of `draw`.
+    /// `g_i ≥ 0`: the row's inflow adds `−½ g_i x_i²` to `xᵀSx`. For degree 0 it equals `draw`.
     pub damping: f64,
     /// First place where an inflow formula was not finite.
     pub(super) bad: Option<(usize, f64, [f64; 6])>,
@@ -54,7 +53,7 @@ impl Row {
         });
     }
 
-    /// Adds `rate` times what `enters` at `point`.
+    /// Adds `rate` times the inflow `enters` at `point`.
     pub(super) fn enter(&mut self, enters: InflowTerm<'_>, rate: f64, point: [f64; 6]) {
         let InflowTerm { fields, time } = enters;
         if fields.is_empty() {

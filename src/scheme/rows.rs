@@ -9,10 +9,10 @@
 //!
 //! where `d_a = −slope_a/Δv_a`.
 //!
-//! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is
-//! what the row takes from the inflow.
+//! Off-diagonal entries are not negative, row sums not positive. Minus a row sum is the rate at
+//! which the row takes inflow.
 //!
-//! That is the upwind scheme of degree 0. Rows of a higher degree or another flux are those of
+//! This is the upwind scheme of degree 0. Rows of a higher degree or another flux are in
 //! [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
@@ -33,7 +33,7 @@ pub struct Scheme<'a> {
     interface: Interface,
     potential: Potential,
     no_inflow: bool,
-    /// Constants of the rows of elements; none of the upwind scheme of degree 0.
+    /// Constants of the Galerkin rows; none for the upwind scheme of degree 0.
     elements: Option<Elements>,
 }
 
@@ -99,7 +99,7 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// The terms along lines of elements; none of degree 0.
+    /// The terms along lines of elements; none for the upwind scheme of degree 0.
     fn lines(&self) -> Option<LineTerms<'_>> {
         self.elements.as_ref().map(|elements| LineTerms {
             space: self.space,
@@ -127,9 +127,9 @@ impl<'a> Scheme<'a> {
         row.entries.retain(|e| e.1 != 0.0);
     }
 
-    /// Of degree 0, cells a unit of time that particles in `cell` cross along `axis` of the `2n`:
-    /// `v_a/Δx_a` in space, `d_a` in velocity. Zero where the cell is its own neighbour and what
-    /// leaves it comes back as it was.
+    /// For degree 0, the cells that particles in `cell` cross along `axis` of the `2n` in a unit of
+    /// time: `v_a/Δx_a` in space, `d_a` in velocity. Zero if the cell is its own neighbour, so that
+    /// outflow returns unchanged.
     pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.space.dimension();
         if axis < n {
@@ -157,10 +157,11 @@ impl<'a> Scheme<'a> {
         (jump == 0.0).then_some(behind)
     }
 
-    /// What the scheme of degree 0 finds behind the lower face of `cell` along `axis` of the `2n`,
-    /// or behind the upper one if `above`, at the same energy: `Σ entries f + inflow`, weights of
-    /// sum 1, of which `draw` lies off the grid. In a cell that particles leave through this face,
-    /// that is where they will be, time reversed: transmitted or reflected alike.
+    /// The value that the scheme of degree 0 takes behind the lower face of `cell` along `axis` of
+    /// the `2n`, or behind the upper one if `above`, at the same energy: `Σ entries f + inflow`.
+    /// The weights have the sum 1, of which `draw` lies off the grid. If particles leave the cell
+    /// through this face, the entries are their destinations, by time reversal: transmitted or
+    /// reflected.
     pub fn neighbour(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
         row.clear();
         self.behind_face(row, cell, axis, above, 1.0);
@@ -168,7 +169,7 @@ impl<'a> Scheme<'a> {
     }
 
     /// Adds `rate` times the value behind a face, see [`neighbour`](Self::neighbour): in velocity
-    /// that of the next cell, in space the sources of [`interface`].
+    /// the next cell, in space the sources of [`interface`].
     fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
         let n = self.space.dimension();
         let step = if above { 1 } else { -1 };
@@ -229,7 +230,7 @@ impl<'a> Scheme<'a> {
         InflowTerm { fields, time: self.case.begin }
     }
 
-    /// `Σ rate b²` over the ghosts of a row, of the field with inflow; of degree 0, `b²/g` with the
+    /// `Σ rate b²` over the ghosts of a row of the field with inflow; for degree 0, `b²/g` with the
     /// whole `b`, which is at most that.
     pub fn inflow_strength(&self, row: &Row) -> f64 {
         if self.elements.is_none() {
@@ -260,9 +261,9 @@ impl<'a> Scheme<'a> {
     }
 }
 
-/// `Σ_a max |v_a|/Δx_a`: the fastest transport, where `V` does not jump at the face of a cell that
-/// is its own neighbour; with the steepest force it bounds `max_i |A_ii|`. A function of the case
-/// alone, so the same on any ranks.
+/// `Σ_a max |v_a|/Δx_a`, the fastest transport if `V` does not jump at the face of a cell that is
+/// its own neighbour. With the steepest force it bounds `max_i |A_ii|`. It depends on the case
+/// alone, not on the ranks.
 pub fn transport_rate(space: &PhaseSpace) -> f64 {
     (0..space.dimension()).filter(|&a| !space.is_single(a)).map(|a| fastest(space, a)).sum()
 }

@@ -24,7 +24,7 @@ const SECOND_POINT: f64 = 1.0;
 const WINDOW: f64 = 1.0;
 /// Growth over the run beyond which a warning names its remedy: an amplification by e.
 const MUCH_GROWTH: f64 = 1.0;
-/// For series with more modes than this, the two readings are not compared by summation.
+/// For series with more modes than this, the two readings are not compared mode by mode.
 const MOST_TO_COMPARE: usize = 1 << 13;
 /// Part of the tolerance that truncated modes may take where coefficients come from samples: the
 /// truncated modes are aliased to the wavenumbers that are kept.
@@ -80,14 +80,14 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         ));
     }
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
-    // p◇ + σT. An interval whose length alone matters goes there, too.
+    // p◇ + σT. An interval of which only the length matters is moved along.
     let shift = shift(case, bounds);
     let fixed = warp.interval.is_some() || demand.sampled;
     let at = |apart| readings(case, &window, interval, apart);
     let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
         0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
-        // Independent errors of the same size: the second, at most e times as large, may cancel or
-        // add up.
+        // The two errors are independent; the second is at most e times as large, and may cancel
+        // the first or add to it.
         _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
             readings: at(SECOND_POINT),
             efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
@@ -107,8 +107,8 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     })
 }
 
-/// How many modes [`place`] would plan of a profile that is known on the line, before their
-/// coefficients are computed; none where it would plan none.
+/// The number of modes that [`place`] would plan for a profile that is known on the line, without
+/// computing coefficients; `None` if it would plan none.
 pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option<f64> {
     let (_, window) = Profile::plan(&case.warp.choice(), &demand(case, bounds, ratio))?;
     Some(window.modes(window.period))
@@ -123,7 +123,8 @@ pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
     bounds.is_skew() && !bounds.inflow && !by_hand && !is_shown && !shifted
 }
 
-/// The one mode of a skew `A`, which is the solution. A second reading would be equal to the first.
+/// The one mode of a skew `A`, which is the solution. There is no second reading, as it would equal
+/// the first.
 fn one_mode() -> Placement {
     let profile = Constant::default();
     let series = profile.series().clone();
@@ -139,11 +140,11 @@ fn one_mode() -> Placement {
     }
 }
 
-/// How a given warped field on `points` points of `interval` is read: as a field that is `e^{−p} f`
-/// on the domain of dependence of the recovery point.
+/// The placement for a given warped field on `points` points of `interval`, assumed to be `e^{−p}
+/// f` on the domain of dependence of the recovery point.
 ///
 /// # Errors
-/// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many
+/// [`Error::Input`] if the recovery point is not in the interval; [`Error::Modes`] for too many
 /// points.
 fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) -> Result<Placement> {
     let period = interval[1] - interval[0];
@@ -155,7 +156,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
             tolerance: case.tolerance,
         });
     }
-    // Information comes from up to λ⁺T below.
+    // Information arrives from up to λ⁺T below.
     let growth = bounds.growth.max(0.0) * case.duration();
     let point = case.warp.recovery.unwrap_or(growth);
     if !(interval[0]..interval[1]).contains(&point) {
@@ -185,14 +186,14 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     })
 }
 
-/// A profile that is known on the line, and the window that it was planned in.
+/// A profile that is known on the line, and its planned window.
 struct PlannedProfile<'a> {
     profile: &'a Profile,
     shape: &'a dyn ProfileShape,
     window: &'a Window,
 }
 
-/// The series of a profile that is known on the line, and its interval: planned, except where the
+/// The series of a profile that is known on the line, and its interval: both planned, unless the
 /// case gives them.
 fn transformed(
     case: &Case,
@@ -238,7 +239,7 @@ fn transformed(
     Ok((series, interval))
 }
 
-/// A warning about large growth that the case causes: weights left out where particles graze, or a
+/// A warning about large growth that the case causes: no weights although particles graze, or a
 /// small `δ`.
 fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
     let growth = bounds.growth * case.duration();
@@ -299,7 +300,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     demand
 }
 
-/// Width of the readings' window.
+/// Width in `p` that the readings need above `p◇`.
 fn width(warp: &Warp) -> f64 {
     match warp.recovery_method {
         RecoveryMethod::Point => 0.0,
@@ -307,8 +308,8 @@ fn width(warp: &Warp) -> f64 {
     }
 }
 
-/// The plan where the guaranteed one does not fit into the interval given by hand: for the decay
-/// that the transport alone has, with a warning. Or the reason why there is none.
+/// The plan if the guaranteed one does not fit into the interval given by hand: for the decay of
+/// the transport alone, with a warning. Or the reason why there is none.
 fn relaxed(
     case: &Case,
     bounds: &Bounds,
@@ -338,8 +339,8 @@ fn relaxed(
         ));
         return Ok(planned);
     }
-    // The whole state, auxiliary unknowns included, may be far larger than the field that is left
-    // of it, and an image of it is seldom in the field alone.
+    // The state at the start, with its auxiliary unknowns, may be far larger than the field at the
+    // end, and an image of the state is seldom in the field alone.
     let of_state = ProfileRequirements { tolerance: demand.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(
@@ -405,7 +406,7 @@ fn too_few(
     period: f64,
     points: usize,
 ) -> Option<String> {
-    // The modes left out and, of samples, what comes back of them; relative to the state.
+    // The omitted modes and, for samples, their aliases; relative to the state.
     let folded = if demand.sampled { 0.5 / SAMPLED_TRUNCATION } else { 1.0 };
     let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
     let bound = folded * window.point.exp() * tail;
@@ -420,8 +421,8 @@ fn too_few(
     })
 }
 
-/// The reading at `p◇`, and the one further on for the error estimate; within an interval given by
-/// hand.
+/// The reading at `p◇` and the one above it for the error estimate; both within an interval given
+/// by hand.
 fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
     let room =
         if case.warp.interval.is_some() { interval[1] - window.point } else { f64::INFINITY };
@@ -436,7 +437,7 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
         .collect()
 }
 
-/// The readings, and how their distance estimates the error.
+/// The readings, and the relation of their distance to the error.
 struct ErrorEstimator {
     readings: Vec<Reading>,
     /// The part of the error that the distance shows.
@@ -452,8 +453,8 @@ fn most_alike(
     spectrum: [f64; 2],
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> ErrorEstimator {
-    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones
-    /// share too much).
+    /// Number of points tried: the last is [`SECOND_POINT`] above the first reading, the first half
+    /// as far (closer ones share too much of the error).
     const TRIED: u32 = 16;
     let candidates = (TRIED / 2..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));

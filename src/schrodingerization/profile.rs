@@ -1,8 +1,8 @@
 //! Initial functions `g(p)` of the auxiliary variable, planned from a tolerance, as Fourier series.
 //!
-//! A profile `g` meets two requirements: it equals `e^{−p}` where information reaches the recovery
-//! point from, and its Fourier series is short. With period `P`, `μ_l = 2πl/P` and `g(p) ≈ Σ_l c_l
-//! e^{iμ_l p}` the solution is
+//! A profile `g` meets two requirements: it equals `e^{−p}` on the domain of dependence of the
+//! recovery point, and its Fourier series is short. With period `P`, `μ_l = 2πl/P` and `g(p) ≈ Σ_l
+//! c_l e^{iμ_l p}` the solution is
 //!
 //! ```text
 //! u(T) = e^{p◇} Σ_l c_l e^{iμ_l p◇} w_l(T),     w_l(T) = exp((−iμ_l S + K)T) u(0)
@@ -84,13 +84,13 @@ profiles! {
     LowSomma,
     /// `exp(−(1 − iμ)^β)` in the wavenumber.
     Acl,
-    /// 1, where `S = 0`; never chosen by name.
+    /// 1, for `S = 0`; has no name in case files.
     Constant,
 }
 
 impl Profile {
-    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if
-    /// there is none.
+    /// The profile of `choice` that meets `demand` at least cost, and its window; `None` if there
+    /// is none.
     pub fn plan(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
             found.map(|(profile, window)| (profile.into(), window))
@@ -111,7 +111,7 @@ impl Profile {
         }
     }
 
-    /// Whether [`plan`](Self::plan) finds one; makes no design, which would take long.
+    /// Whether [`plan`](Self::plan) finds a profile; computes no design, which would take long.
     fn possible(choice: &ProfileChoice, demand: &ProfileRequirements) -> bool {
         match choice {
             ProfileChoice::Designed => Designed::possible(demand),
@@ -122,7 +122,7 @@ impl Profile {
         }
     }
 
-    /// The smallest tolerance for which [`plan`](Self::plan) finds one, if there is one up to 0.1.
+    /// The smallest tolerance, up to 0.1, for which [`plan`](Self::plan) finds a profile.
     pub fn smallest_tolerance(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<f64> {
         let met = |tolerance: f64| {
             let demand = ProfileRequirements { tolerance, ..*demand };

@@ -9,8 +9,7 @@ use std::f64::consts::TAU;
 /// Points of the least-squares reading.
 const POINTS: usize = 9;
 
-/// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives
-/// `u`.
+/// A linear functional on functions of `p` that maps `e^{−p}` to 1, and hence `v` to `u`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// The method of the reading.
@@ -54,13 +53,13 @@ impl Reading {
     }
 }
 
-/// The least and the largest part of the error of `first` that its distance to `second` shows: of
-/// the series' own error, for states whose spectrum of `−ST` is spread over `[from, from + s]`, for
-/// some `s` up to `to − from`. A component there is read as the functional of `g(p + s)`, and
-/// should be `e^{−s}`.
+/// The least and the largest part of the error of `first` that its distance to `second` shows. The
+/// error is that of the series, for states whose spectrum of `−ST` is spread over `[from, from +
+/// s]`, for some `s` up to `to − from`. The functional reads a component at `s` from `g(p + s)`,
+/// and should give `e^{−s}`.
 pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
-    /// Intervals of `s` beside the whole one, and samples in each. Elements that resolve smooth
-    /// data leave a spectrum of some 1e-3: their error is that at one end.
+    /// Lengths of the intervals of `s` in addition to the whole one. Elements that resolve smooth
+    /// data have a spectrum of length 1e-3 or so: their error is that at one end.
     const SPREADS: [f64; 5] = [0.002, 0.06, 0.6, 6.0, 20.0];
     const SAMPLES: u32 = 24;
     /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.

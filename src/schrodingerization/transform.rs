@@ -60,7 +60,7 @@ impl Transform {
         }
     }
 
-    /// The same for modes that are yet to be multiplied by `phases`.
+    /// The same for modes that still lack the factors `phases`.
     pub fn with_phases(mut self, phases: &[Complex64]) -> Self {
         for ((factor, inverse), phase) in
             (self.factors.iter_mut().zip(&mut self.inverse)).zip(phases)
@@ -118,7 +118,7 @@ mod tests {
 
     const LOWER: f64 = -3.7;
 
-    /// Some series: planned, with a designed number of modes, and with `N_p` given.
+    /// Several series: planned, of a designed profile, and for a given `N_p`.
     fn series() -> Vec<Series> {
         let transform = |mu: f64| Complex64::new(1.0, 0.3) / Complex64::new(1.0 + mu, 0.2 * mu);
         let free = |modes| Series::analytic(11.3, modes, transform);

@@ -17,29 +17,29 @@ use num_complex::Complex64;
 use serde::Serialize;
 use std::hash::{Hash, Hasher};
 
-/// What a Schrödingerized run computes, for any ranks.
+/// The plan of a Schrödingerized run, independent of the ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WarpPlan {
     /// `‖ũ(0)‖/‖f(T)‖` planned for.
     pub ratio: f64,
     /// The tolerance the profile is planned for.
     pub state_tolerance: f64,
-    /// The profile; none where the warped field is read from a file.
+    /// The profile; `None` if the warped field is read from a file.
     pub profile: Option<Profile>,
     /// Fourier series of the profile.
     pub series: Series,
     /// `[L, R]`: given by hand, or derived from the tolerance. With analytic coefficients only its
     /// length matters.
     pub interval: [f64; 2],
-    /// Number of modes that are propagated: those with `l ≥ 0`, whose conjugates the others are;
-    /// with `solver.reduce.modes = false` behind them those with `l = −1, −2, …`.
+    /// Number of modes that are propagated: those with `l ≥ 0`, as the others are their conjugates;
+    /// with `solver.reduce.modes = false` also those with `l = −1, −2, …` after them.
     pub modes: usize,
     /// Points `N_p` of the whole warped field, where all modes are kept.
     pub points: Option<usize>,
-    /// How `u` is read; a second reading gives the error estimate.
+    /// The readings of `u`; a second one gives the error estimate.
     pub readings: Vec<Reading>,
-    /// Which part of the error the distance of the two readings shows; more than 1 where it
-    /// overstates it.
+    /// The part of the error that the distance of the two readings shows; above 1 if it overstates
+    /// the error.
     #[serde(rename = "seen")]
     pub estimator_efficiency: f64,
     /// Bound on the factor by which that part depends on the state; infinite if it is not known.
@@ -47,8 +47,8 @@ pub struct WarpPlan {
     pub estimator_doubt: f64,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
-    /// What each mode takes: applications (Chebyshev: the degrees of its series; Krylov: at most),
-    /// or solves of an implicit method. Who computes it with which others is the layout's.
+    /// The work of each mode: applications (Chebyshev: the degree of its series; Krylov: at most),
+    /// or solves of an implicit method. The layout assigns modes to batches and ranks.
     pub work: Vec<usize>,
     /// The legs of the run.
     #[serde(skip)]
@@ -56,38 +56,40 @@ pub struct WarpPlan {
     /// The same by leg, then by mode.
     #[serde(skip)]
     pub leg_work: Vec<Vec<usize>>,
-    /// Relative error that each mode is allowed: its share of a tenth of the state's tolerance;
-    /// where the warped field is read from a file, the tolerance itself, so that the whole of it is
-    /// within the tolerance of its norm.
+    /// Allowed relative error of each mode: its share of a tenth of the state's tolerance; if the
+    /// warped field is read from a file, the tolerance itself, so that the whole field is within
+    /// the tolerance of its norm.
     #[serde(skip)]
     pub mode_tolerances: Vec<f64>,
     /// Applications, over the modes and fields, all stages of an inflow that depends on time
     /// included; 0 where systems are solved instead. A mode counts with its own degree, on any
-    /// ranks: where others of its batch go on, its lane is idle.
+    /// ranks: its lane idles while longer modes of its batch continue.
     pub applications: usize,
     /// Solves of an implicit method, over the modes.
     pub solves: usize,
-    /// `Σ |weight|` of the first reading: how much round-off is amplified.
+    /// `Σ |weight|` of the first reading: the amplification of round-off.
     pub amplification: f64,
     /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// How many times longer an application takes whose result is read and added to a sum, beside one
-/// that is summed backwards.
+/// Cost of an application whose result is read and added to a sum, relative to one of a backward
+/// sum.
 const READING: f64 = 1.3;
-/// Its additional cost for each output time and moment, relative to a velocity cell.
+/// Additional cost of such an application for each output time and moment, relative to a velocity
+/// cell.
 const ADDING: f64 = 0.1;
 /// With fewer modes, a designed profile may have the same error at both readings.
 const FEWEST_MODES_TO_TELL: usize = 10;
-/// Where the distance shows less of the error than this, what else differs between the readings
-/// (round-off, what cut series leave) may be most of it.
+/// If the distance shows a smaller part of the error than this, it may consist mostly of other
+/// differences between the readings (round-off, truncated series).
 const LEAST_SEEN: f64 = 0.35;
 /// Largest factor by which the visible part of the error may depend on the state.
 const LARGEST_DOUBT: f64 = 3.0;
 
 impl WarpPlan {
-    /// Why the distance of the two readings may not estimate the error; `None` if it does.
+    /// The reason why the distance of the two readings may not estimate the error; `None` if it
+    /// does.
     pub fn estimate_doubt(&self) -> Option<&'static str> {
         match &self.profile {
             Some(Profile::Designed(_)) if self.modes < FEWEST_MODES_TO_TELL => {
@@ -107,7 +109,7 @@ impl WarpPlan {
     /// # Errors
     /// [`Error::Tolerance`], [`Error::Growth`] and [`Error::Recovery`] when round-off forbids the
     /// tolerance, [`Error::Interval`] when the interval given by hand is too short,
-    /// [`Error::Modes`] and [`Error::TooLong`] when it takes too much.
+    /// [`Error::Modes`] and [`Error::TooLong`] when the run would be too large.
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         if bounds.rate * case.duration() > LONGEST_SPAN {
             return Err(Error::TooLong {
@@ -163,7 +165,7 @@ impl WarpPlan {
         })
     }
 
-    /// How many modes [`new`](Self::new) would plan: known long before what each of them takes.
+    /// The number of modes that [`new`](Self::new) would plan; much cheaper than their work.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -172,8 +174,8 @@ impl WarpPlan {
         Ok(PropagatedModes::of(case, &placement.series).count)
     }
 
-    /// What [`new`](Self::new) would plan, nearly, from some of the modes: applications or solves
-    /// over all of them and all fields.
+    /// Estimates, from a sample of the modes, the applications or solves over all modes and fields
+    /// that [`new`](Self::new) would plan.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -201,7 +203,7 @@ impl WarpPlan {
         Ok(mean * (count * case.fields.len()) as f64)
     }
 
-    /// A number that plans share which are the same to the last bit.
+    /// A checksum: plans with the same bits have the same one.
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();
         self.leg_work.hash(&mut hasher);
@@ -242,8 +244,8 @@ impl WarpPlan {
     }
 }
 
-/// The legs of least cost, and what each mode takes in each: from one output time to the next, or
-/// past those at which moments are all that is wanted.
+/// The legs of least cost, and the work of each mode in each: from one output time to the next, or
+/// past output times that need moments only.
 fn cheapest_legs(
     case: &Case,
     bounds: &Bounds,
@@ -270,8 +272,8 @@ fn cheapest_legs(
     if cost(&joined) < cost(&single) { joined } else { single }
 }
 
-/// How many times longer an application takes in a leg that passes so many times. The same on any
-/// ranks and processor, as is the plan.
+/// Relative cost of an application in a leg that passes `times` output times. Like the plan, it
+/// does not depend on ranks or processor.
 fn cost_of_passing(case: &Case, times: usize) -> f64 {
     if times == 0 {
         return 1.0;
@@ -295,7 +297,7 @@ fn leg_work(
             let span = Span { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
             let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
-            // From `k ≥ ht` on, `J_k(ht)` grows with the time: what is left out is largest at the
+            // For `k ≥ ht`, `J_k(ht)` grows with the time: the truncation error is largest at the
             // end.
             let turn = bounds.interval(mu).half_width * leg.time;
             if leg.passed.is_empty() { work } else { work.max(turn.ceil() as usize) }
@@ -331,7 +333,7 @@ fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
     (state_tolerance / (10.0 * modes as f64 * weight)).min(1.0)
 }
 
-/// The modes of a series that are propagated: its own, `l ≥ 0`, and perhaps behind them their
+/// The modes of a series that are propagated: its own, `l ≥ 0`, and perhaps after them their
 /// conjugates.
 #[derive(Clone, Copy)]
 pub(crate) struct PropagatedModes<'a> {
@@ -358,8 +360,8 @@ impl<'a> PropagatedModes<'a> {
         Self { count: self.series.modes(), ..*self }
     }
 
-    /// The mode of the series that the `l`-th is, or, where the last is true, whose conjugate it
-    /// is.
+    /// The mode of the series that the `l`-th mode equals or, if the flag is true, is the conjugate
+    /// of.
     fn own(&self, l: usize) -> (usize, bool) {
         match l.checked_sub(self.series.modes()) {
             None => (l, false),
@@ -374,7 +376,7 @@ impl<'a> PropagatedModes<'a> {
         if mirrored { -mu } else { mu }
     }
 
-    /// Factor of the `l`-th in `reading`; a mode and its conjugate have half of it each.
+    /// Factor of the `l`-th mode in `reading`; a propagated conjugate has half of it.
     fn weight(&self, l: usize, reading: &Reading) -> Complex64 {
         let (series, (own, mirrored)) = (self.series, self.own(l));
         let both = self.count > series.modes() && !series.is_alone(own);

@@ -17,21 +17,20 @@ use num_complex::Complex64;
 /// Bound on the change of a mode's norm by round-off, per leg.
 const UNITARITY_ROUND_OFF: f64 = 1e-12;
 
-/// Where the modes of a batch go.
+/// The vectors that receive the modes of a batch.
 pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
     pub(super) stage: &'b mut Stage<'a>,
-    /// The state at the end of a leg, from which the next begins.
+    /// The state at the end of a leg, with which the next begins.
     pub(super) between: &'b mut [Lanes],
-    /// The moments at the times that a leg passes, if one passes any.
+    /// The moments at the times that legs pass, if any.
     pub(super) passed: Option<&'b mut PassedMoments<'m>>,
-    /// The modes that are kept, in a full run.
+    /// The stored modes of a full run.
     pub(super) keeping: Option<&'b mut Keeping<'k>>,
     pub(super) statistics: &'b mut BatchStatistics,
 }
 
 /// Propagates the modes of a batch through the legs of the stage and adds them to its sums; a full
-/// run loads and stores the modes that it keeps. Collective over the space group; allocates
-/// nothing.
+/// run also loads and stores them. Collective over the space group; allocates nothing.
 pub(super) fn add_batch(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
@@ -92,23 +91,23 @@ pub(super) fn add_batch(
     Ok(())
 }
 
-/// How far the lanes of a batch are.
+/// Progress of the lanes of a batch.
 struct LaneProgress {
     /// The factor of each lane.
     phases: [Complex64; LANES],
-    /// How much of its norm each lane's norm may have changed so far.
+    /// Allowed change of each lane's norm so far, relative to the norm.
     allowed: [f64; LANES],
     /// Norms at time zero.
     norms: [f64; LANES],
 }
 
 impl LaneProgress {
-    /// Progress of lanes with these norms that have not begun.
+    /// Initial progress of lanes with these norms.
     fn start(norms: [f64; LANES]) -> Self {
         Self { phases: [Complex64::ONE; LANES], allowed: [0.0; LANES], norms }
     }
 
-    /// Loads the modes of `batch` that this rank has kept into `state`, and how far they are.
+    /// Loads the modes of `batch` that this rank has stored into `state`, and their progress.
     fn load(&mut self, kept: &KeptModes, batch: &Batch, state: &mut [Lanes]) {
         kept.load(&batch.modes, state);
         for l in 0..LANES {
@@ -120,7 +119,7 @@ impl LaneProgress {
         }
     }
 
-    /// Adds what propagating over `leg` reports.
+    /// Adds the report of the propagation over `leg`.
     fn advance(&mut self, leg: usize, report: &BatchReport) {
         for l in 0..LANES {
             let before = self.phases[l];
@@ -188,8 +187,8 @@ struct LaneEnds<'a> {
     lanes: &'a LaneProgress,
 }
 
-/// Adds the leading term of the error that the time step leaves, where the method leaves one and
-/// the stage goes to the end. Collective over the space group.
+/// Adds the leading term of the time-step error, if the method has one and the stage goes to the
+/// end. Collective over the space group.
 fn add_step_error(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
@@ -205,8 +204,8 @@ fn add_step_error(
         |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
     let bounds: [f64; LANES] = std::array::from_fn(bound);
     let sizes = system.lane_norms(&bounds.map(|b| b * b), error);
-    // No mode is further off than its two states are long: where the leading term is, it is cut to
-    // that.
+    // The error of a mode is at most the sum of the norms of its two states, to which the leading
+    // term is cut.
     let most = norms.map(|norm| 2.0 * norm);
     let parts: [f64; LANES] = std::array::from_fn(|l| {
         let size = whole * sizes[l];

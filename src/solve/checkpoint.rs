@@ -1,23 +1,21 @@
-//! Checkpoints: what a run has finished, on disk, so that a run that was stopped goes on where it
-//! was.
+//! Checkpoints: the finished work of a run on disk, from which a stopped run continues.
 //!
 //! The unit is the batch of modes. A checkpoint holds ([`Snapshot`])
 //!
-//! - which modes of the current stage are finished, and the fixed-point sums of what was read from
-//!   them: integers, so that it does not matter in which order, on which ranks or in which of
-//!   several processes they were added;
+//! - which modes of the current stage are finished, and the fixed-point sums of their readings:
+//!   integers, which do not depend on the order, the ranks or the processes that added them;
 //! - the results of finished stages;
-//! - of a full run, the modes themselves.
+//! - in a full run, the modes themselves.
 //!
 //! ```text
 //! DIR/checkpoint/000007/rank-00000.bin …   a file of each rank (see `file`)
 //! DIR/checkpoint/000007/manifest.json      sizes and checksums; written last, then renamed
 //! ```
 //!
-//! A generation without a manifest was not completed and does not count. Two are kept. A run of any
-//! number of ranks and any mesh reads what others wrote: sums of mode groups are integers that are
-//! added, everything else goes to who has the cells and the modes now; each rank reads what it
-//! needs and no more.
+//! A generation without a manifest was not completed and does not count. Two generations are
+//! stored. A run on any number of ranks and any mesh can continue: it adds the integer sums of mode
+//! groups, and gives everything else to the ranks that now have the cells and modes. Each rank
+//! reads only what it needs.
 
 pub mod file;
 pub mod store;
@@ -36,9 +34,9 @@ use std::time::Instant;
 
 /// The checkpoint that a run continues from.
 pub struct Resumed<'a> {
-    /// What the checkpoint is read for.
+    /// The checkpoint.
     pub generation: Generation,
-    /// The batches of this rank's mode group that are left of its stage.
+    /// The unfinished batches of this rank's mode group in its stage.
     pub batches: Vec<Batch>,
     /// Space cells of this rank's share.
     pub share: &'a [Range<usize>],
@@ -61,7 +59,7 @@ pub struct Checkpoints<'a> {
     watch: Watch,
     wall_seconds: Option<f64>,
     size: RunSize,
-    /// Taken when the run begins.
+    /// The checkpoint to continue from, taken when the run begins.
     pub resumed: Option<Resumed<'a>>,
     /// How many were written.
     pub written: usize,
@@ -90,14 +88,15 @@ impl<'a> Checkpoints<'a> {
     }
 
     /// Whether the batches of a stage are finished on all ranks. Called at the beginning of a stage
-    /// and after each batch. Writes a checkpoint of `snapshot` where it is time for one. Rank 0
-    /// reports a checkpoint by the clock that cannot be written, and the run goes on. Collective at
-    /// the end of a stage and where a checkpoint is written, otherwise over the space group.
+    /// and after each batch. Writes a checkpoint of `snapshot` where it is time for one. If a
+    /// checkpoint by the clock cannot be written, rank 0 reports it and the run continues.
+    /// Collective at the end of a stage and where a checkpoint is written, otherwise over the space
+    /// group.
     ///
     /// # Errors
-    /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written,
-    /// [`Error::Checkpoint`] when that could not be, [`Error::WallTime`] when the wall time is too
-    /// short for anything.
+    /// On all ranks: [`Error::Stopped`] if the run is to stop and its checkpoint was written,
+    /// [`Error::Checkpoint`] if it could not be written, [`Error::WallTime`] if the wall time did
+    /// not suffice for one batch.
     pub fn are_over<'s>(
         &mut self,
         standing: Standing,
@@ -113,18 +112,20 @@ impl<'a> Checkpoints<'a> {
                     return Ok(false);
                 }
                 Verdict::Finished | Verdict::Failed => return Ok(true),
-                Verdict::StopInTime if world.sum_count(self.watch.batches) == 0 => {
+                Verdict::StopByWallTime if world.sum_count(self.watch.batches) == 0 => {
                     return Err(Error::WallTime { seconds: self.wall_seconds.unwrap_or(0.0) });
                 }
-                Verdict::Write | Verdict::StopAsTold | Verdict::StopInTime => {}
+                Verdict::Write | Verdict::StopBySignal | Verdict::StopByWallTime => {}
             }
             let started = Instant::now();
             let snapshot = snapshot();
             let written = self.store.write(world, self.mesh, &snapshot);
             self.watch.wrote(started.elapsed());
             let why = match (verdict, self.wall_seconds) {
-                (Verdict::StopAsTold, _) => "stopped by a signal".to_owned(),
-                (Verdict::StopInTime, Some(seconds)) => format!("stopped by --walltime {seconds}"),
+                (Verdict::StopBySignal, _) => "stopped by a signal".to_owned(),
+                (Verdict::StopByWallTime, Some(seconds)) => {
+                    format!("stopped by --walltime {seconds}")
+                }
                 _ => {
                     match written {
                         Ok(_) => self.written += 1,

@@ -1,4 +1,4 @@
-//! The modes that a rank keeps: all rows of its space block for each of the modes it computes.
+//! The modes that a rank stores: all rows of its space block for each mode that it computes.
 
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::plan::memory::KEPT_MODE_BYTES;
@@ -16,37 +16,37 @@ use serde::{Deserialize, Serialize};
 /// was never stored.
 pub struct KeptModes {
     rows: usize,
-    /// Ascending.
+    /// The modes, ascending.
     modes: Vec<usize>,
     /// `values[k·rows + i]`: row `i` of mode `modes[k]`.
     values: Vec<Complex64>,
     progress: Vec<ModeProgress>,
 }
 
-/// How far a mode is.
+/// Progress of a mode.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModeProgress {
-    /// Legs that it has gone.
+    /// Number of legs over which it was propagated.
     pub legs: usize,
     /// `phase_l`.
     pub phase: Complex64,
-    /// Its norm before the first of them, over all ranks of the space group, or a bound on it.
+    /// Its norm before the first leg, over all ranks of the space group, or a bound on it.
     pub norm: f64,
-    /// How much of that its norm may have changed since.
+    /// Allowed change of the norm since, relative to it.
     pub allowed: f64,
 }
 
 const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == KEPT_MODE_BYTES);
 
 impl ModeProgress {
-    /// Progress of a mode of norm `norm` that has not begun.
+    /// Initial progress of a mode of norm `norm`.
     pub fn start(norm: f64) -> Self {
         Self { legs: 0, phase: Complex64::ONE, norm, allowed: 0.0 }
     }
 }
 
 impl KeptModes {
-    /// Room for `modes` of `rows` rows each, zero so far.
+    /// Storage for `modes` of `rows` rows each, filled with zeros.
     pub fn new(rows: usize, mut modes: Vec<usize>) -> Self {
         modes.sort_unstable();
         Self {
@@ -67,7 +67,7 @@ impl KeptModes {
         &self.modes
     }
 
-    /// All of them, `rows` numbers a mode, in the order of [`modes`](Self::modes).
+    /// All values, `rows` numbers a mode, in the order of [`modes`](Self::modes).
     pub fn values(&self) -> &[Complex64] {
         &self.values
     }
@@ -77,7 +77,7 @@ impl KeptModes {
         &mut self.values
     }
 
-    /// How far each is, in the order of [`modes`](Self::modes).
+    /// Progress of each mode, in the order of [`modes`](Self::modes).
     pub fn progress(&self) -> &[ModeProgress] {
         &self.progress
     }
@@ -110,8 +110,7 @@ impl KeptModes {
         Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
     }
 
-    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `progress[l]`; modes of other
-    /// ranks are left out.
+    /// Stores lane `l` of `state` for `modes[l]`, with `progress[l]`; ignores modes of other ranks.
     pub fn store(&mut self, modes: &[usize], progress: &[ModeProgress; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
             let Some(k) = self.place(mode) else {
@@ -125,8 +124,7 @@ impl KeptModes {
         }
     }
 
-    /// Loads `modes[l]` into lane `l` of `state`, and the last of them into the lanes that are
-    /// left.
+    /// Loads `modes[l]` into lane `l` of `state`, and the last mode into the remaining lanes.
     pub fn load(&self, modes: &[usize], state: &mut [Lanes]) {
         for l in 0..LANES {
             let mode = modes.get(l).or(modes.last());
@@ -157,7 +155,7 @@ mod tests {
             phase: Complex64::new(0.0, mode as f64),
             ..ModeProgress::start(2.0)
         };
-        // A full batch, one that is not, and a mode of another rank.
+        // A full batch, a partial one, and a mode of another rank.
         let batches: [&[usize]; 3] = [&[7, 2, 11, 4, 0, 9, 3, 8], &[21, 1], &[6]];
         for (stored, batch) in [0, 8, 10].into_iter().zip(batches) {
             assert_eq!(gone(&kept), stored);

@@ -1,16 +1,16 @@
-//! The Schrödingerized run: modes are propagated batch by batch, added to what is recovered, and
+//! The Schrödingerized run: modes are propagated batch by batch, added to the recovered field, and
 //! dropped.
 //!
-//! Memory is a few phase-space vectors, whatever the number of modes, and the sums of one field at
-//! a time. Contributions of modes are added in fixed point (see [`crate::base::fixed_point`]), so
-//! the result has the same bits for any mode groups, any batches of independent modes and any
-//! order.
+//! It needs memory for a few phase-space vectors and the sums of one field at a time, for any
+//! number of modes. Contributions of modes are added in fixed point (see
+//! [`crate::base::fixed_point`]), so the result has the same bits for any mode groups, any batches
+//! of independent modes and any order.
 //!
-//! A run has *legs*, from one output time to the next, or past some at which moments are all that
-//! is wanted (see [`crate::propagate::passed`]). It goes in *stages*, each a pass over all
-//! modes of a field: of a streamed run, in which a batch takes all legs one after the other; of a
-//! full one, which keeps the modes, in which it takes one. Both do the same with a mode, so that
-//! their results have the same bits.
+//! A run has *legs*, from one output time to the next, or past output times that need moments only
+//! (see [`crate::propagate::passed`]). It consists of *stages*, each a pass over all modes of a
+//! field. In a stage of a streamed run, a batch takes all legs one after the other; in a stage of a
+//! full run, which stores the modes, it takes one leg. Both treat a mode alike, so that their
+//! results have the same bits.
 
 use crate::base::error::Result;
 use crate::base::progress::Progress;
@@ -37,7 +37,7 @@ pub struct RunHooks<'r, 'k, 'c> {
     pub checkpoints: Option<&'r mut Checkpoints<'c>>,
 }
 
-/// Does the task, field after field. Collective.
+/// Runs the task, field after field. Collective.
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
@@ -53,7 +53,7 @@ pub fn run(
     mut hooks: RunHooks<'_, '_, '_>,
 ) -> Result<Recovered> {
     let resumed = hooks.checkpoints.as_mut().and_then(|c| c.resumed.take());
-    // The start of batches that do not start from a field at time zero.
+    // Whether batches start from stored modes instead of a field at time zero.
     let begun = hooks.keeping.as_ref().is_some_and(|keeping| keeping.begun);
     let between = if begun || task.legs.len() > 1 { system.matrix.rows() } else { 0 };
     let legs = task.legs.len();
@@ -106,8 +106,8 @@ struct StagedModes<'r, 'a, 's, 'k, 'c> {
 }
 
 impl StagedModes<'_, '_, '_, '_, '_> {
-    /// Does stage number `number`, of field `k`: all its batches, or those that are left of it
-    /// after a checkpoint. Collective.
+    /// Runs stage number `number`, of field `k`: all its batches, or those that the checkpoint
+    /// left. Collective.
     fn stage(
         &mut self,
         number: usize,

@@ -11,16 +11,16 @@ use std::ops::Range;
 pub struct Place {
     /// The space block.
     pub block: Block,
-    /// `ranges[g]`: cells of the block that rank `g` of its mode groups keeps of the result.
+    /// `ranges[g]`: the block's cells whose results rank `g` of its mode groups has.
     pub ranges: Vec<Range<usize>>,
-    /// This rank's of them.
+    /// This rank's range.
     pub mine: Range<usize>,
     /// The same as space cells, one range an x-axis.
     pub share: Vec<Range<usize>>,
 }
 
 impl Place {
-    /// The part of this rank, whose number `communicator` has, on the mesh of `plan`.
+    /// The part of this rank of `communicator` on the mesh of `plan`.
     pub fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
         let mesh = &plan.layout.mesh;
         let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());

@@ -1,4 +1,4 @@
-//! A case made ready on the ranks of its mesh: the one preparation of runs, spectra and studies.
+//! A case assembled on the ranks of its mesh: the common preparation of runs, spectra and studies.
 
 use crate::base::error::{Error, Result};
 use crate::base::memory;
@@ -24,11 +24,11 @@ pub struct Prepared {
     pub system: DiscreteSystem,
     /// The plan: provisional until [`plan_modes`](Self::plan_modes).
     pub plan: Plan,
-    /// Bounds of the generator, with the growth that was found.
+    /// Bounds of the generator, with the measured growth.
     pub bounds: Bounds,
-    /// Bounds that the system was assembled with, before the growth was found.
+    /// Bounds with which the system was assembled, before the growth was measured.
     expected: Bounds,
-    /// Sweeps that the weights may take.
+    /// Most sweeps for the weights.
     max_weight_sweeps: usize,
 }
 
@@ -43,7 +43,8 @@ impl Prepared {
         Self::with_plan(world, case, &bounds, plan)
     }
 
-    /// Assembles `case` on the mesh of `plan`, whose weights may take its sweeps. Collective.
+    /// Assembles `case` on the mesh of `plan`, with the plan's limit on sweeps for the weights.
+    /// Collective.
     ///
     /// # Errors
     /// As [`DiscreteSystem::new`].
@@ -69,7 +70,7 @@ impl Prepared {
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
         let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
-        // What assembling took is not to lie beside the modes.
+        // Returns the memory of the assembly before the modes need theirs.
         memory::give_back();
         let each = system.matrix.bytes() as f64 / system.matrix.rows().max(1) as f64;
         let matrix_bytes = Some(communicator.world.max(each));
@@ -97,15 +98,15 @@ impl Prepared {
         self.system.unweighted(&self.place.mine, state)
     }
 
-    /// The same with the plan of the modes, for the `ratio` that the probe found; assembled again
-    /// where that plan has another process mesh. Collective.
+    /// The same with the plan of the modes, for the `ratio` of the probe; assembled again if that
+    /// plan has another process mesh. Collective.
     ///
     /// # Errors
-    /// As [`Plan::new`]; [`Error::Ranks`] where ranks plan different series.
+    /// As [`Plan::new`]; [`Error::Ranks`] if ranks plan different series.
     pub fn plan_modes(self, world: &World, resources: &Resources, ratio: f64) -> Result<Self> {
         let plan = self.plan.measured(&self.case, self.bounds.clone(), resources, ratio)?;
-        // Processors of different kinds might round differently, and ranks that count
-        // differently wait for each other for ever.
+        // Processors of different kinds might round differently, and ranks with different plans
+        // would wait for each other for ever.
         let all = &self.communicator.world;
         let rounds_alike = all.same(u64::from(InstructionSet::here().is_fused()));
         let warp = plan.warp.as_ref();
@@ -118,7 +119,7 @@ impl Prepared {
             return Ok(Self { plan, ..self });
         }
         let Self { case, expected, max_weight_sweeps, system, .. } = self;
-        // Before another takes its memory.
+        // Frees this system before another is assembled.
         drop(system);
         Self::with_sweeps(world, &case, &expected, plan, max_weight_sweeps)
     }

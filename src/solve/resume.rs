@@ -115,7 +115,7 @@ impl Recovered {
 }
 
 impl KeptModes {
-    /// The modes that have gone a leg.
+    /// The modes that were propagated over at least one leg.
     fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
         let all = self.modes().iter().zip(self.progress());
         all.filter(|(_, progress)| progress.legs > 0).filter_map(|(&mode, &progress)| {

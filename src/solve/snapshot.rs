@@ -11,7 +11,7 @@ use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Beginnings of the keys that change no bit of a checkpoint.
+/// Prefixes of the keys that change no bit of a checkpoint.
 pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
     "title", "reference", "initial.warped", "initial.field", "output.compression", "output.chunks",
     "output.expand", "output.positive", "output.xdmf", "checkpoint.",
@@ -24,9 +24,9 @@ pub struct Fingerprint {
     pub(crate) program: String,
     /// The settings of the case, by key.
     pub(crate) settings: BTreeMap<String, String>,
-    /// The warped field that it starts from, if it does.
+    /// The warped field from which it starts, if any.
     pub(crate) start: Option<WarpedFieldKey>,
-    /// The checksum of the field that it starts from, if that is of a file.
+    /// The checksum of the field from which it starts, if that is in a file.
     pub(crate) field: Option<u64>,
     /// The checksums of tables in files, by their keys.
     pub(crate) tables: BTreeMap<String, Option<u64>>,
@@ -41,13 +41,13 @@ pub struct Fingerprint {
 pub(crate) struct WarpedFieldKey {
     /// Bits of the ends of its interval, and its points.
     pub(crate) points: ([u64; 2], usize),
-    /// The checksum of its numbers, once they were read.
+    /// The checksum of its values, once they were read.
     pub(crate) values: Option<u64>,
 }
 
 impl Fingerprint {
-    /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose
-    /// values are.
+    /// The fingerprint of a run. It omits settings that change no bit of a checkpoint, and the
+    /// paths of files whose values it identifies.
     pub fn new(case: &Case, warp: &WarpPlan) -> Self {
         // A table is identified by its checksum.
         let counts = |key: &String| {
@@ -70,7 +70,7 @@ impl Fingerprint {
         }
     }
 
-    /// How `other` differs, if it does.
+    /// The difference of `other`, if any.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
         if self.program != other.program {
             let (other, own) = (&other.program, &self.program);
@@ -112,7 +112,7 @@ impl Fingerprint {
     }
 }
 
-/// How far a mode group is; or all of them together.
+/// Progress of a mode group, or of all groups together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GroupProgress {
     /// Number of the stage.
@@ -138,13 +138,13 @@ impl GroupProgress {
 
 /// One rank's part of a checkpoint.
 pub struct Snapshot<'a> {
-    /// How far its mode group is.
+    /// Progress of its mode group.
     pub state: GroupProgress,
     /// The sums of the current stage, two integers a number, point by point of the space block.
     pub sums: Vec<BoxValues<'a, i64>>,
     /// The results of finished stages, point by point of the rank's share.
     pub results: Vec<BoxValues<'a, f64>>,
-    /// The modes that it keeps, in a full run.
+    /// The stored modes of a full run.
     pub kept: Option<Kept<'a>>,
 }
 
@@ -161,16 +161,16 @@ impl Snapshot<'_> {
 /// Numbers, point by point of a box of space.
 #[derive(Clone, Copy)]
 pub struct BoxValues<'a, T> {
-    /// So many at a point.
+    /// Numbers at a point.
     pub width: usize,
-    /// All of them.
+    /// All numbers.
     pub values: &'a [T],
 }
 
-/// Modes that are kept.
+/// Stored modes.
 pub struct Kept<'a> {
-    /// The global number of the cell to which the auxiliary unknown in each row behind the block's
-    /// cells belongs; the largest there is for the common one.
+    /// The global number of the cell of each auxiliary unknown, in the order of the rows after the
+    /// block's cells; the largest number for the common unknown.
     pub auxiliary: Vec<u64>,
     /// The modes.
     pub modes: Vec<KeptMode<'a>>,
@@ -180,7 +180,7 @@ pub struct Kept<'a> {
 pub struct KeptMode<'a> {
     /// Number of the mode.
     pub mode: usize,
-    /// How far it is.
+    /// Its progress.
     pub progress: ModeProgress,
     /// The block's cells and its auxiliary unknowns.
     pub rows: &'a [Complex64],

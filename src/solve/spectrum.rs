@@ -1,11 +1,11 @@
 //! Extreme eigenvalues of `S` by Lanczos, matrix-free, with the residual of each; Gershgorin's
 //! bounds.
 //!
-//! Lanczos turns `S` into a tridiagonal `T` of its steps' size. For an extreme eigenvalue `θ` of
-//! `T` with eigenvector `y`, some eigenvalue of `S` is within `β |y_last|` of `θ`, and the extreme
-//! one of `S` is not inside (Parlett, *The symmetric eigenvalue problem*, chapter 13). The steps
-//! end when this is small enough at both ends. Bounds that need no matrix are in
-//! [`crate::matrix::bounds::Bounds`].
+//! After `n` steps Lanczos gives a tridiagonal `T` of dimension `n`. For an extreme eigenvalue `θ`
+//! of `T` with eigenvector `y`, some eigenvalue of `S` is within `β |y_last|` of `θ`, and the
+//! extreme eigenvalue of `S` is at least as extreme as `θ` (Parlett, *The symmetric eigenvalue
+//! problem*, chapter 13). The iteration ends when this residual is small enough at both ends.
+//! Bounds that need no matrix are in [`crate::matrix::bounds::Bounds`].
 
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
@@ -45,10 +45,10 @@ pub struct Extremes {
 /// off-diagonals `beta > 0`, and the modulus of the last component of its eigenvector.
 ///
 /// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive:
-/// bisection. The eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` where the pivots
-/// from above and from below, `d` and `e`, leave least of the equation, `y_k = y_{k+1} β_k/d_k`
-/// above it, `y_k = y_{k−1} β_{k−1}/e_k` below; of one sign, so nothing cancels, and a small last
-/// component is right.
+/// bisection. The eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` at the row `r` with
+/// the smallest residual of the pivots `d` from above and `e` from below, `y_k = y_{k+1} β_k/d_k`
+/// above it, `y_k = y_{k−1} β_{k−1}/e_k` below. All components have one sign, so nothing cancels,
+/// and a small last component is accurate.
 fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
     let m = alpha.len();
     let off = |k: usize| if k < m - 1 { beta[k] } else { 0.0 };
@@ -103,8 +103,7 @@ fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
     (high, y.abs() / square.sqrt())
 }
 
-/// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would
-/// come next.
+/// Both ends of the spectrum of the tridiagonal matrix; `last` is the next off-diagonal.
 fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [SpectrumEnd; 2] {
     let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
     let length = pairs[0].1.0 + pairs[1].1.0;
@@ -175,7 +174,7 @@ pub fn of(
 }
 
 /// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without
-/// reorthogonalisation: copies of converged values appear, which the extremes do not mind. `norm`
+/// reorthogonalisation: copies of converged values appear, which do not affect the extremes. `norm`
 /// bounds `‖S‖`; `unknowns` is the number of terms of a norm over all ranks. Collective over
 /// `space`.
 pub fn extremes(
@@ -230,8 +229,8 @@ pub fn extremes(
 }
 
 /// The vector that Lanczos starts from, the same on any number of ranks, with room for ghosts.
-/// Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the grid,
-/// which has so many `unknowns`.
+/// Auxiliary unknowns start with the value of their rows; a common unknown of all ranks with that
+/// of a cell after the grid's `unknowns`.
 fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
     let (rows, cells) = (matrix.rows(), matrix.block.cells());
     let mut vector = vec![0.0; matrix.length()];
@@ -250,8 +249,8 @@ fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
     vector
 }
 
-/// Both ends, each with the smaller of its residual `now` and `before`: copies of a converged value
-/// that appear later blur its residual, not the value.
+/// Both ends, each with the smaller of its residuals `now` and `before`: later copies of a
+/// converged value increase its residual, but do not change the value.
 fn with_earlier(mut now: [SpectrumEnd; 2], before: Option<[SpectrumEnd; 2]>) -> [SpectrumEnd; 2] {
     for (now, before) in now.iter_mut().zip(before.into_iter().flatten()) {
         if before.residual < now.residual {

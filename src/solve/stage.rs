@@ -26,9 +26,9 @@ pub struct Task<'a> {
     pub batches: &'a [Batch],
     /// The fields at time zero.
     pub initial: &'a [Initial<'a>],
-    /// `shares[g]`: the block's cells that rank `g` of the mode groups keeps of the results.
+    /// `shares[g]`: the block's cells whose results rank `g` of the mode groups has.
     pub shares: &'a [Range<usize>],
-    /// How moments follow, where no more than them is wanted at a time.
+    /// The computation of moments, for output times that need moments only.
     pub moments: Option<&'a MomentsOf<'a>>,
 }
 
@@ -39,22 +39,23 @@ pub struct Recovered {
     pub fields: Vec<Vec<Vec<f64>>>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
-    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; or,
-    /// where they are all that is wanted, sums over the velocities for the moments of `f`, point by
+    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; at
+    /// times that need moments only, sums over the velocities for the moments of `f`, point by
     /// point.
     pub early: Vec<Vec<Vec<f64>>>,
     /// Largest over the modes of (change of the norm) / (change that its method allows + 1e-12); at
-    /// most 1. None where the method does not keep the norm.
+    /// most 1. `None` if the method does not preserve the norm.
     pub unitarity_defect: Option<f64>,
-    /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; `None` if the state is zero.
     pub norm_kept: Option<f64>,
-    /// Leading term of the error that the time step leaves in each field by the first reading, like
-    /// `fields`; empty where the method meets its tolerance by itself.
+    /// Leading term of the time-step error of each field by the first reading, as in `fields`;
+    /// empty if the method meets its tolerance by itself.
     pub step_errors: Vec<Vec<f64>>,
-    /// By field, a bound on the error of modes whose step is too long for the leading term.
+    /// By field, a bound on the error of modes for which the step is too long to use the leading
+    /// term.
     pub step_beyond: Vec<f64>,
-    /// Applications done by this rank's mode group; the first group counts those before a
-    /// checkpoint that the run went on from.
+    /// Applications of this rank's mode group; the first group includes those before the checkpoint
+    /// from which the run continues.
     pub applications: usize,
     /// Applications of this rank's mode group since the process started.
     pub applications_here: usize,
@@ -68,7 +69,7 @@ pub struct Recovered {
 pub struct Keeping<'a> {
     /// The modes of this rank, of one field after the other.
     pub kept: &'a mut KeptModes,
-    /// Whether they are those that the run starts from, instead of the fields at time zero.
+    /// Whether the run starts from these modes instead of the fields at time zero.
     pub begun: bool,
     /// Called on all ranks with `(field, leg, modes)` at the end of each leg.
     pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
@@ -90,9 +91,9 @@ pub(crate) struct Stage<'a> {
     pub(crate) legs: Range<usize>,
     /// By leg of the stage, the sums at each time that the leg passes, then at its end.
     pub(crate) sums: Vec<Vec<Sum<'a>>>,
-    /// Whether the method leaves an error of its time step.
+    /// Whether the method has a time-step error.
     pub(crate) stepped: bool,
-    /// The leading term of that error, where the stage goes to the end.
+    /// The leading term of that error, if the stage goes to the end.
     pub(crate) step_sum: Option<Sum<'a>>,
     /// Bounds on the error of modes whose step is too long for the leading term.
     pub(crate) beyond: Vec<f64>,
@@ -165,8 +166,8 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal
-/// steps leave of an error.
+/// The time up to the end of a leg divided by the length of the leg: the factor by which the error
+/// of equal steps has grown.
 pub(crate) fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }

@@ -1,4 +1,4 @@
-//! The field of a result from which a run goes on (`initial.field`), read by each rank for its
+//! The field of a result from which a run continues (`initial.field`), read by each rank for its
 //! block.
 
 use crate::base::checksum::{self, DatasetBox};
@@ -15,12 +15,12 @@ use std::ops::Range;
 /// Numbers read at a time: 4 MiB.
 const PIECE: usize = 1 << 19;
 
-/// `/f` of the file `start` on the cells of `block`, velocities fastest. An axis that the run of
-/// the file merged has one cell there, whose value all have. Collective over the world.
+/// `/f` of the file `start` on the cells of `block`, velocities fastest. An axis that the file's
+/// run merged has one cell, whose value all cells get. Collective over the world.
 ///
 /// # Errors
-/// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or
-/// infinity; [`Error::Magnitude`] for values whose squares overflow or vanish.
+/// [`Error::Input`] if the file cannot be read, was changed, or contains NaN or infinity;
+/// [`Error::Magnitude`] for values whose squares overflow or vanish.
 pub fn read(
     communicator: &Communicator,
     space: &PhaseSpace,
@@ -61,7 +61,7 @@ struct StoredPart {
 }
 
 impl StoredPart {
-    /// The part of `block`; none where the shape is not that of `space`.
+    /// The part of `block`; `None` if the dataset does not have the shape of `space`.
     fn of(dataset: &Dataset, space: &PhaseSpace, block: &Block) -> Option<Self> {
         let shape = dataset.shape();
         let velocities = space.v.iter().map(|v| 0..v.cells);
@@ -79,7 +79,7 @@ impl StoredPart {
         Some(Self { stored: stored.collect(), shape, wanted })
     }
 
-    /// The numbers. Collective over `space`, whose blocks make up the grid, and `world`.
+    /// Reads the numbers. Collective over `space`, whose blocks make up the grid, and `world`.
     fn read(
         &self,
         space: &Group,

@@ -1,4 +1,4 @@
-//! Statistics of batches: norms kept, applications, solves.
+//! Statistics of batches: changes of norms, applications, solves.
 
 use crate::propagate::method::BatchReport;
 use serde::{Deserialize, Serialize};
@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 /// Statistics of the batches of a mode group so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BatchStatistics {
-    /// Largest change of a norm, as a fraction of the allowed one; none where the method does not
-    /// keep norms.
+    /// Largest change of a norm, as a fraction of the allowed one; `None` if the method does not
+    /// preserve norms.
     pub defect: Option<f64>,
-    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; none where no state was but zero.
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; `None` if all states were zero.
     pub kept: Option<f64>,
     /// Applications.
     pub applications: usize,
@@ -18,19 +18,19 @@ pub struct BatchStatistics {
 }
 
 impl BatchStatistics {
-    /// The smallest ratio of norms of a batch, infinite where there is none, and the largest
+    /// Adds the smallest ratio of norms of a batch, infinite if there is none, and the largest
     /// defect.
     pub(crate) fn norms(&mut self, ratio: f64, defect: Option<f64>) {
         self.join(Some(ratio).filter(|r| r.is_finite()), defect);
     }
 
-    /// The work of a batch.
+    /// Adds the work of a batch.
     pub(crate) fn took(&mut self, report: &BatchReport) {
         self.applications += report.applications;
         self.solves += report.solves;
     }
 
-    /// Adds those of another group.
+    /// Adds the statistics of another group.
     pub fn add(&mut self, other: &Self) {
         self.join(other.kept, other.defect);
         self.applications += other.applications;

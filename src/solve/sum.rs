@@ -24,7 +24,7 @@ pub struct Sum<'a> {
 }
 
 impl<'a> Sum<'a> {
-    /// Room for the sums over the modes of `warp`, whose vectors are at most `size` long, at
+    /// Storage for the sums over the modes of `warp`, whose vectors are at most `size` long, at
     /// `points` points of space with `velocities` cells each.
     pub fn of_field(
         warp: &WarpPlan,
@@ -43,7 +43,7 @@ impl<'a> Sum<'a> {
         }
     }
 
-    /// Room for the sums of the moments only, at `points` points of space.
+    /// Storage for the sums of the moments only, at `points` points of space.
     pub fn of_moments(
         warp: &WarpPlan,
         reading: &Reading,
@@ -63,8 +63,8 @@ impl<'a> Sum<'a> {
         }
     }
 
-    /// Adds `Re Σ_l weight_l w_l`, lane by lane, so that it does not matter which modes are
-    /// together. `state` are the block's cells. Allocates nothing.
+    /// Adds `Re Σ_l weight_l w_l`, lane by lane, so that the result does not depend on the batches.
+    /// `state` is on the block's cells. Allocates nothing.
     pub fn add(&mut self, weights: &[Complex64; LANES], state: &[Lanes]) {
         let re: [f64; LANES] = weights.map(|w| w.re);
         let im: [f64; LANES] = weights.map(|w| w.im);

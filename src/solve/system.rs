@@ -20,7 +20,7 @@ use std::time::Instant;
 /// Margin for the error of the probe.
 const PROBE_SAFETY: f64 = 1.01;
 
-/// Half of a disc of this radius lies in the stability region of SSP-RK3.
+/// The left half of a disc of this radius lies in the stability region of SSP-RK3.
 const RUNGE_KUTTA_RADIUS: f64 = 1.7;
 
 /// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
@@ -32,12 +32,11 @@ pub struct DiscreteSystem {
     /// `ũ` of each field at the start: weighted cells, then auxiliary unknowns, then room for
     /// ghosts.
     pub states: Vec<Vec<f64>>,
-    /// Each field at the start on this rank's cells; a run drops them once it has their mass.
+    /// Each field at the start on this rank's cells; a run drops them after computing their mass.
     pub initial: Vec<Vec<f64>>,
-    /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space
-    /// group.
+    /// Number of terms of a norm: space cells and auxiliary unknowns, over the space group.
     pub terms: usize,
-    /// The steps of an inflow that depends on time, where modes are to be propagated.
+    /// The steps of an inflow that depends on time, if modes are propagated.
     pub schedule: Option<Schedule>,
     /// Bound on the growth of the system with its auxiliary unknowns.
     pub coupled_growth: f64,
@@ -45,7 +44,7 @@ pub struct DiscreteSystem {
     pub coupling: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
-    /// Seconds that the weights took.
+    /// Seconds for computing the weights.
     pub weight_seconds: f64,
 }
 
@@ -61,17 +60,17 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
     Err(Error::Magnitude { key: formula.place().to_owned(), value })
 }
 
-/// The purpose of a system.
+/// Limits on the use and assembly of a system.
 #[derive(Clone, Copy, Debug)]
 pub struct SystemLimits {
-    /// The widest row of a vector whose ghosts will be exchanged, in real numbers.
+    /// The largest number of reals in a row of a vector whose ghosts are exchanged.
     pub ghost_width: usize,
-    /// The sweeps that better weights are worth.
+    /// Most sweeps for the weights.
     pub max_weight_sweeps: usize,
 }
 
-/// The weights, with which `matrix` is scaled: those of at most so many `sweeps` that make it
-/// dissipative, the volumes of elements, or ones. Collective.
+/// Finds the weights and scales `matrix` by them: dissipative weights within so many `sweeps`, the
+/// volumes of elements, or ones. Collective.
 fn weighted(
     case: &Case,
     matrix: &mut BlockMatrix,
@@ -81,7 +80,7 @@ fn weighted(
 ) -> Result<Weights> {
     let weights = match sweeps {
         Some(sweeps) => {
-            // No path is worth following much longer than the grid is wide.
+            // Paths much longer than the grid is wide need not be followed.
             let width: usize = case.space.axes().map(|a| a.cells).sum();
             let goal = WeightGoal {
                 limit: WEIGHT_GROWTH / case.duration(),
@@ -97,7 +96,7 @@ fn weighted(
     Ok(weights)
 }
 
-/// The values of each field at the start at the block's cells: of its formula, or of a file. The
+/// The values of each field at the start on the block's cells: from its formula or from a file. The
 /// mode groups share the projection onto elements. Collective.
 fn initial_values(
     case: &Case,
@@ -147,8 +146,8 @@ fn weighted_state(
     state
 }
 
-/// The steps of an inflow that depends on time, where the modes of `field` are to be propagated;
-/// for the classical method its samples are only checked. None of another inflow. Collective.
+/// The steps of an inflow that depends on time, if the modes of `field` are propagated; the
+/// classical method only checks its samples. `None` for a constant inflow. Collective.
 fn scheduled(
     case: &Case,
     matrix: &BlockMatrix,
@@ -223,10 +222,10 @@ impl DiscreteSystem {
         })
     }
 
-    /// `bounds` with the growth that was found instead of the one that was allowed for.
+    /// `bounds` with the measured growth instead of the assumed one.
     pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
         let inflow = self.terms > case.space.space_cells();
-        // An auxiliary unknown by itself neither grows nor decays.
+        // An auxiliary unknown alone neither grows nor decays.
         let growth = match inflow {
             true => self.coupled_growth,
             false => self.weights.certificate,
@@ -255,7 +254,7 @@ impl DiscreteSystem {
         })
     }
 
-    /// The same over the cells, weights left in, and over the auxiliary unknowns.
+    /// The same over the cells with the weights, and over the auxiliary unknowns.
     pub fn norms_of_parts(&self, communicator: &Communicator, x: &[f64]) -> [f64; 2] {
         let cells = self.matrix.block.cells();
         [true, false].map(|field| {
@@ -310,7 +309,7 @@ impl DiscreteSystem {
         communicator.modes.max(largest)
     }
 
-    /// Norms of the first field that probabilities follow from, with a rough `f(T)`. Collective.
+    /// Norms of the first field that determine probabilities, with a rough `f(T)`. Collective.
     pub fn rough_norms(
         &mut self,
         communicator: &Communicator,

@@ -231,11 +231,11 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     let stop = CheckpointTimes::default();
     let expected = all.rank() + 1 == all.size();
     stop.stop.store(expected, Ordering::Relaxed);
-    written(batches + 50, Standing::Finished, &stop, Verdict::StopAsTold);
+    written(batches + 50, Standing::Finished, &stop, Verdict::StopBySignal);
     // The time is over; or just long enough for some batches; or for all.
     for (milliseconds, batches, expected) in [
-        (0, 10_000, Verdict::StopInTime),
-        (30, 10_000, Verdict::StopInTime),
+        (0, 10_000, Verdict::StopByWallTime),
+        (30, 10_000, Verdict::StopByWallTime),
         (1_000_000, batches, Verdict::Finished),
     ] {
         let times = CheckpointTimes {

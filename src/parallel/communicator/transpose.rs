@@ -6,10 +6,9 @@
 //! by cell   rank g has  x_l(i)  for all modes l and its own cells i
 //! ```
 //!
-//! The caller goes through the cells in rounds, of at most so many cells a rank, so that buffers
-//! stay small whatever the field. In a round the ranks go in a ring: in step `s` each sends to
-//! `rank + s` and receives from `rank − s`, in pieces whose number of elements is a C int; what a
-//! rank sends to itself is copied.
+//! The caller transposes the cells in rounds of limited size, so that buffers stay small for any
+//! field. In a round the ranks form a ring: in step `s` each sends to `rank + s` and receives from
+//! `rank − s`, in pieces whose length fits a C int. A rank copies its own part.
 
 use crate::parallel::communicator::{Group, MOST_AT_ONCE};
 use mpi::point_to_point::send_receive_into;
@@ -17,7 +16,7 @@ use mpi::traits::Communicator as _;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Who has which modes, and the buffers of an exchange.
+/// The distribution of the modes, and the buffers of an exchange.
 pub struct Transpose<'a> {
     group: &'a Group,
     /// `modes[g]`: the modes of rank `g`, in the order in which it keeps them.
@@ -33,13 +32,13 @@ pub struct Transpose<'a> {
 }
 
 impl<'a> Transpose<'a> {
-    /// For the `modes` of each rank of `group`, which are the numbers `0..` each once, and rounds
-    /// of at most `cells` cells a rank.
+    /// The transpose over `group`, whose rank `g` has `modes[g]`, in rounds of at most `cells`
+    /// cells a rank. The lists contain each of `0..` once.
     pub fn new(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize) -> Self {
         Self::in_pieces(group, modes, cells, MOST_AT_ONCE)
     }
 
-    /// The same with messages of at most `most` elements.
+    /// The same, with messages of at most `most` elements.
     pub fn in_pieces(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize, most: usize) -> Self {
         assert_eq!(modes.len(), group.size(), "a list of modes for each rank");
         let buffer = vec![Complex64::ZERO; buffer(&modes, cells)];
@@ -64,7 +63,7 @@ impl<'a> Transpose<'a> {
         self.group.size()
     }
 
-    /// This rank among them.
+    /// This rank's number.
     pub fn rank(&self) -> usize {
         self.group.rank()
     }
@@ -138,7 +137,7 @@ impl<'a> Transpose<'a> {
     }
 
     /// Sends the elements packed for `to` and receives those of `from`, in as many pieces as the
-    /// longest message between any two ranks takes, so that every rank takes part in as many.
+    /// longest message between any two ranks needs: equally many on every rank.
     fn swap(&mut self, to: Message, from: Message) {
         let (outgoing, incoming) = (to.length, from.length);
         let communicator = &self.group.communicator;
@@ -175,14 +174,14 @@ fn buffer(modes: &[Vec<usize>], cells: usize) -> usize {
     }
 }
 
-/// Mode `l` of `count`, cell after cell, into its place among the modes of each cell.
+/// Copies mode `l` of `count`, cell after cell, to its place among the modes of each cell.
 fn scatter(line: &[Complex64], all: &mut [Complex64], l: usize, count: usize) {
     for (x, cell) in line.iter().zip(all.chunks_exact_mut(count)) {
         cell[l] = *x;
     }
 }
 
-/// The way back of [`scatter`].
+/// The inverse of [`scatter`].
 fn gather(line: &mut [Complex64], all: &[Complex64], l: usize, count: usize) {
     for (x, cell) in line.iter_mut().zip(all.chunks_exact(count)) {
         *x = cell[l];

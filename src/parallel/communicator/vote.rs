@@ -1,8 +1,8 @@
-//! A nonblocking vote: a bit that any rank sets is set in the outcome.
+//! A nonblocking vote: the outcome is the bitwise or over the ranks.
 //!
-//! Every rank posts the same number of votes, each when it comes to it, and looks now and then
-//! whether the outcome is there: it is once every rank has posted. So ranks that work at different
-//! speeds exchange requests without waiting.
+//! Every rank posts the same number of votes, each at its own time, and polls for the outcome,
+//! which is known once all ranks have posted. So ranks of different speeds exchange requests
+//! without waiting.
 
 use crate::parallel::communicator::Group;
 use mpi::collective::SystemOperation;
@@ -33,12 +33,12 @@ impl Vote {
         }
     }
 
-    /// Whether a vote of this rank is out whose outcome was not taken.
+    /// Whether this rank has posted a vote whose outcome it has not taken.
     pub fn is_posted(&self) -> bool {
         self.posted
     }
 
-    /// Gives this rank's bits to the next vote; the last one's outcome was taken.
+    /// Posts this rank's bits for the next vote, after the outcome of the last one was taken.
     pub fn post(&mut self, bits: u64) {
         assert!(!self.posted, "one vote at a time");
         self.ballots[0] = bits;
@@ -59,7 +59,7 @@ impl Vote {
         }
     }
 
-    /// Whether the outcome is there.
+    /// Whether the outcome is known.
     pub fn is_over(&mut self) -> bool {
         let mut over = 0;
         // SAFETY: the request was made by `post`, or is the null request, which is over.
@@ -67,7 +67,7 @@ impl Vote {
         over != 0
     }
 
-    /// The outcome, when every rank has posted: waits for it.
+    /// Waits for the outcome and returns it.
     pub fn take(&mut self) -> u64 {
         // SAFETY: as in `is_over`.
         unsafe { ffi::MPI_Wait(&mut self.request, ffi::RSMPI_STATUS_IGNORE) };
@@ -77,7 +77,7 @@ impl Vote {
 }
 
 impl Drop for Vote {
-    /// Numbers that MPI may still use stay where they are.
+    /// Does not free numbers that MPI may still use.
     fn drop(&mut self) {
         debug_assert!(!self.posted, "a vote's outcome was not taken");
         if self.posted {

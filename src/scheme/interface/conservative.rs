@@ -1,9 +1,9 @@
 //! The conservative law: overlap of energy intervals.
 //!
 //! Velocity cell `[a, b]` of one sign holds the kinetic energies `[a²/2, b²/2]`, of length `|ξ|Δξ`.
-//! Shifted by `rise` they are given to the source cells by overlap; the part below the lowest
-//! energy of the grid is reflected. Row sums are 1 and `Σ_j |ξ_j| w_jk = |ξ_k|`, so both sums of
-//! `A` vanish away from the ends of the box.
+//! The interval, shifted by `rise`, is shared among the source cells by overlap; its part below the
+//! lowest energy of the grid is reflected. Row sums are 1 and `Σ_j |ξ_j| w_jk = |ξ_k|`, so both
+//! sums of `A` vanish away from the ends of the box.
 //!
 //! A cell that contains zero holds `[min², max²]/2` of its edges, so that the length stays `|ξ|Δξ`.
 //! The lowest energy of the lattice, `floor`, is then that of the face nearest to zero, for both

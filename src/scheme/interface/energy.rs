@@ -1,20 +1,21 @@
 //! The energy-matched coupling of traces at a jump of `V`, for elements of any degree.
 //!
 //! The normal velocities `u` on the slow side (higher `V`) and `w = √(u² + 2ΔV)` on the fast one
-//! have the same energy, and `u du = w dw`: the map between them is an isometry of
-//! `L²(|v| dv)`. What arrives on the fast side with `w < √(2ΔV)` is reflected to `−w`. The traces
-//! that leave the face are the projection of that onto the polynomials of each velocity element:
+//! have the same energy, and `u du = w dw`: the map between them is an isometry of `L²(|v| dv)`.
+//! Particles that arrive on the fast side with `w < √(2ΔV)` are reflected to `−w`. The traces that
+//! leave the face are projections of the arriving ones, mapped so, onto the polynomials of each
+//! velocity element:
 //!
 //! ```text
 //! f_in = M_in⁻¹ B f_out,     B = Σ_q W_q ℓ_in(v_q) ℓ_out(v_q')ᵀ,     M = diag(|v_j| w_j)
 //! ```
 //!
-//! with Gauss points `q` in `u` on pieces in which both velocities stay in one element. The rule
-//! is exact to round-off, so by Cauchy–Schwarz `‖M_in^{−½} B M_out^{−½}‖ ≤ 1`, and the sums of
-//! `B`'s rows and columns are those of `M`: nothing grows, mass is kept, and what is polynomial in
-//! `v` of degree `k` is transported exactly.
+//! with Gauss points `q` in `u` on pieces in which both velocities stay in one element. The rule is
+//! exact to round-off, so by Cauchy–Schwarz `‖M_in^{−½} B M_out^{−½}‖ ≤ 1`, and the sums of `B`'s
+//! rows and columns are those of `M`: no norm grows, mass is conserved, and polynomials in `v` of
+//! degree `k` are transported exactly.
 //!
-//! What comes from beyond the velocity box is inflow; what goes there is lost.
+//! Particles from beyond the velocity box are inflow; particles that leave the box are lost.
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
@@ -25,8 +26,8 @@ use std::collections::BTreeMap;
 #[cfg(test)]
 mod tests;
 
-/// Edges of pieces nearer than this fraction of the fastest velocity are one: a few units of the
-/// last place, as an element may be a small part of the box.
+/// Edges of pieces closer than this fraction of the fastest velocity are merged. It is a few units
+/// in the last place, as an element may be a small part of the box.
 const SNAP: f64 = 1e-15;
 /// Distance of `v = 0` from a face, in elements, that is round-off.
 const ON_FACE: f64 = 1e-9;
@@ -87,23 +88,23 @@ pub struct TraceCoupling {
 #[derive(Clone, Debug)]
 pub struct FaceCoupling {
     cells: usize,
-    /// By side and velocity node: of a trace that leaves the face its sources, of one that arrives
-    /// its targets.
+    /// By side and velocity node: the sources of a trace that leaves the face, the targets of one
+    /// that arrives.
     traces: Vec<TraceCoupling>,
 }
 
 impl FaceCoupling {
     /// The coupling at a face where the potential rises by `rise ≠ 0` from below to above, for the
     /// velocities of `axis`; `v = 0` must be on one of its faces or off the axis (see
-    /// [`check_axis`]). `reflection` is the reflected part of what may be transmitted, in `[0, 1]`,
-    /// of the normal kinetic energy on the slow side.
+    /// [`check_axis`]). `reflection` maps the normal kinetic energy on the slow side to the
+    /// reflected part, in `[0, 1]`, of the particles that could be transmitted.
     pub fn new(axis: &Axis, rise: f64, reflection: &dyn Fn(f64) -> f64) -> Self {
         let mut sums = QuadratureSums::new(axis);
         let slow = if rise > 0.0 { FaceSide::Above } else { FaceSide::Below };
         let fast = slow.opposite();
         let drop = 2.0 * rise.abs();
         let threshold = drop.sqrt();
-        // Transmission both ways, and the part of it that is reflected on either side.
+        // Transmission in both directions, with partial reflection on either side.
         for side in [slow, fast] {
             let sign = side.approaching();
             let edges = transmission_edges(axis, drop);
@@ -145,10 +146,11 @@ fn index(cells: usize, side: FaceSide, node: usize) -> usize {
     node + if side == FaceSide::Above { cells } else { 0 }
 }
 
-/// Refuses velocity axes with an element around `v = 0`, which has traces of both directions.
+/// Refuses velocity axes with an element around `v = 0`, which would have traces in both
+/// directions.
 ///
 /// # Errors
-/// [`Error::Input`], naming the nearest box that does.
+/// [`Error::Input`], naming the nearest box with a face at 0.
 pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     let whole = axis.whole();
     let (at, elements) = (whole.position(0.0), whole.elements() as f64);
@@ -190,7 +192,7 @@ fn reflection_edges(axis: &Axis, threshold: f64) -> Vec<f64> {
     merged(axis, faces.chain([0.0, threshold]).collect())
 }
 
-/// Ascending, without those that are the same but for round-off, and none beyond the box.
+/// Sorts the edges, merges those equal up to round-off, and drops those beyond the box.
 fn merged(axis: &Axis, mut edges: Vec<f64>) -> Vec<f64> {
     let fastest = axis.face(0).abs().max(axis.face(axis.elements() as i64).abs());
     edges.retain(|e| *e <= fastest * (1.0 + SNAP));

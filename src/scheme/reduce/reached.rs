@@ -1,13 +1,13 @@
 //! Velocities that no particle ever reaches.
 //!
-//! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So the
-//! cells that `f` reaches lie, for every axis `a`, over those that it reaches in the plane
-//! `(x_a, v_a)`: begun with what is there at time zero and what enters, and closed under the
-//! sources of the scheme with every jump that a face along `x_a` has anywhere, and every slope. In
-//! one dimension these are exactly the cells of which a path of entries of `A` leads from data; in
-//! more, the product of the planes holds them all. What lies outside stays exactly zero, so that
-//! rows there need not be computed; a source there counts as nothing. Of a degree above 0 the same
-//! holds of elements.
+//! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So, for
+//! every axis `a`, the cells that `f` reaches project into a set of cells of the plane `(x_a,
+//! v_a)`: the smallest set that contains the initial data and the inflow and is closed under the
+//! sources of the scheme, with every jump and slope that occurs anywhere along `x_a`. In one
+//! dimension the set is exact: a path of entries of `A` leads from data to each of its cells. In
+//! more dimensions the product of the sets contains all reached cells. Cells outside stay exactly
+//! zero: their rows are not computed, and sources there are zero. For degrees above 0 the same
+//! holds for elements.
 
 mod elements;
 
@@ -105,7 +105,7 @@ fn boxes(case: &Case, planes: Vec<ReachedPlane>) -> Result<Vec<Range<usize>>> {
     Ok(planes.into_iter().map(close).collect())
 }
 
-/// Which cells of the plane of an axis are reached; of a degree above 0, which elements.
+/// The reached cells in the plane of an axis; for degrees above 0, the reached elements.
 struct ReachedPlane {
     axis: usize,
     /// Cells of velocity.
@@ -123,7 +123,7 @@ impl ReachedPlane {
         (0..self.cells as i64).contains(&j) && self.reached[self.at(i, j as usize)] != 0.0
     }
 
-    /// Whether its lowest and its highest velocity are reached somewhere.
+    /// Whether the lowest and the highest velocity are reached somewhere.
     fn is_full(&self) -> bool {
         self.velocities().len() == self.cells
     }
@@ -136,10 +136,10 @@ impl ReachedPlane {
         first..end
     }
 
-    /// Adds what `takes` from cells that are reached, until there is no more.
+    /// Adds cells that `takes` finds to depend on reached ones, until there are no more.
     fn close(&mut self, takes: impl Fn(&Self, usize, usize) -> bool) {
         let cells = self.reached.len() / self.cells;
-        // Back and forth along both axes, so that what moves one way gets there in one sweep.
+        // Back and forth along both axes, so that motion in any direction takes one sweep.
         let order = |n: usize, back: bool| (0..n).map(move |k| if back { n - 1 - k } else { k });
         let mut changed = true;
         while changed {
@@ -187,7 +187,7 @@ impl Faces {
         (all.len() <= MOST_JUMPS).then_some(faces)
     }
 
-    /// Whether the row of a cell takes from one that is reached.
+    /// Whether the row of a cell depends on a reached cell.
     fn takes<'a>(
         &'a self,
         case: &'a Case,
@@ -218,7 +218,7 @@ impl Faces {
                 (Side::Across, Some(across)) => plane.holds(across, source.velocity),
                 (Side::Across, None) => false,
             };
-            // Beyond the ends of the box there is the inflow, present from the start.
+            // Cells beyond the ends of the box are inflow, which is in the set from the start.
             let moved = speed != 0.0
                 && across.is_some()
                 && self.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
@@ -228,8 +228,8 @@ impl Faces {
     }
 }
 
-/// The planes with the initial data and the inflow, of every `of`-th point of space from `first`
-/// on; not all of them where the planes are full before.
+/// The planes with the initial data and the inflow at every `of`-th point of space from `first` on.
+/// The walk ends early when the planes are full.
 fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
     // For degree 0, elements are cells.
     let (space, n) = (case.space.by_elements(), case.space.dimension());
@@ -341,8 +341,8 @@ mod tests {
         Case::parse("scene", &text, &settings).expect("a case")
     }
 
-    /// Against a walk over the rows of the whole grid: nothing is reached outside of the boxes, and
-    /// in one dimension they are the least.
+    /// A walk over the rows of the whole grid reaches no cell outside of the boxes, and in one
+    /// dimension the boxes are the smallest possible.
     #[test]
     fn boxes_hold_what_rows_reach() {
         for (dimension, settings) in SCENES {

@@ -4,9 +4,9 @@
 //! ĝ(μ) = exp(2^β − (1−iμ)^β) / (1+iμ).
 //! ```
 //!
-//! In the upper half plane it is analytic but for the pole at `μ = i`, so `g = e^{−p}` exactly for
-//! `p > 0`; below, the branch cut from `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`,
-//! `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
+//! In the upper half plane `ĝ` is analytic except for the pole at `μ = i`, so `g = e^{−p}` exactly
+//! for `p > 0`. In the lower half plane, the branch cut from `−i` down gives `|g(p)| ≤ C e^p` for
+//! `p < 0`, `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
 
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
@@ -30,7 +30,7 @@ pub struct Acl {
 }
 
 impl Acl {
-    /// The one of `β` for `demand`.
+    /// The profile of `β` for `demand`, and its window.
     pub fn meeting(beta: f64, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(beta);
         place(&profile, 0.0, demand).map(|window| (profile, window))
@@ -80,7 +80,7 @@ impl Acl {
             let exponent = (1.0 + t) * p + 2f64.powf(self.beta) - power * cos;
             exponent.exp() * (power * sin).sin() / (2.0 + t) * t
         };
-        // From e^{−40} to where e^{tp} is gone.
+        // From e^{−40} to where e^{tp} is negligible.
         let sum: f64 = (-320..=64).map(term).sum();
         sum * STEP / PI
     }

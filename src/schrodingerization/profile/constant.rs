@@ -1,4 +1,4 @@
-//! `g = 1`, one mode of wavenumber 0, where `S = 0`.
+//! `g = 1` for `S = 0`: one mode of wavenumber 0.
 //!
 //! With `A = K` skew, `w_t = K w` for every `p`: the Schrödinger system is the equation itself, and
 //! its one mode, read at `p◇ = 0`, is the solution.
@@ -24,7 +24,7 @@ impl Constant {
 }
 
 impl Default for Constant {
-    /// Any period would do: `2π`.
+    /// With the period `2π`; any other gives the same.
     fn default() -> Self {
         Self { series: Series { period: TAU, coefficients: vec![Complex64::ONE], alone: false } }
     }

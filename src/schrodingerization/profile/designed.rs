@@ -1,21 +1,21 @@
-//! A trigonometric polynomial designed to be `e^{−p}` on the domain of dependence
-//! `[−Λ⁺, Λ⁻ + reach]` and nowhere else, with few modes: of a period longer than the domain by a
-//! gap, in which it may be anything that round-off allows.
+//! A trigonometric polynomial of few modes, designed to be `e^{−p}` on the domain of dependence
+//! `[−Λ⁺, Λ⁻ + reach]` only. Its period is longer than the domain by a gap, in which its values are
+//! limited by round-off only.
 //!
-//! **Least squares.** About the middle `m` of the domain, of length `L`, with `y = p − m`, even and
-//! odd parts are apart,
+//! **Least squares.** About the middle `m` of the domain of length `L`, with `y = p − m`, even and
+//! odd parts separate,
 //!
 //! ```text
 //! g = Σ_l a_l cos(μ_l y) + b_l sin(μ_l y),     e^{−p} = e^{−m} (cosh y − sinh y),     μ_l = 2πl/P,
 //! ```
 //!
 //! and `a`, `b` minimise `mean |g − e^{−p}|² + η²‖·‖²` each over nodes `y = (L/2) sin(θ)`, `θ`
-//! equally spaced (Chebyshev's, denser to the ends, where the error would be largest). A Fourier
-//! extension (Huybrechs 2010, SIAM J. Numer. Anal. 47, 4326), whose system is singular to all
-//! digits; the penalty `η` keeps `Σ|c_l|`, which amplifies round-off, below `ε/(20 ε_machine)`.
+//! equally spaced (Chebyshev's, denser to the ends, where the error would be largest). This is a
+//! Fourier extension (Huybrechs 2010, SIAM J. Numer. Anal. 47, 4326), whose system is numerically
+//! singular. The penalty `η` keeps `Σ|c_l|`, which amplifies round-off, below `ε/(20 ε_machine)`.
 //!
-//! **How many modes.** `g` is the sum of the images of `e^{−p} 1_{p>0}` convolved with an `h` that
-//! lives in the gap, `∫ h e^s ds = 1`. With `|ĥ| ≤ G` up to the cut-off `W` and `≤ ε` beyond,
+//! **How many modes.** `g` is the sum of the images of `e^{−p} 1_{p>0}` convolved with an `h`
+//! supported in the gap, `∫ h e^s ds = 1`. With `|ĥ| ≤ G` up to the cut-off `W` and `≤ ε` beyond,
 //! analytic in the upper half plane, `ln|ĥ(i)| = 0` is at most the mean of the bounds by the
 //! harmonic measure of `[−W, W]` seen from `i`, `ω = (2/π) arctan W` (two-constants theorem). So
 //! with `G = ε/(20 ε_machine)`
@@ -24,12 +24,12 @@
 //! W ≥ tan((π/2) ln(1/ε) / ln(1/(20 ε_machine))),
 //! ```
 //!
-//! whatever the gap; a long one comes close to it, and below it where the domain itself is short.
+//! for any gap. A long gap comes close to this bound, and below it if the domain itself is short.
 //! The search starts there.
 //!
-//! **Long domains.** Beyond `LARGEST` modes the design is made for a shorter domain, cut at its
-//! end, where `g` is below `ε`, and continued by zero to the period wanted, which takes some
-//! percent of modes more.
+//! **Long domains.** Beyond `LARGEST` modes the design is made for a shorter domain, at whose end
+//! `g` is below `ε`. It is cut there and continued by zero to the full period, which takes a few
+//! percent more modes.
 
 pub mod circle;
 pub mod least_squares;
@@ -44,23 +44,23 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
 /// The largest ratio of `Σ|c_l|` to the error in double precision, `ln(1/(20 ε_machine))`.
 const ROOM: f64 = 33.05;
-/// Least `ε e^{−Λ⁺}` that is designed for. A tenth of it takes twice the modes.
+/// Least `ε e^{−Λ⁺}` of a design. A tenth of it would take twice the modes.
 const SMALLEST: f64 = 1e-13;
-/// The gap of a shorter domain, which may be a point, is that of this length.
+/// A shorter domain, which may be a point, has the gap of this length.
 const SHORTEST: f64 = 1e-3;
-/// Longest domain that is designed for: units of a millionth of the period resolve `e^{−p}`, and a
+/// Longest domain of a design: up to it, units of a millionth of the period resolve `e^{−p}`, and a
 /// design takes seconds.
 const LONGEST: f64 = 2e4;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
 const SHARE: f64 = 0.7;
-/// The same of a design that is then continued (the cut may double its error), and its part of the
+/// The same for a design that is continued (the cut may double its error), and its part of the
 /// largest `Σ|c_l|`.
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
-/// Most modes of a design, about; one with more is that of a shorter domain continued.
+/// Most modes of a design, about; a polynomial with more is continued from a shorter domain.
 const LARGEST: f64 = 160.0;
-/// Several gaps are tried up to this number of modes, ...
+/// Up to this number of modes, several gaps are tried.
 const QUICK: usize = 100;
-/// ... these times the one that is planned first.
+/// Factors of the other gaps, relative to the first one.
 const OTHER_GAPS: [f64; 4] = [FRAC_1_SQRT_2, SQRT_2, 2.0, 2.0 * SQRT_2];
 
 /// The designed series.
@@ -68,7 +68,7 @@ const OTHER_GAPS: [f64; 4] = [FRAC_1_SQRT_2, SQRT_2, 2.0, 2.0 * SQRT_2];
 pub struct Designed {
     /// `[p◇ − Λ⁺, p◇ + Λ⁻]`.
     pub domain: [f64; 2],
-    /// Largest `e^{p◇} |g − e^{−p}|` found there and as far beyond as is read.
+    /// Largest `e^{p◇} |g − e^{−p}|` found on the domain and as far beyond it as `g` is read.
     pub error: f64,
     /// The modes.
     #[serde(skip)]
@@ -76,7 +76,7 @@ pub struct Designed {
 }
 
 impl Designed {
-    /// The one of about least work for `demand`, read at `p◇ = 0` or the given point; `None` where
+    /// The design of about least work for `demand`, read at `p◇ = 0` or the given point; `None` if
     /// round-off forbids it ([`possible`](Self::possible)).
     pub fn meeting(demand: &ProfileRequirements) -> Option<(Self, Window)> {
         if !Self::possible(demand) {
@@ -88,7 +88,7 @@ impl Designed {
         let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
         let mut best = with_gap(&circle, demand, planned)?;
-        // With few modes, one batch more or less matters.
+        // With few modes, one batch more or less matters: other gaps are tried.
         let others = if best.modes() <= QUICK { &OTHER_GAPS[..] } else { &[] };
         for factor in others {
             let found = with_gap(&circle, demand, factor * planned);
@@ -98,7 +98,8 @@ impl Designed {
         }
         let error = best.errors(&circle, domain(demand)).fold(0.0, f64::max);
         let mut series = best.series(&circle);
-        // Read elsewhere it is e^{−p◇} g(p − p◇), so that the weights are the same.
+        // Read at another point, the profile is e^{−p◇} g(p − p◇), so that the weights are the
+        // same.
         let point = demand.recovery.unwrap_or(0.0);
         for l in 0..series.modes() {
             let mu = series.wavenumber(l);
@@ -115,10 +116,10 @@ impl Designed {
         Some((designed, window))
     }
 
-    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and the case
-    /// gives neither interval nor samples. Beyond its domain it is no function to take samples of.
+    /// Whether there is a design: `ε e^{−Λ⁺}` is not too small, the domain not too long, and the
+    /// case gives neither interval nor samples. Beyond its domain a design has no values to sample.
     pub fn possible(demand: &ProfileRequirements) -> bool {
-        // False where the growth is not known, too.
+        // Also false if the growth is not known.
         let least = demand.tolerance * libm::exp(-demand.growth);
         let [lower, upper] = domain(demand);
         least >= SMALLEST * coarser(demand)
@@ -138,7 +139,7 @@ impl Planned for Designed {
     }
 }
 
-/// How many times more than by arithmetic itself modes are rounded.
+/// The rounding error of modes as a multiple of that of double precision.
 fn coarser(demand: &ProfileRequirements) -> f64 {
     demand.round_off / f64::EPSILON
 }
@@ -189,8 +190,8 @@ fn with_gap(circle: &Circle, demand: &ProfileRequirements, gap: f64) -> Option<P
     Some(long)
 }
 
-/// What `attempt` returns for the least number of modes, from 2 to `most`, that it does not refuse:
-/// by steps from `guess`, then by bisection; of many about the least.
+/// The result of `attempt` for the least number of modes, from 2 to `most`, that it accepts: found
+/// by steps from `guess`, then by bisection. For many modes, about the least.
 fn least<T>(guess: usize, most: usize, mut attempt: impl FnMut(usize) -> Option<T>) -> Option<T> {
     let (mut low, mut high) = (1, None);
     let (mut modes, mut step) = (guess.clamp(2, most), 1 + guess / 24);
@@ -219,7 +220,7 @@ struct LatticeDomain {
 }
 
 impl LatticeDomain {
-    /// Not shorter than the domain, and longer by a millionth of the period.
+    /// Covers the domain, longer by at most some millionths of the period.
     fn new([lower, upper]: [f64; 2], gap: f64) -> Self {
         let period = upper - lower + gap;
         let units = TURN as f64 / period;
@@ -286,8 +287,8 @@ impl Polynomial {
         2.0 * sum <= tolerance / (20.0 * round_off)
     }
 
-    /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the
-    /// ends; of very many modes as far apart as such a wave.
+    /// `|g − e^{−p}|` at Chebyshev points, at most about a quarter of the shortest wave apart;
+    /// further apart beyond 1500 modes.
     fn errors(&self, circle: &Circle, [lower, upper]: [f64; 2]) -> impl Iterator<Item = f64> {
         let unit = self.period / TURN as f64;
         let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
@@ -308,9 +309,9 @@ impl Polynomial {
         self.errors(circle, domain).all(|error| error <= limit)
     }
 
-    /// The first `modes` coefficients, for the longer `period`, of the function that is this one on
-    /// the period that ends at `end`, and zero elsewhere: with that period's middle `q`, of length
-    /// `P`, `c_l = (P/period) Σ_m c_m e^{iν_m q} sinc(π(m − lP/period))`.
+    /// The first `modes` coefficients, for the longer `period`, of the function that equals this
+    /// one on its period that ends at `end` and is zero elsewhere. With the middle `q` of that
+    /// period of length `P`, `c_l = (P/period) Σ_m c_m e^{iν_m q} sinc(π(m − lP/period))`.
     fn continued(&self, end: f64, period: f64, modes: usize) -> Self {
         let unit = period / TURN as f64;
         let centre = ((end - 0.5 * self.period) / unit).round() as i64;
@@ -328,7 +329,7 @@ impl Polynomial {
         let coefficient = |l: usize| {
             let x = l as f64 * ratio;
             let nearest = x.round();
-            // sin(π(m − x)) but for the sign, with no digit lost where x is nearly whole.
+            // sin(π(m − x)) up to its sign, without cancellation if x is nearly whole.
             let sin = libm::sin(PI * (nearest - x));
             let sinc = |m: i64| match m - nearest as i64 {
                 0 if nearest == x => 1.0,

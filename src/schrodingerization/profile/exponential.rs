@@ -1,13 +1,13 @@
-//! `g(p) = e^{−p}` for `p ≥ 0`, `e^{α(p)p}` for `p < 0`: the paper's.
+//! The profile of the paper: `g(p) = e^{−p}` for `p ≥ 0`, `e^{α(p)p}` for `p < 0`.
 //!
 //! With a constant `α` it has a corner at 0, `ĝ(μ) = 1/(1+iμ) + 1/(α−iμ)` falls like `(1+α)/μ²`,
 //! and the modes beyond `μ` add `(1+α)/(πμ)` at the corner (first order in `N_p`), but only about
 //! `(1+α)/(πdμ²)` at a distance `d` from it.
 //!
 //! With a formula the left part is the [`Piecewise`] polynomial that is `e^{α(p)p}` to round-off,
-//! and its transform is exact. Any left part is as good for the recovery. What decides on the
-//! number of modes is how `g` and its derivatives jump, at 0 and elsewhere: with jumps `J_k` of
-//! `g^{(k)}` at points `c`, and for any `m`,
+//! and its transform is exact. The left part does not affect the recovery. The jumps of `g` and its
+//! derivatives, at 0 and elsewhere, determine the number of modes: with jumps `J_k` of `g^{(k)}` at
+//! points `c`, and for any `m`,
 //!
 //! ```text
 //! ĝ(μ) = Σ_{k<m} Σ_c J_k(c) e^{−iμc} (iμ)^{−k−1} + (iμ)^{−m} ∫ g^{(m)}(p) e^{−iμp} dp.
@@ -34,7 +34,7 @@ pub struct Exponential {
 }
 
 impl Exponential {
-    /// The one of `α` for `demand`.
+    /// The profile of `α` for `demand`, and its window.
     pub fn meeting(alpha: &Alpha, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self { alpha: alpha.clone() };
         let round_off = demand.round_off * profile.excess();
@@ -42,7 +42,7 @@ impl Exponential {
             .map(|window| (profile, window))
     }
 
-    /// How many times larger `Σ|c_l|` may be than the 2 that plans count on.
+    /// Bound on `Σ|c_l|` as a multiple of 2, the value that plans assume.
     ///
     /// From `|ĝ| ≤ min(‖g‖₁, ΣJ_0/μ + B/μ²)`, `B = ΣJ_1 + ∫|g''|`, for a period of at least
     /// `SHORTEST` and wavenumbers up to e to the `LOGARITHM`.
@@ -92,8 +92,8 @@ impl ProfileShape for Exponential {
         }
     }
 
-    /// A formula's window also extends below its jumps, so that the jumps of the next period keep
-    /// their distance.
+    /// For a formula, the window also extends below its jumps, so that the jumps of the next period
+    /// keep their distance.
     fn left(&self, bound: f64) -> f64 {
         match &self.alpha {
             Alpha::Constant(alpha) => bound.ln().min(0.0) / alpha,
@@ -113,7 +113,7 @@ impl ProfileShape for Exponential {
     }
 }
 
-/// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, what follows being at most `(1+α³)/μ⁴`; or all
+/// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, whose remainder is at most `(1+α³)/μ⁴`; or from all
 /// magnitudes.
 fn tail_of_constant(a: f64, mu: f64, distance: f64) -> f64 {
     let parts = (1.0 + a) * corner(1, mu, distance)
@@ -122,8 +122,8 @@ fn tail_of_constant(a: f64, mu: f64, distance: f64) -> f64 {
     parts.min((1.0 + a) / (PI * mu))
 }
 
-/// The least of the bounds for `m = 2, 3, …`: what the jumps add, and `∫|g^{(m)}|/(π(m−1)μ^{m−1})`.
-/// A jump by round-off only may be next to a reading.
+/// The least of the bounds for `m = 2, 3, …`: the contribution of the jumps plus
+/// `∫|g^{(m)}|/(π(m−1)μ^{m−1})`. Only jumps of the size of round-off may be next to a reading.
 fn tail_of_left(left: &Piecewise, mu: f64, distance: f64) -> f64 {
     let mut least = f64::INFINITY;
     let mut corners = 0.0;
@@ -147,7 +147,7 @@ fn at_zero(left: &Piecewise, order: usize) -> f64 {
     (above - left.at_end(order)).abs()
 }
 
-/// Bound on what the modes beyond `μ` of a jump of the derivative `order` add, `(2/P) Σ
+/// Bound on the contribution of the modes beyond `μ` for a jump of the derivative `order`, `(2/P) Σ
 /// cos(μ_l p)/μ_l^{order+1}` (or the sines) at `p ≥ distance`: the integral of the magnitudes,
 /// `1/(π order μ^order)`, of a jump of `g` itself `(1/π) Σ sin(lθ)/l ≤ 1/2`; or, since neighbours
 /// cancel, summation by parts (once or twice) with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.

@@ -5,7 +5,8 @@
 //! ĝ(μ) = ∫ g(p) e^{−iμp} dp = exp(½σ²(1+iμ)² − (1+iμ) p0) / (1+iμ)
 //! ```
 //!
-//! decays like a Gaussian: spectrally accurate, since `ĝ` itself and no samples of `g` are used.
+//! decays like a Gaussian. The series is spectrally accurate, since it uses `ĝ` itself, not samples
+//! of `g`.
 
 use crate::base::bisect::bisect;
 use crate::problem::limits::SIGMAS;
@@ -54,7 +55,7 @@ impl Gaussian {
         let [least, largest] = SIGMAS;
         let last = if sigma.is_some() { 0 } else { WIDTHS };
         (0..=last).filter_map(move |i| {
-            // Those that there are, in equal ratios.
+            // The possible widths, in equal ratios.
             let planned = least * (largest / least).powf(f64::from(i) / f64::from(WIDTHS));
             let sigma = sigma.unwrap_or(planned);
             let offset = -z * sigma - growth;
@@ -73,8 +74,8 @@ impl Gaussian {
         })
     }
 
-    /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where
-    /// `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
+    /// The cheapest profile for `demand`: of the width with the least `P μ_max (μ_max + 1)`, the
+    /// cost of a run. For a given `p◇` the switch is moved along, so that all is as for `p◇ = 0`.
     pub fn meeting(sigma: Option<f64>, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {

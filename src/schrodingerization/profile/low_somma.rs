@@ -5,10 +5,10 @@
 //! g(p) = e^{−p} Φ(p/σ − σ) + e^{p} Φ(−p/σ − σ),     ĝ(μ) = 2/(1+μ²) · e^{−σ²(1+μ²)/2}.
 //! ```
 //!
-//! It is `e^{−p}` from `p = c` on, to within what `σ` leaves. As published, with
-//! `γ = (1/c)√(c + ln((1+1/2π)/ε))`: `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the wavenumbers at
-//! most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. Planned here: the largest `σ` whose deviation at `c` is
-//! within the tolerance, cut-off and period as for every profile.
+//! For `p ≥ c` it is `e^{−p}` up to an error that grows with `σ`. The published parameters are,
+//! with `γ = (1/c)√(c + ln((1+1/2π)/ε))`: `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the
+//! wavenumbers at most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. The plan here takes the largest `σ` whose
+//! deviation at `c` is within the tolerance, and cut-off and period as for every profile.
 
 use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
@@ -56,7 +56,7 @@ impl LowSomma {
         })
     }
 
-    /// The one of largest `σ` with `|e^p g − 1| ≤ allowed` from `c` on.
+    /// The profile of the largest `σ` with `|e^p g − 1| ≤ allowed` for `p ≥ c`.
     pub fn within(c: f64, allowed: f64) -> Option<Self> {
         let (low, high) = (1e-4 * c, 10.0 * c.sqrt());
         let least = Self { c, sigma: low }.deviation();

@@ -1,4 +1,4 @@
-//! A profile as a truncated Fourier series, by its transform or by samples.
+//! A profile as a truncated Fourier series, from its transform or from samples.
 
 use num_complex::Complex64;
 use rustfft::FftPlanner;
@@ -33,8 +33,8 @@ impl Series {
         Self { alone: true, ..Self::analytic(period, points / 2 + 1, transform) }
     }
 
-    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have
-    /// values of their own.
+    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the series of a field whose
+    /// modes are given.
     pub fn ones(period: f64, points: usize) -> Self {
         Self { period, coefficients: vec![Complex64::ONE; points / 2 + 1], alone: true }
     }
@@ -84,10 +84,9 @@ impl Series {
     }
 }
 
-/// The number of points `N_p` that shows every mode of a series: 1 of the mode 0 alone, which is
-/// the same everywhere; twice the last mode where that stands for itself only, as it does where
-/// `N_p` is given; else the least even number without prime factors beyond 5 that is at least twice
-/// the number of modes.
+/// The number of points `N_p` that resolves every mode of a series: 1 for mode 0 alone, which is
+/// constant; twice the last mode if that has no conjugate partner, as for a given `N_p`; otherwise
+/// the least even number without prime factors above 5 that is at least twice the number of modes.
 pub fn points(series: &Series) -> usize {
     let modes = series.modes();
     if modes == 1 {
@@ -96,8 +95,8 @@ pub fn points(series: &Series) -> usize {
     if series.alone && modes > 0 {
         return 2 * (modes - 1);
     }
-    // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the
-    // number of modes.
+    // Over all 3^b 5^c below the power of two that suffices: a finite search for any number of
+    // modes.
     let least = 2 * modes.max(1);
     let mut points = least.next_power_of_two();
     let mut fives = 1usize;

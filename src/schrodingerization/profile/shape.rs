@@ -19,7 +19,7 @@ pub trait ProfileShape {
     fn tail(&self, mu: f64, distance: f64) -> f64;
 }
 
-/// How a profile is known.
+/// The form in which a profile is known.
 pub enum ProfileForm<'a> {
     /// As a function on the line.
     Transform(&'a dyn ProfileShape),
@@ -29,7 +29,7 @@ pub enum ProfileForm<'a> {
 
 /// A profile whose parameters are planned.
 pub trait Planned {
-    /// How it is known.
+    /// The form in which it is known.
     fn form(&self) -> ProfileForm<'_>;
 
     /// Kind and parameters of the profile, in words.

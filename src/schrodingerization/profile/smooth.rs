@@ -6,17 +6,18 @@
 //! q(p) = (1−y)^{r+1} A(y) + e^{−1} y^{r+1} A(1−y).
 //! ```
 //!
-//! `ĝ` is the transforms of the two exponentials and of `q`. For small `μ` that of `q` follows from
-//! its Legendre coefficients `q_k` on `[−1, 0]` and spherical Bessel functions (DLMF 10.54.2),
+//! `ĝ` is the sum of the transforms of the two exponentials and of `q`. For small `μ` the transform
+//! of `q` follows from its Legendre coefficients `q_k` on `[−1, 0]` and spherical Bessel functions
+//! (DLMF 10.54.2),
 //!
 //! ```text
 //! ∫ q(p) e^{−iμp} dp = e^{iμ/2} Σ_{k ≤ 2r+1} (−i)^k q_k j_k(μ/2).
 //! ```
 //!
 //! The `j_k` come from Miller's backward recurrence `j_{k−1} = (2k+1)/x j_k − j_{k+1}`, scaled by
-//! `Σ (2k+1) j_k² = 1` (DLMF 10.60.12). For large `μ` the terms of `ĝ` in
-//! `1/μ … 1/μ^{r+1}` cancel; they are left out there, so that what remains, the jumps of the
-//! derivatives `r+1 … 2r+1`, keeps its digits:
+//! `Σ (2k+1) j_k² = 1` (DLMF 10.60.12). For large `μ` the terms of `ĝ` in `1/μ … 1/μ^{r+1}` cancel;
+//! they are left out there, so that the remainder, from the jumps of the derivatives `r+1 … 2r+1`,
+//! keeps its digits:
 //!
 //! ```text
 //! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ]
@@ -59,7 +60,7 @@ fn factorial(n: usize) -> f64 {
 }
 
 impl Smooth {
-    /// The one of `r = order` for `demand`.
+    /// The profile of `r = order` for `demand`, and its window.
     pub fn meeting(order: usize, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(order);
         place(&profile, 0.0, demand).map(|window| (profile, window))
@@ -136,7 +137,7 @@ impl Smooth {
         let inverse = 1.0 / x;
         let [mut above, mut bessel] = [0.0, START];
         let mut squares = 0.0;
-        // Of even and of odd k.
+        // Sums over even and over odd k.
         let mut sums = [0.0; 2];
         for k in (0..=last).rev() {
             let factor = (2 * k + 1) as f64;

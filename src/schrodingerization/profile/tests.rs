@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 /// The Gaussian of planned width.
 const GAUSSIAN: Choice = Choice::Gaussian { sigma: None };
 
-/// The exponential one of a constant or a formula.
+/// The exponential profile with a constant or a formula.
 fn exponential(alpha: &str) -> Choice {
     let alpha = Expression::parse(alpha, &NAMES, &Constants::new()).expect("a formula");
     Choice::Exponential { alpha: Alpha::of(&alpha).expect("a profile") }
@@ -43,7 +43,7 @@ fn profiles() -> Vec<(Choice, &'static [f64])> {
     ]
 }
 
-/// The same and one whose values jump.
+/// The same, and a profile whose values jump.
 fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     let jump: (Choice, &[f64]) = (exponential(JUMP), &[1e-1, 1e-2]);
     profiles().into_iter().chain([jump]).collect()
@@ -98,8 +98,8 @@ fn coefficients_are_the_transform_of_the_values() {
     }
 }
 
-/// A constant is the same as a formula, and one that depends on `p` in name only is it to
-/// round-off.
+/// A constant formula is the constant, and a formula that depends on `p` in name only equals it up
+/// to round-off.
 #[test]
 fn a_formula_without_p_is_the_constant() {
     assert_eq!(exponential("1 + 1"), Choice::Exponential { alpha: Alpha::Constant(2.0) });
@@ -192,8 +192,8 @@ fn tails_bound_the_truncation_error() {
                     largest <= bound + 1e-12 * g.coefficient(0.0).norm(),
                     "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
                 );
-                // Not by orders of magnitude too large, but where an order of smoothness is not yet
-                // felt.
+                // The bound is not too large by orders of magnitude, unless `mu` is too small to
+                // show the order of smoothness.
                 let sharp = choice == exponential("1") || matches!(choice, Choice::LowSomma { .. });
                 assert!(
                     !sharp || largest < 1e-9 || bound < 60.0 * largest,
@@ -239,7 +239,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
             for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
                 let mut demand = ProfileRequirements::new(tolerance, growth, decay, 0.0);
                 if Profile::plan(&choice, &demand).is_none() {
-                    // Round-off forbids it, and not much less.
+                    // Round-off forbids this tolerance, but not a slightly larger one.
                     let least = Profile::smallest_tolerance(&choice, &demand).expect("possible");
                     assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
                     continue;
@@ -305,7 +305,8 @@ fn samples_alias() {
             let terms = 4000;
             let alias: Complex64 = (-terms..=terms).map(|m| c(l as i64 + m * points as i64)).sum();
             let error = (sampled.coefficients[l] - alias).norm();
-            // The rest of the profile with alpha = 0.2 at the left end, and of the sum over m.
+            // The value at the left end of the profile with alpha = 0.2, and the truncation of the
+            // sum over m.
             let limit = match choice {
                 Choice::Exponential { .. } if choice == exponential("0.2") => 1e-5,
                 Choice::Exponential { .. } => 1e-6,

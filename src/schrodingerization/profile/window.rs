@@ -1,4 +1,4 @@
-//! Where a profile is read, how long its period is, and which modes are kept.
+//! The recovery point, the period and the kept modes of a profile.
 
 use crate::base::bisect::bisect;
 use crate::matrix::lanes::LANES;
@@ -18,11 +18,11 @@ pub struct ProfileRequirements {
     pub growth: f64,
     /// `Λ⁻ ≥ λ⁻T`.
     pub decay: f64,
-    /// How far beyond the recovery point is read, too.
+    /// How far above the recovery point the profile is also read.
     pub reach: f64,
     /// Part of `ε` that the modes left out may take.
     pub truncation: f64,
-    /// Part of `ε` that the neighbouring periods may take, from the left and from the right each.
+    /// Part of `ε` that each of the two neighbouring periods may take.
     pub images: f64,
     /// `p◇`, by hand.
     pub recovery: Option<f64>,
@@ -60,10 +60,10 @@ impl ProfileRequirements {
         if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
     }
 
-    /// About how many applications of `H` the modes take: the mean of what they take one by one and
-    /// of batches of [`LANES`] from the highest down, each as long as its longest mode, for idle
-    /// lanes cost as much as busy ones where ranks are few. With `τ = ½Λ⁻√(1+μ²)` a Chebyshev
-    /// series of `ln 1/tail = d` digits has the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from
+    /// About how many applications of `H` the modes take. It is the mean of two counts: mode by
+    /// mode, and by batches of [`LANES`] from the highest mode down, each as long as its longest
+    /// mode, since idle lanes cost as much as busy ones on few ranks. With `τ = ½Λ⁻√(1+μ²)` a
+    /// Chebyshev series of `ln 1/tail = d` digits has the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from
     /// `J_k(k sech α) ~ e^{−kα³/3}`).
     pub fn work(&self, period: f64, modes: usize) -> f64 {
         let digits = 3.0 * libm::log(10.0 * modes as f64 / self.tolerance);
@@ -92,9 +92,9 @@ impl ProfileRequirements {
         (furthest - shape.left(self.image(point))).max(right)
     }
 
-    /// The interval of a window. Samples see `e^{−p}` end at `R` and the left tail at `L`: both
-    /// within what an image may add. Of analytic coefficients any whole period would do: it is one
-    /// that begins [`PLATEAU`] below `p◇` or lower, so that it holds what is read.
+    /// The interval of a window. For samples, `e^{−p}` is cut at `R` and the left tail at `L`, both
+    /// below what an image may add. For analytic coefficients any interval of one period is right:
+    /// it begins at least [`PLATEAU`] below `p◇`, so that it contains all readings.
     pub fn ends(&self, shape: &dyn ProfileShape, window: &Window) -> [f64; 2] {
         let upper = window.point + self.reach - (self.images * self.tolerance).ln();
         if self.sampled {
@@ -129,13 +129,13 @@ impl ProfileRequirements {
     }
 }
 
-/// Where a profile is read and how much of its series is kept.
+/// The recovery point of a profile, and the kept part of its series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
     /// `p◇`.
     pub point: f64,
-    /// How far everything that reaches `p◇` stays from where `g` is not smooth, or not `e^{−p}`;
-    /// negative when it does not.
+    /// Distance of the domain of dependence of `p◇` from points where `g` is not smooth or not
+    /// `e^{−p}`; negative if it contains such points.
     pub distance: f64,
     /// `P`.
     pub period: f64,
@@ -151,9 +151,9 @@ impl Window {
     }
 }
 
-/// The window of least cost for a profile that is `e^{−p}` from `edge` on. What is read at `p◇`
-/// comes from `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
-/// `e` times larger and the modes left out of a profile with a corner cancel.
+/// The window of least cost for a profile that is `e^{−p}` from `edge` on. The domain of dependence
+/// of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
+/// `e` times larger, and the omitted modes of a profile with a corner cancel.
 pub fn place(shape: &dyn ProfileShape, edge: f64, demand: &ProfileRequirements) -> Option<Window> {
     let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
     let points = match &demand.recovery {
@@ -187,7 +187,7 @@ fn window(
     Some(Window {
         point,
         distance,
-        // The corners of the next period are no nearer.
+        // The corners of the next period are not closer.
         period: demand
             .period(shape, point)
             .max(point + demand.reach + demand.decay + distance + 1.0),

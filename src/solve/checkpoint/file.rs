@@ -1,4 +1,4 @@
-//! The file of one rank: 64-bit words, little end first.
+//! The file of one rank: 64-bit words, little-endian.
 //!
 //! | words | |
 //! |---|---|
@@ -51,13 +51,13 @@ pub struct Header {
     pub results: Vec<usize>,
     /// Auxiliary unknowns of the block.
     pub auxiliary: usize,
-    /// The modes it keeps, and how far each is.
+    /// The modes that it stores, and the progress of each.
     pub kept: Vec<(usize, ModeProgress)>,
-    /// How far the rank's mode group is.
+    /// Progress of the rank's mode group.
     pub state: GroupProgress,
 }
 
-/// Where the parts of a file begin, in words from the first sum on.
+/// Offsets of the parts of a file, in words from the first sum.
 struct Starts {
     results: usize,
     auxiliary: usize,
@@ -71,7 +71,7 @@ impl Header {
         points(&self.block) * self.velocity_cells + self.auxiliary
     }
 
-    /// Where its parts begin; none where that is more than there may be.
+    /// The offsets of its parts; `None` if they overflow.
     fn starts(&self) -> Option<Starts> {
         let points = |ranges: &[Range<usize>]| {
             ranges.iter().try_fold(1usize, |n, range| n.checked_mul(range.len()))
@@ -87,13 +87,13 @@ impl Header {
         Some(Starts { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
     }
 
-    /// Words from the first sum to the checksum; none where that is more than there may be.
+    /// Words from the first sum to the checksum; `None` if they overflow.
     #[cfg(test)]
     pub(super) fn words(&self) -> Option<usize> {
         self.starts().map(|starts| starts.end)
     }
 
-    /// Whether its contents are of the kind that `to` reads, for any part of the grid.
+    /// Whether its contents have the kind and widths that `to` reads, for any part of the grid.
     fn suits(&self, to: &Destination<'_>) -> bool {
         let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
             ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
@@ -117,7 +117,7 @@ pub fn points(ranges: &[Range<usize>]) -> usize {
     ranges.iter().map(Range::len).product()
 }
 
-/// A file as it was written.
+/// The record of a written file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Written {
     /// Size of the file in bytes.
@@ -126,7 +126,7 @@ pub struct Written {
     pub checksum: u64,
 }
 
-/// Writes a file under `path`; it is on disk when this returns.
+/// Writes a file at `path` and flushes it to disk.
 pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Written> {
     let mut text = serde_json::to_vec(header)?;
     text.resize(text.len().next_multiple_of(8), b' ');
@@ -158,7 +158,7 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Wr
     Ok(Written { bytes: 8 * sink.words, checksum })
 }
 
-/// A file that is written.
+/// A file that is being written.
 struct Sink {
     file: File,
     waiting: Vec<u8>,
@@ -210,8 +210,8 @@ pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> 
     }
 }
 
-/// Reads `count` words from number `first` on; `visit(number of the first since then, words)` gets
-/// them piece by piece.
+/// Reads `count` words from number `first` on, piece by piece: calls `visit(number of the piece's
+/// first word, counted from first, words)`.
 fn read_words(
     file: &File,
     first: usize,
@@ -245,17 +245,17 @@ pub struct RankFile {
     before: usize,
 }
 
-/// Where a rank stores the contents of files.
+/// The vectors into which a rank reads the contents of files.
 pub struct Destination<'a> {
     /// Space cells of its block.
     pub block: &'a [Range<usize>],
     /// Space cells of its share.
     pub share: &'a [Range<usize>],
-    /// The sums, as many and as wide as in the files: what those hold is added.
+    /// The sums, as many and as wide as in the files, whose values are added.
     pub sums: Vec<&'a mut [i64]>,
     /// The results, likewise.
     pub results: Vec<Vec<f64>>,
-    /// The modes it keeps, if any, and to which cells their auxiliary unknowns belong
+    /// The modes that it stores, if any, and the cells to which their auxiliary unknowns belong
     /// ([`crate::solve::snapshot::Kept::auxiliary`]).
     pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
 }
@@ -284,7 +284,7 @@ impl RankFile {
         Ok(Self { header, starts, file, before })
     }
 
-    /// Reads what overlaps with `to`; the sums only if `with_sums`.
+    /// Reads the parts that overlap with `to`; the sums only if `with_sums`.
     ///
     /// # Errors
     /// If the file cannot be read, or its contents do not fit `to`.
@@ -325,7 +325,7 @@ impl RankFile {
         let Some((mine, modes)) = &mut to.kept else {
             return Ok(());
         };
-        // Where each of the file's auxiliary unknowns goes.
+        // The destination of each of the file's auxiliary unknowns.
         let places: HashMap<u64, usize> = mine.iter().copied().zip(0..).collect();
         let mut moves = Vec::new();
         self.read(auxiliary, header.auxiliary, |at, words| {

@@ -40,7 +40,7 @@ pub(super) struct Sealed {
 }
 
 impl Manifest {
-    /// As it is in the file.
+    /// The text of the file.
     pub fn text(&self) -> serde_json::Result<String> {
         serde_json::to_string_pretty(&Sealed { checksum: self.checksum()?, manifest: self.clone() })
     }
@@ -73,18 +73,18 @@ pub struct Store {
     directory: PathBuf,
     fingerprint: Fingerprint,
     space: PhaseSpace,
-    /// The newest that is complete, and was not refused.
+    /// Number of the newest complete generation that was not refused.
     newest: Option<u64>,
-    /// Number of the next.
+    /// Number of the next generation.
     next: u64,
 }
 
-/// A complete generation, for reading.
+/// A complete generation that can be read.
 pub struct Generation {
     directory: PathBuf,
     space: PhaseSpace,
     manifest: Manifest,
-    /// How far it is, all mode groups together.
+    /// Progress of all mode groups together.
     pub state: GroupProgress,
     /// Numbers at a point of space, of each result.
     pub results: Vec<usize>,
@@ -103,7 +103,7 @@ impl Store {
         }
     }
 
-    /// Where they are.
+    /// The directory of the checkpoints.
     pub fn directory(&self) -> &Path {
         &self.directory
     }
@@ -113,11 +113,11 @@ impl Store {
         self.newest.is_none()
     }
 
-    /// The run starts from a warped field of this checksum, which is known only now that it was
-    /// read.
+    /// Sets the checksum of the warped field from which the run starts; it is known only after the
+    /// field was read.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where `generation` is of a run that started from another.
+    /// [`Error::Checkpoint`] if the run of `generation` started from another field.
     pub fn begins_with(&mut self, values: u64, generation: Option<&Generation>) -> Result<()> {
         if let Some(start) = &mut self.fingerprint.start {
             start.values = Some(values);
@@ -139,8 +139,8 @@ impl Store {
         generation(&self.directory, number)
     }
 
-    /// Writes a generation, and removes those before the last; gives the number of modes that are
-    /// finished. Nothing of it counts unless this succeeds. Collective.
+    /// Writes a generation, and removes those before the last; returns the number of finished
+    /// modes. The generation counts only if this succeeds. Collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`], of the first rank that has one.
@@ -196,7 +196,7 @@ impl Store {
             .and_then(|written| fs::rename(&unfinished, &path).map(|()| written));
         let written = world.agree(written.map_err(|e| failure(&path, &e)))?;
         let files = world.gather_counts(&[written.bytes, written.checksum]);
-        // Every space block of a mode group has the same.
+        // All space blocks of a mode group have the same count.
         let once = |count: usize| usize::from(rank.is_multiple_of(mesh.blocks())) * count;
         let finished = world.sum_count(once(header.state.finished.len()));
         let matvecs = world.sum_count(once(header.state.statistics.applications));
@@ -242,11 +242,11 @@ impl Store {
         }
     }
 
-    /// The newest valid generation; none where there is no generation at all. Rank 0 passes to
-    /// `say` why newer ones are not valid. Collective.
+    /// The newest valid generation; `None` if there are no generations. Rank 0 passes the reasons
+    /// why newer ones are not valid to `say`. Collective.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where there are some and none is valid.
+    /// [`Error::Checkpoint`] if there are generations, but none is valid.
     pub fn open(
         &mut self,
         world: &Group,
@@ -343,7 +343,7 @@ impl Store {
         Ok(())
     }
 
-    /// How far all mode groups together are, and how wide the results are, as text.
+    /// Progress of all mode groups together, and the widths of the results, as text.
     pub(super) fn read_state(&self, manifest: &Manifest) -> Result<String> {
         let directory = self.generation(manifest.generation);
         let blocks = manifest.mesh.blocks();
@@ -355,7 +355,7 @@ impl Store {
         serde_json::to_string(&(state, first.results)).map_err(|e| failure(&directory, &e))
     }
 
-    /// Removes all checkpoints: the run is over. Where that fails, they stay.
+    /// Removes all checkpoints at the end of the run. If that fails, they stay.
     pub fn remove(&self) -> std::io::Result<()> {
         let found = generations(&self.directory);
         if found.is_empty() {
@@ -367,8 +367,8 @@ impl Store {
 }
 
 impl Generation {
-    /// Reads the parts of the files that overlap with this rank's part of the grid. `modes` gives
-    /// the rank's mode group. The sums of all groups that wrote are added up. Not collective.
+    /// Reads the parts of the files that overlap with this rank's part of the grid. `modes` is the
+    /// rank's mode group. The sums of all groups that wrote are added. Not collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where a file cannot be read.
@@ -394,7 +394,7 @@ impl Generation {
 }
 
 impl Manifest {
-    /// Writes it into `directory`, which is complete with that; on disk when this returns.
+    /// Writes it into `directory` and flushes it to disk, which completes the generation.
     fn write(&self, directory: &Path) -> std::io::Result<()> {
         let path = directory.join(MANIFEST);
         let unfinished = path.with_extension(UNFINISHED);

@@ -1,5 +1,5 @@
-//! Checkpoints written by the ranks of any mesh and read on any other, and what may go on from
-//! them.
+//! Checkpoints written by the ranks of any mesh and read on any other, and the runs that may
+//! continue from them.
 
 #[path = "../../../tests/support/fuzz.rs"]
 mod fuzzing;
@@ -34,7 +34,7 @@ fn space(x: &[usize]) -> PhaseSpace {
     }
 }
 
-/// A number of anything: of array `array`, at number `index` of the whole grid.
+/// A test value: of array `array`, at number `index` of the whole grid.
 fn value(array: usize, index: usize) -> u64 {
     crate::base::checksum::of_run((1000 * array + index) as u64, std::iter::once(7))
 }
@@ -98,7 +98,7 @@ fn rows(space: &PhaseSpace, ranges: &[Range<usize>], mode: usize) -> Vec<Complex
         .collect()
 }
 
-/// Part of the sum that mode group `group` has; all of it together is `value`.
+/// The part of a sum on mode group `group`; the parts add up to `value`.
 fn part(array: usize, index: usize, (group, groups): (usize, usize)) -> i64 {
     let others = |group: usize| value(array + 10 * (group + 1), index) as i64 >> 8;
     if group + 1 < groups {
@@ -200,8 +200,8 @@ impl<'a> Rank<'a> {
         written
     }
 
-    /// Reads what concerns it from the files that the ranks of `from` wrote, compares results and
-    /// modes; its part of the sums.
+    /// Reads its parts of the files that the ranks of `from` wrote, and compares results and modes;
+    /// returns its part of the sums.
     fn read(&self, directory: &Path, from: &ProcessMesh) -> Vec<Vec<i64>> {
         let own = file::points(&self.block);
         let sum = |width: &usize| vec![0; 2 * width * own];
@@ -268,7 +268,8 @@ fn what_a_mesh_wrote_is_read_on_any_other() {
     }
 }
 
-/// Reads the files of the ranks of `from` on those of `to`; the sums of all ranks are complete.
+/// Reads the files of the ranks of `from` on the ranks of `to`, and checks that the sums of all
+/// ranks are complete.
 fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &ProcessMesh) {
     let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
     let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
@@ -350,7 +351,7 @@ fn changed_files_are_refused_or_read() {
     fuzz::<DamagedFiles>("solve::checkpoint::tests::changed_files_are_refused_or_read");
 }
 
-/// Manifests with a correct checksum and wrong contents, half of them; others as they are changed.
+/// Changed manifests; half of them get a correct checksum again.
 struct DamagedManifests {
     corpus: Corpus,
     store: Store,
@@ -427,8 +428,8 @@ fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
     file.read_into(&mut into, true).is_ok()
 }
 
-/// A file with a few changes of its words, its length and numbers of its header. Half of them are
-/// then as long as their header says.
+/// A file with a few changes of its words, its length and numbers of its header. Half of the files
+/// then get the length that their header says.
 fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
     const NUMBERS: [&str; 8] =
         ["0", "1", "2", "7", "-1", "4294967296", "1152921504606846976", "18446744073709551615"];
@@ -485,19 +486,19 @@ fn different_runs_are_distinguished() {
             change(&|f| f.settings.extend(settings(&[("scheme.flux", "1")]))),
             "scheme.flux is 1 there, not given here",
         ),
-        // Other points make another plan, too; that is not the reason.
+        // Other points also make another plan, but the reason given is the points.
         (change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)), "initial.warped"),
         (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),
         (change(&|f| f.field = Some(8)), "initial.field"),
         (change(&|f| f.tables.values_mut().for_each(|sum| *sum = Some(9))), "potential.0.table"),
         (change(&|f| f.plan = 9), "another plan"),
-        // Other roundings may make another plan, too.
+        // Other roundings may also make another plan, but the reason given is the rounding.
         (change(&|f| (f.plan, f.fused) = (9, false)), "was computed without fused multiply-adds"),
     ] {
         let why = own.difference(&other);
         assert!(why.as_ref().is_some_and(|why| why.contains(word)), "{why:?}");
     }
-    // Before the file was read.
+    // The key before the file was read.
     let unread = change(&|f| f.start = start(([4, 5], 6), None));
     assert_eq!(unread.difference(&own), None);
 }

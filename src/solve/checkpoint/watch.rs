@@ -1,17 +1,17 @@
-//! When a checkpoint is made, and when the run stops: what all ranks decide between batches without
-//! waiting for each other.
+//! The common decision of all ranks, between batches and without waiting, to write a checkpoint or
+//! to stop.
 //!
-//! A signal ends a batch before its end ([`crate::propagate::interruption`]); its rank then waits
-//! for the others to vote.
+//! A signal interrupts a batch ([`crate::propagate::interruption`]); its rank then waits for the
+//! votes of the others.
 //!
-//! At the end of each batch a rank looks whether the last vote is over ([`Vote`]); if so it does
-//! what was decided and posts the next one. A rank without batches left goes on voting until all
-//! are finished. So all ranks see the same outcomes in the same order, whatever the number of their
-//! batches, and wait for each other only to write and at the end of a stage.
+//! At the end of each batch a rank checks whether the last vote is over ([`Vote`]). If so, it
+//! follows the decision and posts the next vote. A rank without batches continues to vote until all
+//! are finished. So all ranks see the same outcomes in the same order, for any numbers of batches,
+//! and wait for each other only to write and at the end of a stage.
 //!
-//! A vote is over a batch or two after it was posted, which is too late where the time runs out. So
-//! when the wall time is near, and before the first batch shows how long one takes, ranks go
-//! *together*: each waits, after its batch, for the vote that it posts then.
+//! A vote is over a batch or two after it was posted, which may be too late for the wall time. So
+//! near the wall time, and before the first batch shows how long batches take, ranks go *together*:
+//! after its batch, each posts a vote and waits for its outcome.
 
 use crate::parallel::communicator::Communicator;
 use crate::parallel::communicator::vote::Vote;
@@ -19,17 +19,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A rank requests a checkpoint, ...
+/// Bit of a vote: the rank requests a checkpoint.
 const WRITE: u64 = 1;
-/// ... or has received a signal to stop, ...
+/// Bit of a vote: the rank has received a signal to stop.
 const SIGNAL: u64 = 2;
-/// ... or sees the time run out, ...
+/// Bit of a vote: the wall time ends before another batch.
 const TIME: u64 = 4;
-/// ... or will soon, ...
+/// Bit of a vote: the wall time ends soon.
 const SOON: u64 = 8;
-/// ... or has batches left, ...
+/// Bit of a vote: the rank has batches left.
 const UNFINISHED: u64 = 16;
-/// ... or failed.
+/// Bit of a vote: a batch of the rank failed.
 const FAILED: u64 = 32;
 
 /// Part of the wall time, at most [`MOST_SPARE`], that is left for the end of the program.
@@ -37,20 +37,20 @@ const SPARE: f64 = 0.02;
 const MOST_SPARE: Duration = Duration::from_secs(30);
 /// Factor by which an operation may take longer than the longest one before.
 const CAUTION: f64 = 1.2;
-/// Batches before the end from which on ranks go together: up to two until all know, one until they
-/// did, one to go on with.
+/// Number of batches before the wall time from which ranks go together: up to two until all ranks
+/// know, one that they finish, and one more.
 const NEAR: u32 = 4;
-/// Bytes a second that a rank is expected to write before it is known.
+/// Assumed bytes a second that a rank writes, before the first checkpoint.
 const USUAL_RATE: f64 = 1e8;
 
-/// How far a rank is in a stage.
+/// The state of a rank in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
     /// The rank has batches left.
     Working,
     /// The rank has finished its batches.
     Finished,
-    /// The rank left a batch before its end, as the run is to stop.
+    /// The rank interrupted a batch, as the run is to stop.
     Left,
     /// A batch failed.
     Failed,
@@ -61,24 +61,24 @@ pub enum Standing {
 pub enum Verdict {
     /// No decision yet, or none needed.
     GoOn,
-    /// To write a checkpoint.
+    /// Write a checkpoint.
     Write,
     /// Write a checkpoint and stop, after a signal.
-    StopAsTold,
-    /// The same, as the time runs out.
-    StopInTime,
-    /// All are finished: the stage is over.
+    StopBySignal,
+    /// Write a checkpoint and stop, as the wall time ends.
+    StopByWallTime,
+    /// All ranks are finished: the stage is over.
     Finished,
-    /// One failed: all leave.
+    /// A rank failed: all stop.
     Failed,
 }
 
 /// When checkpoints are made.
 #[derive(Clone, Debug, Default)]
 pub struct CheckpointTimes {
-    /// Every so often, by rank 0's clock.
+    /// The interval between checkpoints, by rank 0's clock.
     pub every: Option<Duration>,
-    /// How long the program may take, and since when it does.
+    /// The start of the program, and the wall time that it may take.
     pub wall: Option<(Instant, Duration)>,
     /// Raised when the run shall stop.
     pub stop: Arc<AtomicBool>,
@@ -88,29 +88,31 @@ pub struct CheckpointTimes {
 pub struct Watch {
     vote: Vote,
     times: CheckpointTimes,
-    /// Whether its clock counts: rank 0's does.
+    /// Whether this is rank 0, whose clock counts.
     leads: bool,
     /// Whether ranks wait for each other's votes.
     together: bool,
     /// When the last checkpoint was begun or finished, or the run began.
     written: Instant,
-    /// Whether the last vote was for none: however often they are wanted, there is a batch between
-    /// two.
-    rested: bool,
+    /// Whether the last vote was not for a checkpoint: there is at least one batch between two
+    /// checkpoints.
+    batch_since_checkpoint: bool,
     /// How long a checkpoint takes to write; `None` before the first estimate.
     writing: Option<Duration>,
-    /// When this rank began its batch, and how long the longest took, if there was one.
+    /// Start of this rank's current batch, if there is one.
     begun: Option<Instant>,
+    /// Longest time of a batch, if one is finished.
     longest: Option<Duration>,
     /// Batches that this rank finished.
     pub batches: usize,
-    /// When the vote was posted, and how long the longest took until its outcome was seen.
+    /// Time at which the last vote was posted.
     posted: Instant,
+    /// Longest time from posting a vote to its outcome.
     slowest: Duration,
 }
 
 impl Watch {
-    /// Begins to watch. Collective.
+    /// Starts the clock. Collective.
     pub fn new(communicator: &Communicator, times: CheckpointTimes) -> Self {
         let now = Instant::now();
         Self {
@@ -119,7 +121,7 @@ impl Watch {
             times,
             leads: communicator.world.rank() == 0,
             written: now,
-            rested: true,
+            batch_since_checkpoint: true,
             writing: None,
             begun: None,
             longest: None,
@@ -129,7 +131,7 @@ impl Watch {
         }
     }
 
-    /// Size in bytes of a checkpoint of this rank. It predicts the time of the first checkpoint.
+    /// Predicts the time of the first checkpoint from its size in bytes on this rank.
     pub fn expect(&mut self, bytes: impl FnOnce() -> usize) {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
@@ -163,15 +165,15 @@ impl Watch {
             let verdict = match () {
                 () if has(FAILED) => Verdict::Failed,
                 () if !has(UNFINISHED) => Verdict::Finished,
-                () if has(SIGNAL) => Verdict::StopAsTold,
-                () if has(TIME) => Verdict::StopInTime,
+                () if has(SIGNAL) => Verdict::StopBySignal,
+                () if has(TIME) => Verdict::StopByWallTime,
                 () if has(WRITE) => Verdict::Write,
                 () => Verdict::GoOn,
             };
             let stale = has(SOON) && !self.together;
             self.together = has(SOON);
-            self.rested = verdict != Verdict::Write;
-            if !self.rested {
+            self.batch_since_checkpoint = verdict != Verdict::Write;
+            if !self.batch_since_checkpoint {
                 self.written = Instant::now();
             }
             if matches!(verdict, Verdict::GoOn | Verdict::Write) && !self.together {
@@ -205,17 +207,17 @@ impl Watch {
             bits |= SIGNAL;
         }
         if self.leads {
-            bits |= self.hands();
+            bits |= self.clock_bits();
         }
         self.posted = Instant::now();
         self.vote.post(bits);
     }
 
-    /// The decision by wall time.
-    fn hands(&self) -> u64 {
+    /// The bits that rank 0's clock sets.
+    fn clock_bits(&self) -> u64 {
         let mut bits = 0;
         let due = |every: Duration| self.written.elapsed() >= every;
-        if self.rested && self.times.every.is_some_and(due) {
+        if self.batch_since_checkpoint && self.times.every.is_some_and(due) {
             bits |= WRITE;
         }
         if let Some((start, wall)) = self.times.wall {
@@ -235,7 +237,7 @@ impl Watch {
         bits
     }
 
-    /// A checkpoint was tried and took so long.
+    /// Records that an attempt to write a checkpoint `took` so long.
     pub fn wrote(&mut self, took: Duration) {
         self.writing = Some(took);
         self.written = Instant::now();

@@ -1,4 +1,4 @@
-//! The operator at a face, for itself: sums, contraction, energy, polynomials, slivers.
+//! Tests of the operator at one face: sums, contraction, energy, polynomials, slivers.
 
 use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare, check_axis};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
@@ -11,7 +11,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Rounding of a sum of weights that add up to 1, where velocities are not rounded.
 const ROUND_OFF: f64 = 1e-13;
-/// Rounding of the velocity of a node or face, beside the fastest of the box.
+/// Rounding of the velocity of a node or face, relative to the fastest of the box.
 const ROUNDED: f64 = 2.0 * f64::EPSILON;
 
 /// A reflected part of what may be transmitted, by the normal energy on the slow side.
@@ -72,8 +72,8 @@ impl CoupledFace {
         self.axis.lower.abs().max(self.axis.upper.abs())
     }
 
-    /// Allowed error of the sums of a trace: nodes and faces are rounded as the box is, which is
-    /// more beside a small element, by the slopes of its polynomials, and near rest.
+    /// Allowed error of the sums of a trace: nodes and faces are rounded relative to the box, which
+    /// matters more for a small element, for steep polynomials and near `v = 0`.
     fn round_off(&self, node: usize) -> f64 {
         let slope = self.axis.nodes.count().pow(2) as f64;
         let small = self.velocity(node).abs().min(self.axis.width() / slope);
@@ -118,7 +118,7 @@ impl CoupledFace {
         format!("degree {degree}, {elements} elements on [{lower}, {upper}], rise {}", self.rise)
     }
 
-    /// All that holds at any face; `what` names the reflection.
+    /// Checks all properties that hold at any face; `what` names the reflection.
     fn check(&self, what: &str) {
         let name = format!("{}, reflection {what}", self.name());
         self.check_sums(&name);
@@ -149,7 +149,7 @@ impl CoupledFace {
         }
     }
 
-    /// The shares that a trace gives are those that the others receive: `M_in (M_in⁻¹B) = (M_out
+    /// The shares that traces give are the shares that traces receive: `M_in (M_in⁻¹B) = (M_out
     /// (M_out⁻¹Bᵀ))ᵀ`.
     fn check_adjoint(&self, name: &str) {
         let weight = |of: Trace, with: Trace| {
@@ -236,8 +236,8 @@ fn random_faces() {
     }
 }
 
-/// Faces of one side that map on those of the other, but for a few units of the last place and
-/// more: pieces of no length, and slivers.
+/// Faces of one side map to those of the other up to some units in the last place: pieces of zero
+/// length, and slivers.
 #[test]
 fn grazing_pieces() {
     let mut random = ChaCha8Rng::seed_from_u64(16);
@@ -261,7 +261,7 @@ fn grazing_pieces() {
     }
 }
 
-/// Many elements: what is snapped is small beside an element, not beside the box only.
+/// Many elements: the snapping distance is small relative to an element, not only to the box.
 #[test]
 fn many_elements() {
     for (degree, elements) in [(0, 300), (1, 150), (3, 90), (8, 40)] {

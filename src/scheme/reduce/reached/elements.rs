@@ -1,10 +1,10 @@
 //! Reached elements: where a formula is not zero, and which elements depend on which.
 //!
-//! A row of a degree above 0 takes from all of its element, from both neighbours along an axis, and
-//! at a jump from the partners of its trace; with the upwind flux only where it leaves the face. So
-//! an element of a plane `(x_a, v_a)` is reached where one of those is. With another flux, what
-//! leaves a face and what arrives there take from each other: by elements, that soon is all of the
-//! velocities that a jump couples.
+//! A row of a degree above 0 depends on its own element, on both neighbours along an axis, and at a
+//! jump on the partners of its trace (with the upwind flux, only if the trace leaves the face). An
+//! element of a plane `(x_a, v_a)` is reached if one of these is. With other fluxes, traces that
+//! leave a face and traces that arrive there depend on each other, so that soon all velocities that
+//! a jump couples are reached.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::Case;
@@ -19,10 +19,10 @@ use std::ops::Range;
 /// Number of points that are evaluated together.
 const BATCH: usize = 48;
 
-/// The points of an element at which its projection looks at a formula first. Where that is zero at
-/// all of them, so is the projection.
+/// The points of an element at which its projection first evaluates a formula. If the formula is
+/// zero at all of them, so is the projection.
 pub(super) struct Points {
-    /// Along each axis, on `[−1, 1]`: Gauss's, the nodes, and next to the ends.
+    /// Along each axis, on `[−1, 1]`: Gauss points, nodes, and points next to the ends.
     along: Vec<Vec<f64>>,
 }
 
@@ -38,13 +38,13 @@ impl Points {
         Self { along: space.axes().map(along).collect() }
     }
 
-    /// How many there are in an element.
+    /// Number of points in an element.
     pub fn count(&self) -> usize {
         self.along.iter().map(Vec::len).product()
     }
 
-    /// Whether `formula` is not zero at one of them, at time zero, in the element number
-    /// `element[..]` of each axis.
+    /// Whether `formula` is nonzero at one of the points, at time zero, in the element with these
+    /// indices.
     pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
         let mut points = space.points_in(element, &self.along).peekable();
         while points.peek().is_some() {
@@ -64,14 +64,14 @@ pub(super) struct Links<'a> {
     axis: usize,
     /// The jumps at the lower face of each element, anywhere across the axis.
     jumps: Vec<Vec<JumpKind>>,
-    /// Whether something is pushed in each element.
+    /// Whether a force acts in each element.
     pushed: Vec<bool>,
-    /// The velocity elements, and their sides, from which those of a side take at a jump.
+    /// By jump and trace, the velocity elements and sides on which the trace depends.
     partners: HashMap<JumpKind, Vec<BTreeSet<(FaceSide, usize)>>>,
 }
 
 impl<'a> Links<'a> {
-    /// Those along space axis `a`; none where there are more than `most_jumps` kinds of jumps.
+    /// The dependences along space axis `a`; `None` for more than `most_jumps` kinds of jumps.
     pub fn new(case: &'a Case, potential: &Potential, a: usize, most_jumps: usize) -> Option<Self> {
         let space = &case.space;
         let (x, v) = (&space.x[a], &space.v[a]);
@@ -116,8 +116,7 @@ impl<'a> Links<'a> {
         Some(Self { space, axis: a, jumps, pushed, partners })
     }
 
-    /// Whether the rows of the elements `i` along `x` and `j` along `v` take from an element that
-    /// `holds` something.
+    /// Whether the rows of element `(i, j)` depend on an element that `holds` something.
     pub fn take(&self, holds: impl Fn(usize, i64) -> bool, i: usize, j: usize) -> bool {
         let velocities = self.space.v[self.axis].elements();
         let elements = self.jumps.len();
@@ -134,7 +133,7 @@ impl<'a> Links<'a> {
                 let place = if other == side { Some(i) } else { across };
                 place.is_some_and(|place| holds(place, element as i64))
             };
-            // Beyond the ends of the box there is the inflow, present from the start.
+            // Cells beyond the ends of the box are inflow, which is in the set from the start.
             across.is_some()
                 && self.jumps[face].iter().any(|kind| match self.partners.get(kind) {
                     None => across.is_some_and(|across| holds(across, j as i64)),

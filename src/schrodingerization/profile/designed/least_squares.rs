@@ -1,8 +1,8 @@
 //! Regularised linear least squares, dense, by Householder's reflections.
 //!
-//! Additions, multiplications, divisions and square roots only, in one order, so that every machine
-//! finds the same bits: the minimiser is sensitive to rounding (the minimum is not), and the ranks
-//! of a run must agree on it.
+//! It uses additions, multiplications, divisions and square roots in a fixed order only, so that
+//! every machine finds the same bits. The minimiser is sensitive to rounding (the minimum is not),
+//! and the ranks of a run must agree on it.
 
 /// Partial sums of a scalar product; the compiler adds them side by side.
 const LANES: usize = 8;

@@ -85,9 +85,9 @@ fn table_of_designs() {
     }
 }
 
-/// On the domain of dependence and as far beyond it as is read the series is `e^{−p}` to within the
-/// tolerance, keeps its digits, and takes at most half of the Gaussian's applications (a third
-/// where there are many).
+/// On the domain of dependence, and as far beyond it as it is read, the series is `e^{−p}` to
+/// within the tolerance. It keeps its digits, and takes at most half of the Gaussian's applications
+/// (a third of many).
 #[test]
 fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     for (i, decay) in DECAYS.into_iter().enumerate() {
@@ -114,7 +114,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
-                // And that is the one that is planned.
+                // The plan takes this design.
                 let planned = Profile::plan(&ProfileChoice::Planned, &demand);
                 assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
             }
@@ -166,7 +166,7 @@ fn refused_where_it_is_not_possible() {
     }
 }
 
-/// Read elsewhere, it is moved: `e^{p◇} c_l e^{iμ_l p◇}` stay.
+/// For another recovery point the profile is moved: `e^{p◇} c_l e^{iμ_l p◇}` do not change.
 #[test]
 fn recovery_point_by_hand_moves_it() {
     let mut demand = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
@@ -181,8 +181,8 @@ fn recovery_point_by_hand_moves_it() {
     }
 }
 
-/// Very short and very long times, and demands that leave hardly any digits: found, or refused, and
-/// no panic.
+/// Very short and very long times, and demands that leave hardly any digits, are met or refused
+/// without a panic.
 #[test]
 fn extremes() {
     for decay in [0.0, 1e-9, 1e-3, 0.2, 1.9e4, 2.1e4] {
@@ -206,9 +206,9 @@ fn extremes() {
     }
 }
 
-/// What modes rounded to single precision would take, beside those of double precision: the table
-/// of docs/performance.md:
-/// `cargo test --release --lib modes_of_single_precision -- --ignored --nocapture`.
+/// The modes that single precision would take, beside those of double precision: the table of
+/// docs/performance.md: `cargo test --release --lib modes_of_single_precision -- --ignored
+/// --nocapture`.
 #[test]
 #[ignore = "prints a table"]
 fn modes_of_single_precision() {
