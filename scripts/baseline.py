@@ -26,7 +26,7 @@ LONGEST_VALUE = 60
 
 # Keys, attributes and columns that depend on the clock, the machine, or the program's version.
 VARIABLE = re.compile(
-    r".*seconds.*|timings|memory_peak_bytes_per_rank|memory_bytes_per_rank|instruction_set"
+    r".*seconds.*|timings|memory_(?:(?:peak|anonymous)_)?bytes_per_rank|instruction_set"
     r"|checkpoints|best|version|git|command|date|program|rustc|mpi|hdf5|front_.*"
 )
 # Those that may be others on other ranks.

@@ -2,6 +2,7 @@
 
 use rustix::process::{Resource, getrlimit};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// Bytes that may still be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,13 +23,63 @@ pub fn available() -> Available {
     }
 }
 
-/// Largest resident memory of this process so far, in bytes; 0 where the system does not say.
-pub fn peak() -> u64 {
-    kilobytes(Path::new("/proc/self/status"), "VmHWM:").unwrap_or(0)
+/// Largest resident memory of a process so far, in bytes; 0 where the system does not say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Peak {
+    /// All of it.
+    pub resident: u64,
+    /// Without pages of files (programs, libraries, mapped files). The kernel maps these as far as
+    /// its page cache has them, and drops them where memory is short, whatever the program does.
+    pub anonymous: u64,
+}
+
+/// What was seen of this process so far.
+static SEEN: Mutex<Seen> = Mutex::new(Seen::NOTHING);
+
+/// What was seen of a process so far, in bytes.
+#[derive(Debug)]
+struct Seen {
+    peak: Peak,
+    /// Pages of files at the last look.
+    files: u64,
+}
+
+impl Seen {
+    const NOTHING: Self = Self { peak: Peak { resident: 0, anonymous: 0 }, files: 0 };
+
+    /// Looks at a file like `/proc/self/status`.
+    fn look(&mut self, status: &Path) -> Peak {
+        let value = |key: &str| kilobytes(status, key).unwrap_or(0);
+        let [resident, files] = [value("VmHWM:"), value("RssFile:")];
+        // If the peak has risen, pages of files at that moment are about as many as before or now.
+        // The larger number is taken, so that `anonymous` is not too large.
+        let at_peak = match resident > self.peak.resident {
+            true => resident.saturating_sub(files.max(self.files)),
+            false => 0,
+        };
+        let now = value("RssAnon:") + value("RssShmem:");
+        let anonymous = self.peak.anonymous.max(at_peak).max(now);
+        *self = Self { peak: Peak { resident, anonymous }, files };
+        self.peak
+    }
+}
+
+/// The peaks of this process so far. The system does not say afterwards how much of its peak were
+/// pages of files: a run also [marks](mark) where it takes much.
+pub fn peak() -> Peak {
+    let mut seen = SEEN.lock().unwrap_or_else(PoisonError::into_inner);
+    seen.look(Path::new("/proc/self/status"))
+}
+
+/// Takes what the process has now into account for [`peak`]: after each step of a run, while its
+/// arrays are there, and before memory is given back.
+pub fn mark() {
+    peak();
 }
 
 /// Returns freed memory to the system, which the allocator would otherwise keep.
 pub fn give_back() {
+    mark();
     // SAFETY: a plain call; it may be made at any time.
     #[cfg(target_env = "gnu")]
     unsafe {
@@ -42,6 +93,7 @@ pub fn reset_peak() {
     give_back();
     // Not every kernel lets a process do this.
     let _ = std::fs::write("/proc/self/clear_refs", "5");
+    *SEEN.lock().unwrap_or_else(PoisonError::into_inner) = Seen::NOTHING;
 }
 
 /// A value of a file of `/proc` in bytes, given in kB there.
@@ -295,6 +347,32 @@ mod tests {
     fn this_machine() {
         let found = available();
         assert!(found.together > 0 && found.alone > 0, "{found:?}");
-        assert!(peak() > 0);
+        let peak = peak();
+        assert!(peak.anonymous > 0 && peak.anonymous < peak.resident, "{peak:?}");
+    }
+
+    #[test]
+    fn pages_of_files_are_not_anonymous() {
+        let mut seen = Seen::NOTHING;
+        let mut look = |peak: u64, [anonymous, files, shared]: [u64; 3]| {
+            let text = format!(
+                "VmHWM: {peak} kB\nVmRSS: {} kB\nRssAnon: {anonymous} kB\nRssFile: {files} kB\n\
+                 RssShmem: {shared} kB\n",
+                anonymous + files + shared
+            );
+            let root = planted(&[("status", &text)]);
+            let Peak { resident, anonymous } = seen.look(&root.path().join("status"));
+            [resident / 1024, anonymous / 1024]
+        };
+        // At the peak there were as many pages of files as now: 80 others.
+        assert_eq!(look(100, [10, 20, 5]), [100, 80]);
+        // No new peak: pages of files that went are not taken for others.
+        assert_eq!(look(100, [60, 2, 0]), [100, 80]);
+        // More now, with few pages of files: the system's peak does not show it.
+        assert_eq!(look(100, [90, 2, 3]), [100, 93]);
+        // A new peak, by pages of files alone.
+        assert_eq!(look(140, [90, 47, 3]), [140, 93]);
+        // A new peak, after which pages of files were dropped.
+        assert_eq!(look(160, [10, 5, 0]), [160, 113]);
     }
 }

@@ -1,5 +1,6 @@
 //! Seconds by step of a run.
 
+use crate::base::memory;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -27,8 +28,10 @@ impl Stopwatch {
         self.last += Duration::from_secs_f64(seconds);
     }
 
-    /// Ends the lap; its time, less its parts, is assigned to the step `name`.
+    /// Ends the lap; its time, less its parts, is assigned to the step `name`. It also
+    /// [marks](memory::mark) the memory that the step took.
     pub(crate) fn lap(&mut self, name: &str) {
+        memory::mark();
         *self.seconds.entry(name.to_owned()).or_default() += self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
     }

@@ -5,7 +5,7 @@ use crate::matrix::inflow::AuxiliaryRow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
-use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter};
+use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter, Method};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
@@ -16,19 +16,30 @@ use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
-/// Resident memory of the program and its libraries, buffers of HDF5 and MPI included: what is left
-/// of the peaks in the table of `docs/reliability.md`.
-const PROGRAM_BYTES: u64 = 32 << 20;
+/// What the program and its libraries allocate, buffers of HDF5 and MPI included: what is left of
+/// the peaks without pages of files in the table of `docs/reliability.md`.
+const PROGRAM_BYTES: u64 = 11 << 19;
 
-/// What MPI takes beside where there are several ranks.
-const EXCHANGE_BYTES: u64 = 4 << 20;
+/// What MPI allocates beside where there are several ranks.
+const EXCHANGE_BYTES: u64 = 1 << 20;
 
-/// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in
-/// it.
-const CHUNK_BYTES: u64 = 5 << 9;
+/// Bytes that HDF5 takes while a dataset is written in chunks, on the fullest rank: those of the
+/// larger of two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
+mod chunk {
+    /// Of the first step, for each chunk of the dataset.
+    pub const OF_ALL: u64 = 4720;
+    /// Of the second one, for each chunk of the dataset, whatever is in it.
+    pub const WRITING: u64 = 950;
+    /// Beside these, for each chunk that the rank writes a part of.
+    pub const WRITING_OWN: u64 = 10_430;
+}
 
-/// What it takes beside for each chunk that the rank writes a part of: two selections.
-const OWN_CHUNK_BYTES: u64 = 8840;
+/// Pages of the files of the program and its libraries on a rank, of `ranks` in all. How many are
+/// there depends on the kernel's page cache: these are as many as were seen.
+pub fn program_file_bytes(ranks: usize) -> u64 {
+    // Beside them those by which MPI connects ranks.
+    if ranks > 1 { 59 << 19 } else { 53 << 19 }
+}
 
 /// Bytes of a rank's buffers, if those of one cell are not more.
 pub const BUFFERS: u64 = 16 << 20;
@@ -61,8 +72,8 @@ pub(crate) fn memory_of_points(
     list.iter().map(|a| a.1).sum()
 }
 
-/// What HDF5 takes while it writes a dataset of the user's grid in chunks: measured 11.4 kB a chunk
-/// on one rank, in one and two dimensions, 6.1 kB on two, 4.7 kB on three and four.
+/// What HDF5 takes while it writes a dataset of the user's grid in chunks: 11.4 kB a chunk on one
+/// rank, in one and two dimensions, 6.2 kB on two, 4.7 kB on three to eight.
 fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let (space, storage) = (grid(case), &case.storage);
     let chunks = storage.most_chunks(&space);
@@ -73,7 +84,8 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let shared = usize::from(length > 1);
     let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + shared).min(layers);
     let own = (chunks.div_ceil(layers) * own_layers).min(chunks);
-    CHUNK_BYTES * chunks as u64 + OWN_CHUNK_BYTES * own as u64
+    let [chunks, own] = [chunks, own].map(|n| n as u64);
+    (chunk::OF_ALL * chunks).max(chunk::WRITING * chunks + chunk::WRITING_OWN * own)
 }
 
 /// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes, when they take
@@ -173,14 +185,17 @@ impl<'a> FullestRank<'a> {
             None => 4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct,
         };
         let matrix = stored + 16 * self.points;
-        let several = u64::from(self.mesh.ranks() > 1);
+        let ranks = self.mesh.ranks();
+        let allocated = PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES;
         let mut list = vec![
-            ("program and libraries".to_owned(), PROGRAM_BYTES + several * EXCHANGE_BYTES),
+            ("program and libraries".to_owned(), allocated + program_file_bytes(ranks)),
             ("matrix (S, K)".to_owned(), matrix),
             ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
-            // They are dropped; the allocator keeps their place.
-            ("values at the start".to_owned(), 8 * self.cells),
         ];
+        if case.method == Method::Schrodingerized {
+            // They are dropped; the allocator keeps their place.
+            list.push(("values at the start".to_owned(), 8 * self.cells));
+        }
         let chunks = chunk_bytes(case, self.mesh);
         if chunks > 0 {
             list.push(("chunks being written".to_owned(), chunks));
@@ -262,8 +277,8 @@ impl<'a> FullestRank<'a> {
         let (case, cells, length) = (self.case, self.cells, self.length());
         // Those that are touched.
         let vectors = match case.integrator {
-            Integrator::Exponential => 2,
-            Integrator::ForwardEuler | Integrator::SspRk3 => 3,
+            Integrator::ForwardEuler => 1,
+            Integrator::Exponential | Integrator::SspRk3 => 2,
         };
         let mut list = vec![
             // The earlier fields, the state of this one and its readings.
@@ -308,12 +323,13 @@ impl<'a> FullestRank<'a> {
     fn estimate(&self) -> Option<(String, u64)> {
         let space = &self.case.space;
         let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
-        let vectors = match &self.case.data {
+        let of_a_cell = match &self.case.data {
             Data::Measure { .. } => return None,
-            Data::Density if space.axes().any(is_coarse) => 5,
-            Data::Density => 2,
+            // Four vectors, and two bytes that say what is known.
+            Data::Density if space.axes().any(is_coarse) => 4 * 8 + 2,
+            Data::Density => 2 * 8,
         };
-        Some(("estimate of the grid's error".to_owned(), 8 * vectors * self.cells))
+        Some(("estimate of the grid's error".to_owned(), of_a_cell * self.cells))
     }
 
     /// The results on the grid on which they are shown, where that is another.

@@ -370,6 +370,8 @@ pub struct Summary {
     pub solves: usize,
     /// Largest resident memory of a rank, measured.
     pub memory_peak_bytes_per_rank: u64,
+    /// The same without pages of files, which the kernel maps and drops as it likes.
+    pub memory_anonymous_bytes_per_rank: u64,
     /// What the plan said.
     pub memory_planned_bytes_per_rank: u64,
     /// Steps of time, where the inflow depends on it.

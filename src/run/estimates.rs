@@ -93,17 +93,17 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         let mut corrections = vec![0.0; matrix.length()];
         line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
         fill_ghosts(exchange, &mut corrections, rows);
-        let mut parts = [vec![0.0; block.cells()], vec![0.0; block.cells()]];
+        let mut parts = [vec![0u8; block.cells()], vec![0u8; block.cells()]];
         let mut along = vec![0.0; block.cells()];
         line.each(|i, cell| {
             let found = line.difference(i, cell, &corrections);
             along[i] = found.unwrap_or(0.0);
             let is_known = [scheme.speed(cell, axis) != 0.0, found.is_some()];
-            parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = f64::from(u8::from(is)));
+            parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = u8::from(is));
         });
         let [moving, known] = parts.map(|part| {
             let here = &part[place.mine.clone()];
-            volumes.power_sum(world, 2, |i| here[i] * f[i])
+            volumes.power_sum(world, 2, |i| f64::from(here[i]) * f[i])
         });
         if known < LEAST_KNOWN * moving {
             return Ok([f64::NAN; 2]);

@@ -46,7 +46,10 @@ impl Summary {
 
     /// Fills in the numbers of the end: seconds, and peak memory. Collective.
     pub(crate) fn finish(&mut self, world: &Group, watch: &Stopwatch) {
-        self.memory_peak_bytes_per_rank = world.max_count(memory::peak() as usize) as u64;
+        let peak = memory::peak();
+        let [resident, anonymous] = [peak.resident, peak.anonymous];
+        self.memory_peak_bytes_per_rank = world.max_count(resident as usize) as u64;
+        self.memory_anonymous_bytes_per_rank = world.max_count(anonymous as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);
         self.wall_seconds = watch.started.elapsed().as_secs_f64();
         self.seconds = watch.seconds.clone();

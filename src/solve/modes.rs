@@ -13,6 +13,7 @@
 //! results have the same bits.
 
 use crate::base::error::Result;
+use crate::base::memory;
 use crate::base::progress::Progress;
 use crate::matrix::lanes::Lanes;
 use crate::plan::balance::Batch;
@@ -82,6 +83,7 @@ pub fn run(
     for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
         let from = resumed.as_ref().filter(|_| number == first);
         run.stage(number, k, leg..leg + at_once, from)?;
+        memory::mark();
     }
     Ok(run.counted())
 }

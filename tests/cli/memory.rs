@@ -1,12 +1,14 @@
 //! Planned memory against the measured peak.
 
 use crate::support::{SLOPES, check_all, directory, run};
+use phasewarp::plan::memory::program_file_bytes;
 
 /// A case, its size, other settings, the number of ranks, and the part that a plan may be off by.
 type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
 
 /// Planned memory against the peak that was measured: not less, and within 5 % from 100 MiB on,
-/// below that within 5 MiB, which is how much the memory of MPI and HDF5 varies. Some plan more.
+/// below that within 5 MiB, which is how much the memory of MPI and HDF5 varies. Pages of files,
+/// which the kernel maps and drops as it likes, are counted as planned.
 #[test]
 fn memory_is_what_was_planned() {
     const CLOSE: f64 = 0.05;
@@ -52,19 +54,21 @@ fn memory_is_what_was_planned() {
         ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
         ("example1.toml", &small, &chunks, 1, CLOSE),
-        ("example1.toml", &small, &chunks, 2, 0.15),
-        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, 0.08),
+        ("example1.toml", &small, &chunks, 2, CLOSE),
+        ("example1.toml", &small, &chunks, 4, CLOSE),
+        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, CLOSE),
         ("example1.toml", &large, &["solver.method=classical"], 1, CLOSE),
         ("example1.toml", &large, &SLOPES, 1, CLOSE),
-        ("slope_jump.toml", &large, &slopes, 1, 0.08),
-        ("example2.toml", &grid, &[], 1, 0.08),
+        ("slope_jump.toml", &large, &slopes, 1, CLOSE),
+        ("example2.toml", &grid, &[], 1, CLOSE),
         ("slope_jump.toml", &elements, &quick, 2, CLOSE),
-        ("example1.toml", &elements, &["solver.method=classical"], 1, 0.08),
+        ("example1.toml", &elements, &["solver.method=classical"], 1, CLOSE),
     ];
     check_all(rows, |(name, size, settings, ranks, allowed)| {
         let place = directory();
         let summary = run(name).set(size).set(settings).on(*ranks).solve(place.path())?;
-        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
+        let peak = anonymous + program_file_bytes(*ranks) as f64;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let mib = |bytes: f64| format!("{:.1} MiB", bytes / f64::from(1 << 20));
         let scale = peak.max(f64::from(100 << 20));
@@ -83,7 +87,7 @@ fn factors_take_no_more_memory_than_planned() {
     let place = directory();
     let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
     let base = tiny.on(1).solve(place.path()).unwrap();
-    let base = base.number("memory_peak_bytes_per_rank").unwrap();
+    let base = base.number("memory_anonymous_bytes_per_rank").unwrap();
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
     let plane = ["axis.0.x.cells=16", "axis.1.x.cells=16"];
@@ -104,8 +108,9 @@ fn factors_take_no_more_memory_than_planned() {
         let job = run(name).set(size).set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
         let job = if *ranks > 1 { job.with(["--ranks-x", "2"]) } else { job };
         let summary = job.on(*ranks).solve(place.path())?;
-        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let peak = summary.number("memory_anonymous_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
+        let planned = planned - program_file_bytes(*ranks) as f64;
         let arrays = (planned - base) / (peak - base);
         summary.require((0.75..=6.0).contains(&arrays), || {
             format!(
@@ -126,7 +131,8 @@ fn memory_does_not_grow_with_the_modes() {
             .set(&[&format!("solver.tolerance={tolerance}")])
             .solve(place.path())
             .unwrap();
-        (summary.number("modes").unwrap(), summary.number("memory_peak_bytes_per_rank").unwrap())
+        let anonymous = summary.number("memory_anonymous_bytes_per_rank").unwrap();
+        (summary.number("modes").unwrap(), anonymous + program_file_bytes(1) as f64)
     };
     let ((few, low), (many, high)) = (peak("1e-2"), peak("1e-12"));
     assert!(many > 2.0 * few, "{few} and {many} modes");

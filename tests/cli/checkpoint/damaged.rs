@@ -143,7 +143,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert!(finished.errors.contains(wording), "{}", finished.errors);
     // Of the same case, said in another way, and stored in another.
     let differently = [
-        "axis.0.v.cells=30", "output.compression=1", "output.xdmf=true", "checkpoint.minutes=7",
+        "axis.0.v.cells=24", "output.compression=1", "output.xdmf=true", "checkpoint.minutes=7",
         "solver.tolerance=0.001", "title=another",
     ];
     let copied = self::directory();
