@@ -29,7 +29,7 @@ mod traced_grid;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Inflow};
-use crate::problem::exact::by_axes::{AxisPaths, EndByAxes, moves_by_axes};
+use crate::problem::exact::by_axes::{AxisLine, AxisPaths, EndByAxes, LineParticle, moves_by_axes};
 use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_space};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
@@ -119,6 +119,8 @@ pub struct Tracer<'a> {
     face_rate: f64,
     /// The paths along the axes, where these do not depend on each other.
     paths: Option<AxisPaths>,
+    /// What particles meet along each axis, where that depends on the place along it alone.
+    lines: Vec<AxisLine>,
 }
 
 /// A particle that is traced.
@@ -138,6 +140,17 @@ struct TracedParticle {
     history: u64,
     /// See [`Followed::turns`].
     turns: [i32; MAX_DIMENSION],
+}
+
+/// A block of cells that a particle crosses in one step, and the slopes of `V` in it.
+struct FreeBlock<'a> {
+    /// First and last cell along each axis.
+    first: [usize; MAX_DIMENSION],
+    last: [usize; MAX_DIMENSION],
+    /// Lower and upper face along each axis.
+    lower: [f64; MAX_DIMENSION],
+    upper: [f64; MAX_DIMENSION],
+    slopes: &'a [f64; MAX_DIMENSION],
 }
 
 /// One more event in a history (FNV-1a, over words).
@@ -184,6 +197,8 @@ fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> Arrival {
         Arrival { time: f64::INFINITY, w, at_upper: up }
     } else if ahead == 0.0 {
         Arrival { time: 0.0, w, at_upper: up }
+    } else if push == 0.0 {
+        Arrival { time: ahead / speed, w, at_upper: up }
     } else if push >= 0.0 || square > 0.0 {
         let speed_there = square.sqrt();
         let time = 2.0 * ahead / (speed + speed_there);
@@ -221,15 +236,20 @@ impl<'a> Tracer<'a> {
         let face_rate = (0..space.dimension()).map(rate).sum();
         let free = free_layers(&space, &potential);
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
-        let faces = space.x.iter().map(faces).collect();
+        let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
         let paths = moves_by_axes(&space, &potential).then(AxisPaths::default);
-        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths })
+        let lines = match paths.is_some() || space.dimension() == 1 {
+            true => AxisLine::all(&space, &potential, &faces, -1.0),
+            false => Vec::new(),
+        };
+        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths, lines })
     }
 
     /// The same, but [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
         let paths = self.paths.is_some().then(AxisPaths::default);
-        Self { direction: 1.0, paths, ..self }
+        // What is only followed needs no lines.
+        Self { direction: 1.0, paths, lines: Vec::new(), ..self }
     }
 
     /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time
@@ -283,6 +303,9 @@ impl<'a> Tracer<'a> {
         let mut held = [true; MAX_DIMENSION];
         held[a] = false;
         let particle = TracedParticle { rests: held, held, ..self.start(&point)? };
+        if let Some(end) = self.along_line(&particle, a, time) {
+            return (end.left == 0.0).then_some([end.x, 0.0 + self.direction * end.w]);
+        }
         let Followed { point, left, .. } = self.follow_particle(particle, time, &mut |_| {});
         left.is_none().then(|| [point[a], point[3 + a]])
     }
@@ -298,8 +321,34 @@ impl<'a> Tracer<'a> {
 
     /// The origin of the particle that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
     pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
+        if self.space.dimension() == 1
+            && let Some(particle) = self.start(point)
+            && let Some(end) = self.along_line(&particle, 0, time)
+        {
+            let point = [end.x, 0.0, 0.0, 0.0 + self.direction * end.w, 0.0, 0.0];
+            return Foot { point, entry: end.left };
+        }
         let followed = self.follow(point, time);
         Foot { point: followed.point, entry: followed.left.unwrap_or(0.0) }
+    }
+
+    /// A particle after `time` that moves along axis `a` alone, or when it leaves the box; `None`
+    /// where [`follow`](Self::follow) is to be asked.
+    fn along_line(&self, particle: &TracedParticle, a: usize, time: f64) -> Option<LineParticle> {
+        let line = self.lines.get(a)?;
+        let left = time.max(0.0);
+        let start =
+            LineParticle { cell: particle.cell[a], x: particle.x[a], w: particle.w[a], left };
+        let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
+        let x = if end.left == 0.0 { self.snapped(a, end.x) } else { end.x };
+        Some(LineParticle { x, ..end })
+    }
+
+    /// Faces that a particle may meet in `time`, before it is left where it stands.
+    fn most_faces(&self, time: f64) -> usize {
+        // A particle sent on by one axis may meet two faces of each other axis before it rests
+        // there again.
+        (64.0 + 16.0 * self.face_rate * time) as usize
     }
 
     /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a
@@ -340,22 +389,23 @@ impl<'a> Tracer<'a> {
     ) -> Followed {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
-        // A particle sent on by one axis may meet two faces of each other axis before it rests
-        // there again.
-        let most = 64.0 + 16.0 * self.face_rate * left;
-        for _ in 0..most as u64 {
-            let event = self.next_event(&particle, round_off);
+        for _ in 0..self.most_faces(left) {
+            let block = self.block(&particle);
+            let event = self.next_event(&particle, &block, round_off);
             let Some(event) = event.filter(|e| e.time < left - round_off) else {
-                self.advance(&mut particle, left);
-                self.snap(&mut particle);
+                self.advance(&mut particle, &block, left);
+                for a in 0..self.faces.len() {
+                    particle.x[a] = self.snapped(a, particle.x[a]);
+                }
                 break;
             };
-            self.advance(&mut particle, event.time);
+            self.advance(&mut particle, &block, event.time);
             left -= event.time;
             particle.w[event.axis] = event.w;
             let exit = match event.face {
                 Some((face, upper)) => {
                     particle.x[event.axis] = face;
+                    particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
                     self.cross(&mut particle, event.axis, upper, meet)
                 }
                 None => Some(self.velocity_end(&particle, event.axis, false)),
@@ -367,17 +417,12 @@ impl<'a> Tracer<'a> {
         self.followed(&particle)
     }
 
-    /// Puts a particle on the faces it has reached but for round-off.
-    fn snap(&self, particle: &mut TracedParticle) {
-        for (a, faces) in self.faces.iter().enumerate() {
-            let x = &mut particle.x[a];
-            let i = self.cell_at(a, *x);
-            for face in [faces[i], faces[i + 1]] {
-                if (*x - face).abs() < ON_FACE * (faces[i + 1] - faces[i]) {
-                    *x = face;
-                }
-            }
-        }
+    /// A place along axis `a`, on the face that it has reached but for round-off.
+    fn snapped(&self, a: usize, x: f64) -> f64 {
+        let faces = &self.faces[a];
+        let i = self.cell_at(a, x);
+        let near = |face: &f64| (x - face).abs() < ON_FACE * (faces[i + 1] - faces[i]);
+        [faces[i], faces[i + 1]].into_iter().find(near).unwrap_or(x)
     }
 
     fn start(&self, point: &[f64; 6]) -> Option<TracedParticle> {
@@ -444,42 +489,49 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// First and last cell along axis `a` of the block the particle crosses in one step.
-    fn block(&self, particle: &TracedParticle, a: usize) -> (usize, usize) {
+    /// The block that the particle crosses in one step.
+    fn block(&self, particle: &TracedParticle) -> FreeBlock<'_> {
         let axes = &self.space.x;
         let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
         let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
-        let i = particle.cell[a];
-        (i.saturating_sub(free), i.saturating_add(free).min(axes[a].cells - 1))
-    }
-
-    /// Lower and upper face of that block along axis `a`.
-    fn faces(&self, particle: &TracedParticle, a: usize) -> (f64, f64) {
-        let (first, last) = self.block(particle, a);
-        (self.faces[a][first], self.faces[a][last + 1])
-    }
-
-    fn face_event(&self, particle: &TracedParticle, a: usize, slope: f64) -> Event {
-        let (lower, upper) = self.faces(particle, a);
-        let Arrival { time, w, at_upper } =
-            arrival(particle.x[a], particle.w[a], -slope, lower, upper);
-        let end = if at_upper { upper } else { lower };
-        Event { time, axis: a, w, face: Some((end, at_upper)) }
+        let mut block = FreeBlock {
+            first: [0; MAX_DIMENSION],
+            last: [0; MAX_DIMENSION],
+            lower: [0.0; MAX_DIMENSION],
+            upper: [0.0; MAX_DIMENSION],
+            slopes: self.potential.slopes(&particle.cell),
+        };
+        for (a, faces) in self.faces.iter().enumerate() {
+            let i = particle.cell[a];
+            let (first, last) = (i.saturating_sub(free), (i + free).min(faces.len() - 2));
+            (block.first[a], block.last[a]) = (first, last);
+            (block.lower[a], block.upper[a]) = (faces[first], faces[last + 1]);
+        }
+        block
     }
 
     /// The first event on any axis that moves; of those at the same time but for `round_off`, that
     /// of the lowest axis, and arrivals at a face before velocities that leave their box.
-    fn next_event(&self, particle: &TracedParticle, round_off: f64) -> Option<Event> {
+    fn next_event(
+        &self,
+        particle: &TracedParticle,
+        block: &FreeBlock<'_>,
+        round_off: f64,
+    ) -> Option<Event> {
         let mut first: Option<Event> = None;
         let mut take = |event: Event| {
             if first.is_none_or(|f| event.time < f.time - round_off) {
                 first = Some(event);
             }
         };
-        let slopes = self.potential.slopes(&particle.cell);
+        let slopes = block.slopes;
         let moving = || (0..self.space.dimension()).filter(|&a| !particle.rests[a]);
         for a in moving() {
-            take(self.face_event(particle, a, slopes[a]));
+            let (lower, upper) = (block.lower[a], block.upper[a]);
+            let Arrival { time, w, at_upper } =
+                arrival(particle.x[a], particle.w[a], -slopes[a], lower, upper);
+            let end = if at_upper { upper } else { lower };
+            take(Event { time, axis: a, w, face: Some((end, at_upper)) });
         }
         for a in moving().filter(|&a| slopes[a] != 0.0) {
             let (v, slope) = (&self.space.v[a], slopes[a]);
@@ -492,19 +544,17 @@ impl<'a> Tracer<'a> {
     }
 
     /// Moves on all axes for a time in which no face is met, but for round-off.
-    fn advance(&self, particle: &mut TracedParticle, time: f64) {
-        let slopes = self.potential.slopes(&particle.cell).iter().enumerate();
-        for (a, slope) in slopes.take(self.space.dimension()) {
+    fn advance(&self, particle: &mut TracedParticle, block: &FreeBlock<'_>, time: f64) {
+        for (a, slope) in block.slopes.iter().enumerate().take(self.space.dimension()) {
             if !particle.rests[a] {
-                let (lower, upper) = self.faces(particle, a);
                 let x = particle.x[a] + time * (particle.w[a] - 0.5 * slope * time);
-                particle.x[a] = x.max(lower).min(upper);
+                particle.x[a] = x.max(block.lower[a]).min(block.upper[a]);
                 particle.w[a] -= slope * time;
             }
         }
     }
 
-    /// Transmits, reflects or rests a particle that has arrived at its block's upper or lower face
+    /// Transmits, reflects or rests a particle that has arrived at its cell's upper or lower face
     /// along `a`. Returns the end of the phase-space box, if it leaves through one.
     fn cross(
         &self,
@@ -513,7 +563,6 @@ impl<'a> Tracer<'a> {
         upper: bool,
         meet: &mut dyn FnMut(&Crossing),
     ) -> Option<Exit> {
-        particle.cell = self.cell_at_face(particle, a, upper);
         let i = particle.cell[a];
         // V here minus V there, and the direction.
         let (rise, step) = if upper {
@@ -555,17 +604,18 @@ impl<'a> Tracer<'a> {
         (!stays).then(|| self.velocity_end(particle, a, true))
     }
 
-    /// The cell of its block in which the particle is that has arrived at the block's upper or
+    /// The cell of its `block` in which the particle is that has arrived at the block's upper or
     /// lower face along `a`.
     fn cell_at_face(
         &self,
         particle: &TracedParticle,
+        block: &FreeBlock<'_>,
         a: usize,
         upper: bool,
     ) -> [usize; MAX_DIMENSION] {
         let mut cell = particle.cell;
         for (b, i) in cell.iter_mut().enumerate().take(self.space.dimension()) {
-            let (first, last) = self.block(particle, b);
+            let (first, last) = (block.first[b], block.last[b]);
             *i = if b != a {
                 self.cell_at(b, particle.x[b]).clamp(first, last)
             } else if upper {

@@ -4,7 +4,11 @@
 //! does the motion. Then particles that agree in `(x_a, v_a)` are followed along axis `a` once, and
 //! points of a rule in many dimensions share a few paths. Where `V` has slopes, which take an event
 //! a cell, that is most of the work.
+//!
+//! Such a particle is followed by [`AxisLine`], one number a face and cell, with the rules of
+//! [`Tracer::follow`](super::Tracer::follow); that one is asked where a rule is rare.
 
+use crate::problem::exact::REST;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 use std::cell::RefCell;
@@ -60,6 +64,210 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
         }
     });
     same
+}
+
+/// A particle that moves along an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LineParticle {
+    /// The cell it is in.
+    pub cell: usize,
+    /// Its place, in the cell.
+    pub x: f64,
+    /// Its velocity, the sign that of the way it goes.
+    pub w: f64,
+    /// The time that is left to it.
+    pub left: f64,
+}
+
+/// What a particle meets that moves along an axis, where that depends on the place along it alone.
+#[derive(Clone, Debug)]
+pub(super) struct AxisLine {
+    faces: Vec<f64>,
+    /// `∂V/∂x` by cell.
+    slopes: Vec<f64>,
+    /// `V⁺ − V⁻` by face, the lowest first, zero at the ends.
+    jumps: Vec<f64>,
+    /// By cell without a slope: the first and the last of those around it, with no jump between.
+    flat: Vec<[usize; 2]>,
+    /// Whether the first cell comes behind the last one.
+    is_periodic: bool,
+    /// Least and largest velocity.
+    box_ends: [f64; 2],
+    /// Particles with a square of the velocity up to this may come to rest at a face.
+    rest: f64,
+}
+
+/// What becomes of a particle at a face.
+enum AtFace {
+    Goes,
+    Leaves,
+    /// The rules for particles in any dimension are needed.
+    Rare,
+}
+
+impl AxisLine {
+    /// All axes of `space`, with these `faces`; none where a velocity box is without zero.
+    /// Velocities `w` are `direction · v`.
+    pub(super) fn all(
+        space: &PhaseSpace,
+        potential: &Potential,
+        faces: &[Vec<f64>],
+        direction: f64,
+    ) -> Vec<Self> {
+        let line = |a: usize| {
+            let cells = faces[a].len() - 1;
+            let at = |i: usize| {
+                let mut cell = [0; MAX_DIMENSION];
+                cell[a] = i;
+                cell
+            };
+            let inside = |i: usize| 0 < i && i < cells;
+            let jump = |i: usize| if inside(i) { potential.jump_below(&at(i), a) } else { 0.0 };
+            let slopes: Vec<f64> = (0..cells).map(|i| potential.slope(&at(i), a)).collect();
+            let jumps: Vec<f64> = (0..=cells).map(jump).collect();
+            let goes_on = |i: usize| slopes[i - 1] == 0.0 && slopes[i] == 0.0 && jumps[i] == 0.0;
+            let mut flat: Vec<[usize; 2]> = (0..cells).map(|i| [i, i]).collect();
+            for i in (1..cells).filter(|i| goes_on(*i)) {
+                flat[i][0] = flat[i - 1][0];
+            }
+            for i in (1..cells).rev().filter(|i| goes_on(*i)) {
+                flat[i - 1][1] = flat[i][1];
+            }
+            let ends = [space.v[a].lower, space.v[a].upper].map(|v| direction * v);
+            Self {
+                faces: faces[a].clone(),
+                slopes,
+                jumps,
+                flat,
+                is_periodic: space.is_periodic(a),
+                box_ends: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+                rest: 8.0 * REST * space.x[a].width() * potential.steepest(a),
+            }
+        };
+        match space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
+            true => (0..space.dimension()).map(line).collect(),
+            false => Vec::new(),
+        }
+    }
+
+    /// Where a particle is when no time is left, or where and when it leaves the box. None where it
+    /// may come to rest at a face, leaves its velocity box within a cell, or goes around a periodic
+    /// axis; and after `most` faces.
+    pub(super) fn follow(
+        &self,
+        start: LineParticle,
+        round_off: f64,
+        most: usize,
+    ) -> Option<LineParticle> {
+        let mut particle = start;
+        for _ in 0..most {
+            let LineParticle { cell, x, w, left } = particle;
+            let up = w > 0.0;
+            let face = if self.slopes[cell] == 0.0 {
+                let [first, last] = self.flat[cell];
+                let (lower, upper) = (self.faces[first], self.faces[last + 1]);
+                let ahead = if up { upper - x } else { x - lower };
+                let time = ahead / w.abs();
+                // Also of one that stands still, even on a face.
+                if w == 0.0 || time >= left - round_off {
+                    let x = (x + w * left).max(lower).min(upper);
+                    return Some(LineParticle { x, left: 0.0, ..particle });
+                }
+                particle.left -= time;
+                if up { last + 1 } else { first }
+            } else {
+                if w == 0.0 || !self.glide(&mut particle, round_off) {
+                    return None;
+                }
+                if particle.left == 0.0 {
+                    return Some(particle);
+                }
+                particle.cell + usize::from(particle.w > 0.0)
+            };
+            match self.meet(&mut particle, face) {
+                AtFace::Goes => {}
+                AtFace::Leaves => return Some(particle),
+                AtFace::Rare => return None,
+            }
+        }
+        None
+    }
+
+    /// Moves a particle through cells with slopes as far as a face with a jump, an end of the box,
+    /// a cell without a slope, or the end of its time; it stands in the cell before that face. Says
+    /// whether that can be told.
+    fn glide(&self, particle: &mut LineParticle, round_off: f64) -> bool {
+        let LineParticle { cell: mut i, mut x, mut w, mut left } = *particle;
+        let fastest = |sign: f64| if sign > 0.0 { self.box_ends[1] } else { -self.box_ends[0] };
+        let mut sign = w.signum();
+        let (mut square, mut speed) = (w * w, w.abs());
+        loop {
+            let (up, slope) = (sign > 0.0, self.slopes[i]);
+            let [behind, ahead] = match up {
+                true => [x - self.faces[i], self.faces[i + 1] - x],
+                false => [self.faces[i + 1] - x, x - self.faces[i]],
+            };
+            let push = -sign * slope;
+            let turns = square + 2.0 * push * ahead <= 0.0;
+            let gain = if turns { -push * behind } else { push * ahead };
+            let next = square + 2.0 * gain;
+            let there = next.sqrt();
+            let time = match turns {
+                true => (speed + there) / -push,
+                false => 2.0 * ahead / (speed + there),
+            };
+            let out = if turns { -sign } else { sign };
+            if time >= left - round_off {
+                w = sign * speed;
+                x = (x + left * (w - 0.5 * slope * left)).max(self.faces[i]).min(self.faces[i + 1]);
+                w -= slope * left;
+                *particle = LineParticle { cell: i, x, w, left: 0.0 };
+                return (self.box_ends[0]..=self.box_ends[1]).contains(&w);
+            }
+            if there >= fastest(out) || next <= self.rest {
+                return false;
+            }
+            left -= time;
+            (sign, square, speed) = (out, next, there);
+            let face = i + usize::from(sign > 0.0);
+            x = self.faces[face];
+            let end = face == 0 || face + 1 == self.faces.len();
+            let beyond = if sign > 0.0 { i + 1 } else { i.wrapping_sub(1) };
+            if end || self.jumps[face] != 0.0 || self.slopes[beyond] == 0.0 {
+                *particle = LineParticle { cell: i, x, w: sign * speed, left };
+                return true;
+            }
+            i = beyond;
+        }
+    }
+
+    /// Lets a particle go on that has arrived at a face.
+    fn meet(&self, particle: &mut LineParticle, face: usize) -> AtFace {
+        let up = particle.w > 0.0;
+        particle.x = self.faces[face];
+        if face == 0 || face + 1 == self.faces.len() {
+            return if self.is_periodic { AtFace::Rare } else { AtFace::Leaves };
+        }
+        let [here, there] = if up { [face - 1, face] } else { [face, face - 1] };
+        particle.cell = there;
+        if self.jumps[face] == 0.0 {
+            return AtFace::Goes;
+        }
+        // V here minus V there.
+        let rise = if up { -self.jumps[face] } else { self.jumps[face] };
+        let square = particle.w * particle.w + 2.0 * rise;
+        if square > 0.0 {
+            particle.w = square.sqrt().copysign(particle.w);
+        } else {
+            (particle.cell, particle.w) = (here, -particle.w);
+        }
+        let slow = particle.w * particle.w <= self.rest;
+        match (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {
+            _ if slow => AtFace::Rare,
+            true => AtFace::Goes,
+            false => AtFace::Leaves,
+        }
+    }
 }
 
 impl AxisPaths {

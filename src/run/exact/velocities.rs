@@ -365,14 +365,14 @@ impl<'a> VelocityIntegrals<'a> {
             if error <= self.tolerance || error.is_nan() || may == 0 {
                 return self.integral(&panels, error);
             }
-            let mut halved = 0;
-            let (open, closed): (Vec<Panel>, Vec<Panel>) = panels.into_iter().partition(|panel| {
-                let halve = panel.error >= NEAR_LARGEST * largest && halved < may;
-                halved += usize::from(halve);
-                halve
-            });
-            left -= halved * new_points;
-            panels = closed;
+            let (mut open, mut k) = (Vec::new(), 0);
+            while k < panels.len() && open.len() < may {
+                match panels[k].error >= NEAR_LARGEST * largest {
+                    true => open.push(panels.swap_remove(k)),
+                    false => k += 1,
+                }
+            }
+            left -= open.len() * new_points;
             panels.extend(self.halves(place, &open));
         }
     }
