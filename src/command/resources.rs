@@ -104,7 +104,7 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let ranking = optimise(world, case, synthesis)?;
     let (unitary, not_unitary) = match unitary(world, case, synthesis) {
         Ok(unitary) => (Some(unitary), None),
-        Err(why) => (None, Some(why.to_string())),
+        Err(why) => (None, Some(case.reason(&why))),
     };
     let Some(choice) = ranking.first() else {
         return Ok(Comparison { cheapest: own.clone(), own, unitary, not_unitary });

@@ -58,6 +58,7 @@ use crate::problem::limits::LONGEST_FILE;
 use crate::problem::table::Table;
 use serde::Deserialize;
 use serde_json::Value;
+use std::ffi::OsStr;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
@@ -407,6 +408,15 @@ impl Case {
     /// The times at which results are written, but for the end.
     pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
         self.at_start.iter().chain(&self.times)
+    }
+
+    /// What `error` says of this case, for a record that other people read: without the case's name
+    /// in front, and without the directories of its file.
+    pub fn reason(&self, error: &Error) -> String {
+        let text = error.to_string();
+        let text = text.strip_prefix(&format!("{}: ", self.name)).unwrap_or(&text);
+        let file = Path::new(&self.name).file_name().and_then(OsStr::to_str);
+        file.map_or_else(|| text.to_owned(), |file| text.replace(&self.name, file))
     }
 
     /// How long the run is: `time.end − time.start`.

@@ -50,6 +50,7 @@ use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::phases::{NoPhases, Phases};
 use crate::quantum::resources::Record;
 use crate::solve::prepared::Prepared;
@@ -118,8 +119,11 @@ impl CompiledCircuit {
         let tau = alpha * time;
         let controlled = transport.encode(modes, levels, true).counts();
         // The unitary scheme's one mode is the field, whatever the profile.
-        let fine = record.walk_tolerance.value().filter(|_| case.flux != 0.0);
-        let tolerance = fine.unwrap_or(case.tolerance);
+        let walk_tolerance = match case.flux {
+            0.0 => LabelledNumber::exact(case.tolerance),
+            _ => record.walk_tolerance.clone(),
+        };
+        let tolerance = walk_tolerance.value().unwrap_or(case.tolerance);
         let (highest, alpha_of_highest) = match modes {
             CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => (mu, None),
             CircuitModes::Register { .. } => {
@@ -151,6 +155,7 @@ impl CompiledCircuit {
                 },
                 counts: circuit.counts(),
                 controlled,
+                walk_tolerance,
                 evolution,
                 transport,
                 sequence: phases.as_ref().ok().map(RotationSequence::of),

@@ -75,10 +75,6 @@ pub struct Cost {
     pub evolution: SequenceCost,
     /// By steps forward and back, about half as many.
     pub half_calls: SequenceCost,
-    /// All qubits.
-    pub qubits: LabelledNumber,
-    /// Ancillas among the qubits, which are zero before and after.
-    pub ancillas: LabelledNumber,
 }
 
 impl Cost {
@@ -134,7 +130,7 @@ impl ModeWeightsCost {
 }
 
 /// The time and accuracy of an evolution.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct EvolutionRequirements {
     /// The highest wavenumber that carries something.
     pub highest: f64,
@@ -143,14 +139,25 @@ pub struct EvolutionRequirements {
     /// `P`.
     pub period: f64,
     /// Error of the state that it may make.
-    pub tolerance: f64,
+    pub tolerance: LabelledNumber,
 }
 
 impl EvolutionRequirements {
     /// The demand of the unitary scheme: one mode, and no register of `p`.
-    pub fn unitary(tolerance: f64) -> Self {
+    pub fn unitary(tolerance: LabelledNumber) -> Self {
         Self { highest: 0.0, points: 1, period: 1.0, tolerance }
     }
+}
+
+/// How a circuit rounds jumps of `V`; `export-circuit --sub-bins` does the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JumpRounding {
+    /// `B`: a level of `Δv²/2` has `2^B` bins, and jumps are whole numbers of them.
+    pub bin_bits: usize,
+    /// How far a jump is moved at most, in levels.
+    pub rounded: f64,
+    /// Bound on the norm of the change of `A`.
+    pub change: LabelledNumber,
 }
 
 /// The data on which the accesses to a case's `H` depend.
@@ -163,7 +170,7 @@ pub struct Accesses {
     /// Whether `S = 0`.
     skew: bool,
     /// In whole numbers, for a circuit; or why there is none.
-    transport: Result<CaseTransport, String>,
+    circuit: Result<CircuitCase, String>,
     /// T gates of rotations.
     synthesis: RotationSynthesis,
     /// Counts of circuits, controlled and not, by the qubits of `p`.
@@ -182,12 +189,23 @@ impl Accesses {
         synthesis: RotationSynthesis,
     ) -> Self {
         let time = case.duration();
-        let scene = scene::refuse(case)
+        let circuit = scene::refuse(case)
             .and_then(|()| CircuitCase::new(case, Bins::Within(rounding / time)))
-            .map(|scene| scene.transport)
-            .map_err(|error| error.to_string());
+            .map_err(|error| case.reason(&error));
         let counts = RefCell::default();
-        Self { time, entries, qubits, skew: bounds.is_skew(), transport: scene, synthesis, counts }
+        Self { time, entries, qubits, skew: bounds.is_skew(), circuit, synthesis, counts }
+    }
+
+    /// T gates of rotations.
+    pub fn synthesis(&self) -> RotationSynthesis {
+        self.synthesis
+    }
+
+    /// The bins to which a circuit rounds jumps of `V`; none without a circuit.
+    pub fn rounding(&self) -> Option<JumpRounding> {
+        let CircuitCase { transport, rounded, change } = self.circuit.as_ref().ok()?;
+        let (bin_bits, rounded, change) = (transport.bin_bits, *rounded, *change);
+        Some(JumpRounding { bin_bits, rounded, change: LabelledNumber::bound(change) })
     }
 
     /// `‖H‖_max` for wavenumbers up to `highest`.
@@ -197,7 +215,7 @@ impl Accesses {
 
     /// Why there is no circuit; none where there is one.
     pub fn no_circuit(&self) -> Option<&str> {
-        self.transport.as_ref().err().map(String::as_str)
+        self.circuit.as_ref().err().map(String::as_str)
     }
 
     /// The costs of every access, with this many evolutions until the field is measured: repeated,
@@ -221,9 +239,9 @@ impl Accesses {
         let weights = [ModeWeights::Sum, ModeWeights::Rotations];
         let weights = weights.into_iter().filter(|&w| !self.skew || w == ModeWeights::Sum);
         let choices = weights.flat_map(|w| [Levels::Hadamard, Levels::Uniform].map(|l| (w, l)));
-        self.transport.iter().flat_map(move |transport| {
+        self.circuit.iter().flat_map(move |circuit| {
             choices.clone().map(move |(weights, levels)| {
-                self.by_circuit(transport, weights, levels, demand, evolutions)
+                self.by_circuit(&circuit.transport, weights, levels, demand, evolutions)
             })
         })
     }
@@ -239,30 +257,25 @@ impl Accesses {
     fn by_oracles(&self, demand: &EvolutionRequirements, evolutions: &[LabelledNumber; 2]) -> Cost {
         const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
         let alpha = self.entries.nonzeros as f64 * self.entries.largest(demand.highest);
-        let label = |x: f64| match self.entries.extrapolated {
-            None => LabelledNumber::exact(x),
-            Some(how) => LabelledNumber::estimate(x, how),
-        };
-        let tau = alpha * self.time;
-        let evolution = WalkCost::new(tau, demand.tolerance);
+        let tau = self.of_grid(LabelledNumber::exact(alpha * self.time));
+        let evolution = WalkCost::new(&tau, &demand.tolerance);
         let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
         let system = self.qubits + of_p;
-        let gates = gates_factor(system as f64, f64::from(evolution.bits));
+        let bits = evolution.bits.value().unwrap_or_default();
+        let gates = gates_factor(system as f64, bits);
         let a_step = LabelledNumber::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
-        let walk = WalkRegisters::new(system, evolution.bits);
-        let tau = label(tau);
-        let sequences = SequenceCounts::of_oracles(&evolution, &tau, &a_step);
+        let walk = WalkRegisters::new(system, bits);
+        let sequences = SequenceCounts::of_oracles(&evolution, &tau, &a_step, &walk);
+        let tolerance = demand.tolerance.value().unwrap_or_default();
         let [evolution, half_calls] =
-            sequences.map(|counts| counts.cost(self.synthesis, demand.tolerance, evolutions));
-        Cost {
-            access: Access::Sparse,
-            alpha: label(alpha),
-            tau,
-            evolution,
-            half_calls,
-            qubits: walk.total,
-            ancillas: walk.arithmetic,
-        }
+            sequences.map(|counts| counts.cost(self.synthesis, tolerance, evolutions));
+        Cost { access: Access::Sparse, alpha: tau.with(alpha), tau, evolution, half_calls }
+    }
+
+    /// A number of the grid: an estimate where the grid is.
+    fn of_grid(&self, number: LabelledNumber) -> LabelledNumber {
+        let Some(how) = self.entries.extrapolated else { return number };
+        number.times(&LabelledNumber::estimate(1.0, how))
     }
 
     /// A circuit, whose register of modes has all wavenumbers.
@@ -274,7 +287,7 @@ impl Accesses {
         demand: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Cost {
-        let EvolutionRequirements { highest, points, period, tolerance } = *demand;
+        let EvolutionRequirements { highest, points, period, .. } = *demand;
         let qubits = points.trailing_zeros() as usize;
         let (access, modes) = match weights {
             _ if self.skew => (Access::Circuit(levels), CircuitModes::One(0.0)),
@@ -290,17 +303,20 @@ impl Accesses {
                 [false, true].map(|controlled| transport.encode(modes, levels, controlled).counts())
             });
         let alpha = transport.alpha(modes, levels);
-        let tau = alpha * self.time;
-        let evolution = WalkCost::new(tau, tolerance);
+        let [alpha, tau] =
+            [alpha, alpha * self.time].map(|x| self.of_grid(LabelledNumber::exact(x)));
+        let a_gate = self.of_grid(LabelledNumber::emitted(1.0));
+        let evolution = WalkCost::new(&tau, &demand.tolerance);
+        let tolerance = demand.tolerance.value().unwrap_or_default();
         let costs = |counts: SequenceCounts| counts.cost(self.synthesis, tolerance, evolutions);
+        let both = [&call, &controlled];
+        let forward = tau.value().unwrap_or_default();
         Cost {
             access,
-            alpha: LabelledNumber::exact(alpha),
-            tau: LabelledNumber::exact(tau),
-            evolution: costs(SequenceCounts::whole(&evolution, &controlled)),
-            half_calls: costs(SequenceCounts::both_ways(&evolution, tau, &call, &controlled)),
-            qubits: LabelledNumber::emitted(controlled.qubits as f64),
-            ancillas: LabelledNumber::emitted(controlled.scratch_qubits as f64),
+            evolution: costs(SequenceCounts::whole(&evolution, &controlled, &a_gate)),
+            half_calls: costs(SequenceCounts::both_ways(&evolution, forward, both, &a_gate)),
+            alpha,
+            tau,
         }
     }
 }

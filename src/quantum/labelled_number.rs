@@ -67,6 +67,11 @@ impl LabelledNumber {
         Self { label: Trust::Unavailable, value: None, because: Some(because.to_owned()) }
     }
 
+    /// The root, with the same label.
+    pub fn root(&self) -> Self {
+        Self { value: self.value.map(f64::sqrt), ..self.clone() }
+    }
+
     /// Another number with this one's label.
     pub fn with(&self, number: f64) -> Self {
         Self { value: self.value.map(|_| number), ..self.clone() }

@@ -14,6 +14,8 @@
 //! table as large as phase space no query could compute ([`scheme_of`]).
 
 pub mod ranking;
+#[cfg(test)]
+mod tests;
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
@@ -107,14 +109,16 @@ pub struct CostedChoice {
     pub points: LabelledNumber,
     /// The access to `H`; none if the cost is not known.
     pub access: Option<Access>,
-    /// Calls of the block encoding in an evolution, of the cheaper sequence.
-    pub walk_steps: LabelledNumber,
-    /// Whether that is the sequence of about half as many calls; none if the cost is not known.
+    /// Calls of the block encoding in an evolution, by the sequence whose rotations are computed.
+    pub steps: LabelledNumber,
+    /// The same by the sequence of about half as many.
+    pub half_calls_steps: LabelledNumber,
+    /// Whether that is the cheaper sequence; none if the cost is not known.
     pub half_calls: Option<bool>,
     /// Probability of slice and window, all conditions met.
     pub probability: [LabelledNumber; 2],
-    /// Toffoli gates, with T gates and rotations as such, until it succeeds in the window, or in
-    /// the slice where there is none: repeated, and by amplitude amplification.
+    /// All gates, in Toffoli gates, until it succeeds in the window, or in the slice where there is
+    /// none: repeated, and by amplitude amplification; by the cheaper sequence.
     pub cost: [LabelledNumber; 2],
     /// The required evolution; none if it is not known.
     #[serde(skip)]
@@ -136,7 +140,8 @@ impl CostedChoice {
             recovery: none(),
             points: none(),
             access: None,
-            walk_steps: none(),
+            steps: none(),
+            half_calls_steps: none(),
             half_calls: None,
             probability: [none(), none()],
             cost: [none(), none()],
@@ -154,7 +159,8 @@ impl CostedChoice {
             probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
             access: Some(cost.access),
             cost: cost.cheaper().gates_until_measured.clone(),
-            walk_steps: cost.cheaper().steps.clone(),
+            steps: cost.evolution.steps.clone(),
+            half_calls_steps: cost.half_calls.steps.clone(),
             half_calls: Some(cost.cheaper() == &cost.half_calls),
             ..Self::unavailable(&ProfileCandidate::planned(ProfileChoice::Planned), None, "")
         }
@@ -164,6 +170,20 @@ impl CostedChoice {
     pub fn nearest(&self) -> &LabelledNumber {
         let [slice, window] = &self.probability;
         if window.value().is_some() { window } else { slice }
+    }
+
+    /// Calls of the block encoding in an evolution, of the cheaper sequence.
+    pub fn calls(&self) -> &LabelledNumber {
+        if self.half_calls == Some(true) { &self.half_calls_steps } else { &self.steps }
+    }
+
+    /// The lower of both costs.
+    pub fn measured(&self) -> &LabelledNumber {
+        let [repeated, amplified] = &self.cost;
+        match amplified.value() < repeated.value() {
+            true => amplified,
+            false => repeated,
+        }
     }
 
     /// Why it cannot be planned, if so.
@@ -445,7 +465,7 @@ fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
     let Preparation { series, point, state_tolerance, .. } =
         match preparation(&case, system.bounds, system.ratio) {
             Ok(preparation) => preparation,
-            Err(error) => return CostedChoice::unavailable(candidate, delta, &error.to_string()),
+            Err(error) => return CostedChoice::unavailable(candidate, delta, &case.reason(&error)),
         };
     let modes = series.modes();
     if modes > MOST_MODES {
@@ -465,7 +485,7 @@ fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         highest: series.wavenumber(modes - 1),
         points,
         period: series.period,
-        tolerance: case.tolerance * found.amplitude(),
+        tolerance: found.amplitude().times(&LabelledNumber::exact(case.tolerance)),
     };
     let least = system.accesses.least(&demand, &found.evolutions());
     CostedChoice {
@@ -478,106 +498,9 @@ fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         access: Some(least.access),
         cost: least.cheaper().gates_until_measured.clone(),
         demand: Some(demand),
-        walk_steps: least.cheaper().steps.clone(),
         half_calls: Some(least.cheaper() == &least.half_calls),
+        steps: least.evolution.steps,
+        half_calls_steps: least.half_calls.steps,
         probability: [found.at_slice.all, found.in_window.all],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::quantum::access::LargestEntries;
-    use crate::quantum::optimise::ranking::Ranking;
-    use crate::quantum::synthesis::RotationSynthesis;
-
-    /// Example 1 on 8² cells, with norms as of a run.
-    fn case() -> Case {
-        let text = r#"
-            [[axis]]
-            x = { lower = -1.5, upper = 1.5, cells = 8 }
-            v = { lower = -1.5, upper = 1.5, cells = 8 }
-            [[potential]]
-            where = "x < 0"
-            value = "0.2"
-            [[potential]]
-            value = "0"
-            [initial]
-            f = "exp(-20*((x+0.5)^2+(v-0.7)^2))"
-            [time]
-            end = 1.0
-            [solver]
-            tolerance = 1e-3
-            "#;
-        Case::parse("step", text, &[]).expect("a case")
-    }
-
-    /// Runs `test` on the system that is taken on a quantum computer.
-    fn with_system(test: impl Fn(&System<'_>)) {
-        let case = scheme_of(&case());
-        assert_eq!(case.interface, Interface::Conservative);
-        assert!(!case.warp.weights);
-        let bounds = Bounds::new(&case).expect("bounds");
-        let entries = LargestEntries::new(vec![[4.0, 2.0]], 5);
-        let norms = StateNorms { start: 1.3, weighted: 1.0, field: 1.0, auxiliary: 0.0 };
-        let synthesis = RotationSynthesis::default();
-        let accesses = &Accesses::new(&case, &bounds, entries, 6, 5e-4, synthesis);
-        test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, accesses });
-    }
-
-    /// Nothing on a fine grid over all parameters and recovery points is cheaper than what was
-    /// found, but by what the grid of the scan leaves.
-    #[test]
-    fn an_exhaustive_scan_finds_nothing_cheaper() {
-        with_system(|system| {
-            let ranking = Ranking::new(choices(system));
-            let found = ranking.first().expect("a choice").least_cost();
-            let ratios = |[least, most]: [f64; 2]| {
-                (0..=150).map(move |i| least * (most / least).powf(f64::from(i) / 150.0))
-            };
-            let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
-            let cs = ratios(CS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
-            let whole = sigmas.chain(cs).map(ProfileCandidate::planned);
-            let betas = ratios(BETAS).step_by(5).map(|beta| ProfileChoice::Acl { beta });
-            let alphas = ratios(ALPHAS).step_by(5);
-            let alphas = alphas.map(exponential);
-            let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
-            let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
-                let further = (0..=20).map(|i| Some(0.1 * f64::from(i)));
-                further.map(move |further| ProfileCandidate {
-                    further,
-                    ..ProfileCandidate::planned(profile.clone())
-                })
-            });
-            for candidate in whole.chain(moved) {
-                let cost = choice(system, &candidate).least_cost();
-                assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
-            }
-            // The choice that is cheapest to emulate is not the cheapest here, nor is the default
-            // parameter of a run.
-            let emulated = [
-                ProfileChoice::Designed,
-                ProfileChoice::Gaussian { sigma: None },
-                ProfileChoice::LowSomma { c: None },
-            ];
-            for profile in emulated {
-                let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
-                assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
-            }
-        });
-    }
-
-    /// The case of a choice has the plan whose cost was computed.
-    #[test]
-    fn a_choice_is_planned_as_it_was_priced() {
-        with_system(|system| {
-            for found in choices(system).iter().filter(|choice| choice.points.value().is_some()) {
-                let case = found.of(system.case, system.bounds);
-                let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
-                assert_eq!(Some(planned.point), found.recovery.value());
-                let held = points(&planned.series).next_power_of_two();
-                assert_eq!(Some(held as f64), found.points.value());
-            }
-        });
     }
 }

@@ -240,9 +240,11 @@ impl Probabilities {
 
     /// `√P` of the window, or of the slice where there is none; 1 where neither is known. Relative
     /// to the field, an error of the whole state is `1/√P` times as large.
-    pub fn amplitude(&self) -> f64 {
-        let known = self.in_window.all.value().or(self.at_slice.all.value());
-        known.map_or(1.0, f64::sqrt)
+    pub fn amplitude(&self) -> LabelledNumber {
+        match &self.nearest().all {
+            all if all.value().is_some() => all.root(),
+            none => LabelledNumber::estimate(1.0, none.because().unwrap_or_default()),
+        }
     }
 
     /// For the one mode of a unitary flow, which is the field: `p` is not postselected.

@@ -21,7 +21,7 @@ mod text;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
-use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, ModeWeightsCost};
+use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::readout::MEASURE_VALUED;
@@ -175,10 +175,14 @@ pub struct Record {
     pub gates_factor: LabelledNumber,
     /// Gates of the two transforms in `p`, `n_p log₂ n_p` each.
     pub transform_gates: LabelledNumber,
+    /// T gates of a rotation.
+    pub t_of_rotation: RotationSynthesis,
     /// Every access to `H`, with its gates.
     pub costs: Vec<Cost>,
     /// Why no circuit is compiled; none where one is.
     pub no_circuit: Option<String>,
+    /// How circuits round jumps of `V`; none without circuits.
+    pub rounding: Option<JumpRounding>,
     /// The weights of modes in a circuit, both ways; none without circuits of many modes.
     pub mode_weights: Option<ModeWeightsCost>,
     /// The table of the weights; none without weights.
@@ -204,10 +208,14 @@ pub struct Record {
 pub struct Unitary {
     /// `‖u(0)‖/‖f(T)‖` is 1: the evolution is to be exact to this.
     pub tolerance: f64,
+    /// T gates of a rotation.
+    pub t_of_rotation: RotationSynthesis,
     /// Every access to `H = iK`, with its gates.
     pub costs: Vec<Cost>,
     /// Why no circuit is compiled; none where one is.
     pub no_circuit: Option<String>,
+    /// How circuits round jumps of `V`; none without circuits.
+    pub rounding: Option<JumpRounding>,
     /// Its disadvantages.
     pub caveats: &'static str,
 }
@@ -241,10 +249,13 @@ impl Unitary {
     /// For `accesses` of a skew matrix.
     pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
         let once = || LabelledNumber::exact(1.0);
+        let demand = EvolutionRequirements::unitary(LabelledNumber::exact(tolerance));
         Self {
             tolerance,
-            costs: accesses.costs(&EvolutionRequirements::unitary(tolerance), &[once(), once()]),
+            costs: accesses.costs(&demand, &[once(), once()]),
+            t_of_rotation: accesses.synthesis(),
             no_circuit: accesses.no_circuit().map(str::to_owned),
+            rounding: accesses.rounding(),
             caveats: CAVEATS,
         }
     }
@@ -268,7 +279,7 @@ pub fn entries_of(prepared: &Prepared) -> LargestEntries {
 /// Qubits that number the unknowns of `case`.
 pub fn qubits_of(case: &Case) -> usize {
     let unknowns = case.space.cells() + usize::from(case.embeds());
-    RegisterSizes::new(case, unknowns, 1, 0).total
+    RegisterSizes::new(case, unknowns, 1, 0.0).total
 }
 
 /// Qubits that number `count` things.
@@ -303,14 +314,15 @@ impl Record {
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.duration(), case.tolerance);
         let estimate = |x: f64| LabelledNumber::estimate(x, NORMS);
+        let exact = LabelledNumber::exact;
         let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
         let probabilities = Probabilities::new(&state, norms, &estimate);
-        let fine = tolerance * probabilities.amplitude();
-        let tau = d * largest * time;
-        let evolution = WalkCost::new(tau, fine);
-        let bits = f64::from(evolution.bits);
+        let fine = probabilities.amplitude().times(&exact(tolerance));
+        let tau = exact(d * largest * time);
+        let evolution = WalkCost::new(&tau, &fine);
+        let bits = evolution.bits.value().unwrap_or_default();
         let unknowns = system.terms - case.space.space_cells() + case.space.cells();
-        let qubits = RegisterSizes::new(case, unknowns, points, evolution.bits);
+        let qubits = RegisterSizes::new(case, unknowns, points, bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
         let [location, value, both] =
             [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
@@ -318,7 +330,12 @@ impl Record {
             WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
         });
         let costs = accesses.costs(
-            &EvolutionRequirements { highest, points, period: series.period, tolerance: fine },
+            &EvolutionRequirements {
+                highest,
+                points,
+                period: series.period,
+                tolerance: fine.clone(),
+            },
             &probabilities.evolutions(),
         );
         Ok(Self {
@@ -332,21 +349,23 @@ impl Record {
             setup: CountSetup::new(case, &series, planned),
             points,
             period: series.period,
-            walk_tolerance: estimate(fine),
-            nonzeros: LabelledNumber::exact(d),
-            largest_entry: LabelledNumber::exact(largest),
-            tau: LabelledNumber::exact(tau),
+            walk_tolerance: fine,
+            nonzeros: exact(d),
+            largest_entry: exact(largest),
+            tau,
             degree: evolution.degree,
             walk_steps: evolution.steps,
-            value_bits: estimate(bits),
+            value_bits: evolution.bits,
             gates_factor: qubits.gates_factor(bits),
             transform_gates: qubits.transform_gates(),
             mode_weights: ModeWeightsCost::of(&costs),
             costs,
+            t_of_rotation: synthesis,
             no_circuit: accesses.no_circuit().map(str::to_owned),
+            rounding: accesses.rounding(),
             weights_table,
             qubits,
-            classical_operations: LabelledNumber::exact(operations),
+            classical_operations: exact(operations),
             queries_until_measured: probabilities.evolutions().map(|n| n.times(&both)),
             location_queries: location,
             value_queries: value,
@@ -390,7 +409,7 @@ impl RegisterSizes {
     }
 
     /// For `unknowns` of the system, `points` in `p`, and values of `bits` bits.
-    fn new(case: &Case, unknowns: usize, points: usize, bits: u32) -> Self {
+    fn new(case: &Case, unknowns: usize, points: usize, bits: f64) -> Self {
         const WITHOUT: &str = "dp = eps on an interval of length 1";
         let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();
         let auxiliary = usize::from(unknowns > case.space.cells());

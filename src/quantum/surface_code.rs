@@ -1,13 +1,19 @@
-//! Physical qubits of a computation in the surface code, under assumptions that are stated.
+//! Physical qubits and seconds of a computation in the surface code, under assumptions that are
+//! stated.
 //!
 //! A logical qubit of distance `d` has `2(d + 1)²` physical ones, and as many again lie between
 //! them for lattice surgery. It fails in a cycle with probability `0.1 (p/p_th)^{(d+1)/2}`,
 //! `p = 10⁻³`, `p_th = 10⁻²` (Fowler and Gidney 2018). Four factories of `144 d²` physical qubits
 //! make a CCZ state in `5.5 d` cycles each (Gidney and Fowler 2019), one Toffoli gate after the
 //! other. `d` is the least odd number with which all logical qubits together fail with probability
-//! 0.01 or less.
+//! 0.01 or less. Seconds follow from the same `d` and factories, and from cycles of 1 µs: `5.5 d/4`
+//! of them a Toffoli gate.
+//!
+//! Not in it: the errors of the states that the factories make, the time and room of Clifford gates
+//! and of the preparation, and states that wait for a decoder.
 
 use crate::quantum::labelled_number::LabelledNumber;
+use serde::Serialize;
 
 /// The assumptions, for a record.
 const ASSUMED: &str = "surface code, physical errors 1e-3, threshold 1e-2, failure 0.01 in all, 4 \
@@ -17,27 +23,61 @@ const ERROR: f64 = 0.1;
 /// Probability that the computation fails.
 const FAILURE: f64 = 0.01;
 const FACTORIES: f64 = 4.0;
+/// Cycles in which a factory makes a state, by the distance.
+const CYCLES: f64 = 5.5;
+/// Seconds of a cycle.
+const CYCLE: f64 = 1e-6;
 /// The largest code distance that is considered.
 const MOST_DISTANCE: u32 = 101;
 
 /// The code's distance for so many logical qubits and Toffoli gates; none above 101.
 fn distance(qubits: f64, toffoli: f64) -> Option<u32> {
     (3..=MOST_DISTANCE).step_by(2).find(|&d| {
-        let cycles = toffoli * 5.5 * f64::from(d) / FACTORIES;
+        let cycles = toffoli * CYCLES * f64::from(d) / FACTORIES;
         2.0 * qubits * cycles * 0.1 * ERROR.powf(0.5 * f64::from(d + 1)) <= FAILURE
     })
 }
 
-/// Physical qubits for these numbers of logical qubits and Toffoli gates.
-pub fn physical_qubits(qubits: &LabelledNumber, toffoli: &LabelledNumber) -> LabelledNumber {
-    let (Some(n), Some(gates)) = (qubits.value(), toffoli.value()) else {
-        return LabelledNumber::unavailable("the logical qubits or Toffoli gates are");
-    };
-    let Some(d) = distance(n, gates).map(f64::from) else {
-        return LabelledNumber::unavailable("no distance up to 101 suffices");
-    };
-    let count = 2.0 * n * 2.0 * (d + 1.0).powi(2) + FACTORIES * 144.0 * d * d;
-    LabelledNumber::model(count, &format!("distance {d}; {ASSUMED}"))
+/// A computation in the surface code: a model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PhysicalCost {
+    /// Physical qubits, factories included.
+    pub physical_qubits: LabelledNumber,
+    /// `d`; none where there is no number.
+    pub code_distance: Option<u32>,
+    /// Seconds.
+    pub seconds: LabelledNumber,
+}
+
+impl PhysicalCost {
+    /// Of so many logical qubits and gates, in Toffoli gates.
+    pub fn new(qubits: &LabelledNumber, toffoli: &LabelledNumber) -> Self {
+        let (Some(n), Some(gates)) = (qubits.value(), toffoli.value()) else {
+            return Self::unavailable("the logical qubits or Toffoli gates are");
+        };
+        let Some(distance) = distance(n, gates) else {
+            return Self::unavailable("no distance up to 101 suffices");
+        };
+        let d = f64::from(distance);
+        let count = 2.0 * n * 2.0 * (d + 1.0).powi(2) + FACTORIES * 144.0 * d * d;
+        let of_gate = CYCLES * d / FACTORIES * CYCLE;
+        let pace = format!(
+            "distance {distance}; {:.1e} Toffoli gates a second: 4 factories, {CYCLES} d cycles of \
+             1 us a state",
+            of_gate.recip()
+        );
+        Self {
+            physical_qubits: LabelledNumber::model(count, &format!("distance {d}; {ASSUMED}")),
+            code_distance: Some(distance),
+            seconds: LabelledNumber::model(gates * of_gate, &pace),
+        }
+    }
+
+    /// No numbers, for this reason.
+    pub fn unavailable(why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
+        Self { physical_qubits: none(), code_distance: None, seconds: none() }
+    }
 }
 
 #[cfg(test)]
@@ -55,7 +95,22 @@ mod tests {
             assert!(failure(d) <= 0.01 && failure(d - 2) > 0.01, "{qubits} {toffoli}: {d}");
         }
         assert_eq!(distance(100.0, 1e60), None);
-        let physical = physical_qubits(&LabelledNumber::exact(100.0), &LabelledNumber::exact(1e9));
-        assert!(physical.value().is_some_and(|n| n > 1e5 && n < 1e7));
+    }
+
+    /// Qubits and seconds are of one distance: seconds follow from the factories that are among the
+    /// qubits.
+    #[test]
+    fn seconds_are_those_of_the_factories() {
+        for (qubits, toffoli) in [(100.0, 1e9), (89.0, 1e13)] {
+            let exact = LabelledNumber::exact;
+            let cost = PhysicalCost::new(&exact(qubits), &exact(toffoli));
+            let d = f64::from(cost.code_distance.expect("a distance"));
+            let number = |figure: &LabelledNumber| figure.value().expect("a number");
+            let factories = (number(&cost.physical_qubits) - 4.0 * qubits * (d + 1.0).powi(2))
+                / (144.0 * d * d);
+            assert!((factories - 4.0).abs() < 1e-9, "{factories}");
+            let seconds = toffoli / factories * 5.5 * d * 1e-6;
+            assert!((number(&cost.seconds) / seconds - 1.0).abs() < 1e-12);
+        }
     }
 }

@@ -61,18 +61,23 @@ pub struct WalkCost {
     /// `2K` steps of the walk.
     pub steps: LabelledNumber,
     /// Bits of the real part of a value, its sign included, and of the imaginary part.
-    pub bits: u32,
+    pub bits: LabelledNumber,
 }
 
 impl WalkCost {
-    /// For `τ`, within `tolerance` of the state's norm.
-    pub fn new(tau: f64, tolerance: f64) -> Self {
+    /// For `τ`, within `tolerance` of the state's norm. No number is more trusted than both.
+    pub fn new(tau: &LabelledNumber, tolerance: &LabelledNumber) -> Self {
         /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
         const SUMMED: f64 = 1e4;
+        let both = tau.times(tolerance);
+        let (Some(tau), Some(tolerance)) = (tau.value(), tolerance.value()) else {
+            return Self { degree: both.clone(), steps: both.clone(), bits: both };
+        };
         let order = degree(&mut Vec::new(), tau, OF_SERIES * tolerance) as f64;
         let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
+        let degree = both.with(1.0).times(&label(order));
         let bits = value_bits(tau, OF_ROUNDING * tolerance);
-        Self { degree: label(order), steps: label(2.0 * order), bits }
+        Self { steps: degree.with(2.0 * order), bits: both.with(f64::from(bits)), degree }
     }
 
     /// Calls of an oracle that a step calls `each` times.
@@ -110,10 +115,10 @@ pub struct WalkRegisters {
 
 impl WalkRegisters {
     /// On `system` qubits with values of `bits` bits.
-    pub fn new(system: usize, bits: u32) -> Self {
+    pub fn new(system: usize, bits: f64) -> Self {
         const WHY: &str = "4 m for a modulus, its root and a comparison; no circuit is compiled";
         let (row_and_column, value, phase) = (2 * (system + 2), 2 * bits as usize, 1);
-        let arithmetic = 4.0 * f64::from(bits);
+        let arithmetic = 4.0 * bits;
         let total = (row_and_column + value + phase) as f64 + arithmetic;
         Self {
             row_and_column,
@@ -136,13 +141,24 @@ mod tests {
     fn steps_of_the_walk() {
         // J_k(τ) falls off beyond k = τ: at least τ terms, more for smaller tolerances.
         let number = |figure: &LabelledNumber| figure.value().expect("a number");
-        let count = |tau: f64, tolerance: f64| number(&WalkCost::new(tau, tolerance).degree);
-        let evolution = WalkCost::new(50.0, 1e-6);
+        let exact = LabelledNumber::exact;
+        let cost = |tau: f64, tolerance: f64| WalkCost::new(&exact(tau), &exact(tolerance));
+        let count = |tau: f64, tolerance: f64| number(&cost(tau, tolerance).degree);
+        let evolution = cost(50.0, 1e-6);
         assert_eq!(number(&evolution.steps), 2.0 * count(50.0, 1e-6));
         assert_eq!(number(&evolution.calls(VALUE_CALLS)), 8.0 * count(50.0, 1e-6));
         assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));
         assert!(count(1e3, 1e-6) < 1.1e3);
-        assert_eq!(WalkCost::new(1e6, 1e-6).degree.trust(), Trust::UpperBound);
+        assert_eq!(cost(1e6, 1e-6).degree.trust(), Trust::UpperBound);
+        // Steps are no more exact than what they follow from, and a bound of an estimate is none.
+        assert_eq!(cost(50.0, 1e-6).steps.trust(), Trust::Exact);
+        let estimate = LabelledNumber::estimate(1e-6, "sampled");
+        for tau in [50.0, 1e6] {
+            let WalkCost { degree, steps, bits } = WalkCost::new(&exact(tau), &estimate);
+            assert_eq!([degree, steps, bits].map(|n| n.trust()), [Trust::Estimate; 3]);
+        }
+        let model = LabelledNumber::model(50.0, "assumed");
+        assert_eq!(WalkCost::new(&model, &estimate).steps.trust(), Trust::Model);
     }
 
     #[test]

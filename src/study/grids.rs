@@ -13,6 +13,8 @@ use std::cmp::Reverse;
 
 /// An edge this close to a face, in cells, lies on it.
 const ON_FACE: f64 = 1e-6;
+/// Edges whose places within cells differ by less than this part of a cell lie alike.
+const ALIKE: f64 = 0.02;
 /// Most elements along an axis of which multiples are taken to have edges of `V` on faces, by
 /// dimension; more where the case itself has more.
 const LARGEST_UNIT: [usize; 3] = [1000, 64, 16];
@@ -261,6 +263,27 @@ impl Grids {
         self.with(shape, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
     }
 
+    /// About `scale` times `shape`, with the edges of `V` within their cells as `shape` has them:
+    /// errors of edges on faces and of edges within cells fall differently.
+    pub fn alike(&self, shape: &[usize], scale: f64) -> Vec<usize> {
+        self.with(shape, |k, n| {
+            let wanted = n as f64 * scale * (1.0 - 1e-12);
+            if self.keeps(k, n) {
+                return self.near(k, wanted, 2);
+            }
+            let edges = self.edges[k].as_deref().unwrap_or_default();
+            // A finer grid is no coarser than wanted.
+            let [least, most] = if scale < 1.0 { [0.8, 1.25] } else { [1.0, 1.25] };
+            let [least, most] = [least, most].map(|part| ((part * wanted).ceil() as usize).max(2));
+            let off = |m: usize| unlike(&self.axes[k], edges, [n, m]) + ON_FACE;
+            let away = |m: usize| (m as f64 - wanted).abs();
+            // The nearest of those that are nearly as good as the best.
+            let best = (least..=most).map(off).fold(f64::INFINITY, f64::min);
+            let good = (least..=most).filter(|&m| off(m) <= best + ALIKE);
+            good.min_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(most)
+        })
+    }
+
     /// Whether axis `k` has half of `cells`, an even number of velocities, without losing an edge.
     fn halves(&self, k: usize, cells: usize) -> bool {
         match self.is_even(k) {
@@ -303,6 +326,17 @@ impl Grids {
     }
 }
 
+/// By how much of a cell the distances of `edges` from the next face differ at most between two
+/// numbers of elements along `axis`.
+fn unlike(axis: &Axis, edges: &[f64], numbers: [usize; 2]) -> f64 {
+    let apart = |edge: &f64| {
+        let part = (edge - axis.lower) / (axis.upper - axis.lower);
+        let [a, b] = numbers.map(|n| part * n as f64);
+        (a - b - (a - b).round()).abs()
+    };
+    edges.iter().map(apart).fold(0.0, f64::max)
+}
+
 /// Whether `n` elements along `axis` have faces at all `edges`.
 fn keeps(axis: &Axis, edges: &[f64], n: usize) -> bool {
     edges.iter().all(|edge| {
@@ -333,6 +367,31 @@ mod tests {
         assert_eq!(grids.stretched(&[12, 16], 4.0), [12, 4]);
         // 3 would miss an edge and be coarser than what is tried; v gets finer instead.
         assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
+    }
+
+    /// Edges within cells lie in coarser and finer grids as they do in the case's, within a few
+    /// hundredths of a cell; those on faces stay there.
+    #[test]
+    fn edges_within_cells_lie_alike() {
+        let within = grids(&[0.313, 0.771]);
+        let place = |edge: f64, n: usize| (edge + 1.0) / 3.0 * n as f64;
+        for own in [128, 101] {
+            for scale in [0.5, 0.25, 3.7, 20.0] {
+                let found = within.alike(&[own, 64], scale);
+                let ratio = found[0] as f64 / (own as f64 * scale);
+                assert!((0.79..1.26).contains(&ratio), "{own} {scale}: {found:?}");
+                assert_eq!(found[1], ((64.0 * scale).ceil() as usize).next_multiple_of(2));
+                for edge in [0.313, 0.771] {
+                    let off = place(edge, own) - place(edge, found[0]);
+                    let off = (off - off.round()).abs();
+                    // Coarse grids are few.
+                    let allowed = if scale < 1.0 { 0.16 } else { 0.05 };
+                    assert!(off < allowed, "{own} {scale}: {found:?} {edge} {off}");
+                }
+            }
+        }
+        let on_faces = grids(&[0.0, 0.5]);
+        assert_eq!(on_faces.alike(&[48, 64], 0.5), on_faces.scaled(&[48, 64], 0.5));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::phases::Phases;
 use crate::quantum::walk;
 use serde::Serialize;
@@ -35,7 +36,7 @@ pub struct EvolutionDescription {
     pub t: usize,
     /// Rotations of all calls, and the phases of the sequence.
     pub rotations: usize,
-    /// With that of the sequence.
+    /// With that of the sequence, and ancillas of its reflections.
     pub qubits: usize,
 }
 
@@ -96,6 +97,9 @@ pub struct CircuitDescription {
     pub counts: GateCounts,
     /// Counts of the controlled circuit, which a further qubit applies.
     pub controlled: GateCounts,
+    /// To which the evolution is exact. An estimate where a probability is in it: so are then the
+    /// steps that follow, and all counts of the evolution.
+    pub walk_tolerance: LabelledNumber,
     /// The evolution that calls the controlled circuit.
     pub evolution: EvolutionDescription,
     /// Its rotations; none where `no_sequence` says why.
@@ -116,14 +120,15 @@ impl EvolutionDescription {
             toffoli: steps * controlled.toffoli_a_step(),
             t: steps * controlled.t,
             rotations: steps * controlled.rotations_a_step() + 1,
-            qubits: controlled.qubits,
+            qubits: controlled.qubits_of_sequence(),
         }
     }
 }
 
 /// `2K` for `τ`.
 pub fn steps_of(tau: f64, tolerance: f64) -> usize {
-    walk::WalkCost::new(tau, tolerance).steps.value().unwrap_or_default() as usize
+    let [tau, tolerance] = [tau, tolerance].map(LabelledNumber::exact);
+    walk::WalkCost::new(&tau, &tolerance).steps.value().unwrap_or_default() as usize
 }
 
 impl fmt::Display for CircuitDescription {
@@ -176,6 +181,8 @@ impl fmt::Display for CircuitDescription {
             "qubits of one call: {} of the system, {} of the block, {} scratch",
             counts.system_qubits, counts.block_qubits, counts.scratch_qubits
         )?;
+        write!(f, "\ntolerance of the evolution, from which its steps follow:")?;
+        write!(f, " {}", self.walk_tolerance.to_string().trim_start())?;
         match self.sequence {
             Some(RotationSequence { bound, difference }) => write!(
                 f,

@@ -107,7 +107,7 @@ pub fn qref(description: &CircuitDescription) -> Value {
                 resource("toffoli", toffoli as f64, "other"),
                 resource("t", t as f64, "other"),
                 resource("rotations", rotations as f64, "other"),
-                resource("qubits", qubits as f64, "other"),
+                resource("qubits", qubits as f64, "qubits"),
             ],
         },
     })
@@ -123,7 +123,7 @@ fn of_call(counts: &GateCounts) -> Vec<Value> {
     ];
     let mut all: Vec<Value> =
         additive.map(|(name, count)| resource(name, count as f64, "additive")).to_vec();
-    all.push(resource("qubits", counts.qubits as f64, "other"));
+    all.push(resource("qubits", counts.qubits as f64, "qubits"));
     all
 }
 

@@ -281,6 +281,18 @@ impl GateCounts {
         steps * (self.toffoli + reflection) as f64 + ends as f64
     }
 
+    /// All qubits of a sequence of steps by this controlled circuit: forward and back it takes the
+    /// same, since its ends are controlled. A reflection has a clean qubit for each but one of the
+    /// block's, which the scratch of the call serves as far as it goes.
+    pub fn qubits_of_sequence(&self) -> usize {
+        self.qubits - self.scratch_qubits + self.ancillas_of_sequence()
+    }
+
+    /// Ancillas among them, which are zero before and after a step.
+    pub fn ancillas_of_sequence(&self) -> usize {
+        self.scratch_qubits.max(self.block_qubits.saturating_sub(1))
+    }
+
     /// Toffoli gates of a reflection about the zeros of the block's qubits, controlled or not.
     pub fn toffoli_of_reflection(&self) -> usize {
         2 * self.block_qubits.saturating_sub(1)

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, HashMap};
 pub const MOST_BIN_BITS: usize = 20;
 /// Largest number of bits of bins that are chosen by the change of the jumps; beyond it a jump has
 /// no further digits.
-const MOST_ROUNDED_BITS: usize = 32;
+pub const MOST_ROUNDED_BITS: usize = 32;
 /// Distance from a whole number that is round-off, relative.
 const WHOLE: f64 = 1e-12;
 

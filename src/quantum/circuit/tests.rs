@@ -533,6 +533,7 @@ fn steps_forward_and_back_are_exponentials() {
     let [call, controlled] =
         [false, true].map(|c| transport.encode(modes, Levels::Uniform, c).counts());
     assert_eq!(toffolis(&circuit) as f64, call.toffoli_both_ways(&controlled, 1.0));
+    assert_eq!(circuit.qubits(), controlled.qubits_of_sequence());
     let mut h = grid.hamiltonian(0.7);
     h.values_mut().for_each(|x| *x *= TAU_OF_TEST / transport.alpha(modes, Levels::Uniform));
     let mut largest = 0.0f64;

@@ -4,7 +4,7 @@
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
-use crate::quantum::walk::{WalkCost, calls_both_ways};
+use crate::quantum::walk::{WalkCost, WalkRegisters, calls_both_ways};
 use serde::Serialize;
 
 /// The cost of `e^{−iHT}` by a sequence of calls, and of the measurement of the field.
@@ -26,10 +26,14 @@ pub struct SequenceCost {
     pub t_a_rotation: LabelledNumber,
     /// Toffoli gates, T gates and rotations of an evolution, in Toffoli gates.
     pub gates: LabelledNumber,
-    /// Toffoli gates until the field is measured: repeated, and by amplitude amplification.
-    pub until_measured: [LabelledNumber; 2],
+    /// Toffoli gates alone until the field is measured: repeated, and by amplitude amplification.
+    pub toffoli_until_measured: [LabelledNumber; 2],
     /// All `gates` until then.
     pub gates_until_measured: [LabelledNumber; 2],
+    /// All qubits of the sequence, at once.
+    pub qubits: LabelledNumber,
+    /// Ancillas among the qubits, which are zero before and after.
+    pub ancillas: LabelledNumber,
 }
 
 /// Counts of a sequence.
@@ -41,6 +45,8 @@ pub(super) struct SequenceCounts {
     toffoli: LabelledNumber,
     t: LabelledNumber,
     rotations: LabelledNumber,
+    qubits: LabelledNumber,
+    ancillas: LabelledNumber,
 }
 
 impl SequenceCounts {
@@ -52,7 +58,7 @@ impl SequenceCounts {
         tolerance: f64,
         evolutions: &[LabelledNumber; 2],
     ) -> SequenceCost {
-        let Self { steps, toffoli_a_step, rotations_a_step, toffoli, t, rotations } = self;
+        let Self { steps, toffoli_a_step, rotations_a_step, toffoli, t, rotations, .. } = self;
         let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
         let t_a_rotation = synthesis.t_of_each(number(&rotations), tolerance);
         let all_t = number(&t) + number(&rotations) * number(&t_a_rotation);
@@ -60,7 +66,7 @@ impl SequenceCounts {
         let gates = toffoli.times(&t_a_rotation);
         let gates = gates.with(number(&toffoli) + all_t / T_OF_TOFFOLI_STATE);
         SequenceCost {
-            until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
+            toffoli_until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
             gates_until_measured: evolutions.each_ref().map(|n| n.times(&gates)),
             steps,
             toffoli_a_step,
@@ -70,6 +76,8 @@ impl SequenceCounts {
             rotations,
             t_a_rotation,
             gates,
+            qubits: self.qubits,
+            ancillas: self.ancillas,
         }
     }
 }
@@ -89,10 +97,14 @@ const CALLS_AT_ENDS: f64 = 2.0;
 const ROTATIONS_BOTH_WAYS: usize = 2;
 
 impl SequenceCounts {
-    /// `2K` calls of a `controlled` circuit.
-    pub(super) fn whole(evolution: &WalkCost, controlled: &GateCounts) -> Self {
+    /// `2K` calls of a `controlled` circuit, whose counts have the label of `a_gate`.
+    pub(super) fn whole(
+        evolution: &WalkCost,
+        controlled: &GateCounts,
+        a_gate: &LabelledNumber,
+    ) -> Self {
         let steps = evolution.steps.clone();
-        let emitted = |count: usize| LabelledNumber::emitted(count as f64);
+        let emitted = |count: usize| a_gate.with(count as f64);
         let all = |count: usize| steps.times(&emitted(count));
         let rotations = all(controlled.rotations_a_step());
         Self {
@@ -101,6 +113,8 @@ impl SequenceCounts {
             toffoli: all(controlled.toffoli_a_step()),
             t: all(controlled.t),
             rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
+            qubits: emitted(controlled.qubits_of_sequence()),
+            ancillas: emitted(controlled.ancillas_of_sequence()),
             steps,
         }
     }
@@ -109,10 +123,11 @@ impl SequenceCounts {
     pub(super) fn both_ways(
         evolution: &WalkCost,
         tau: f64,
-        call: &GateCounts,
-        controlled: &GateCounts,
+        [call, controlled]: [&GateCounts; 2],
+        a_gate: &LabelledNumber,
     ) -> Self {
         let steps = steps_both_ways(evolution, tau);
+        let emitted = |count: usize| a_gate.with(count as f64);
         let count = steps.value().unwrap_or_default() - CALLS_AT_ENDS;
         let all = |of_call: usize, of_end: usize| {
             steps.with(count * of_call as f64 + CALLS_AT_ENDS * of_end as f64)
@@ -120,8 +135,10 @@ impl SequenceCounts {
         let a_step = call.toffoli + call.toffoli_of_reflection();
         let rotations = call.rotations + ROTATIONS_BOTH_WAYS;
         Self {
-            toffoli_a_step: LabelledNumber::emitted(a_step as f64),
-            rotations_a_step: LabelledNumber::emitted(rotations as f64),
+            toffoli_a_step: emitted(a_step),
+            rotations_a_step: emitted(rotations),
+            qubits: emitted(controlled.qubits_of_sequence()),
+            ancillas: emitted(controlled.ancillas_of_sequence()),
             toffoli: steps.with(call.toffoli_both_ways(controlled, count)),
             t: all(call.t, controlled.t),
             rotations: all(rotations, controlled.rotations + 1),
@@ -135,11 +152,13 @@ impl SequenceCounts {
         evolution: &WalkCost,
         tau: &LabelledNumber,
         a_step: &LabelledNumber,
+        walk: &WalkRegisters,
     ) -> [Self; 2] {
         let both_ways = steps_both_ways(evolution, tau.value().unwrap_or_default());
-        // With the trust of `τ`.
-        let steps = tau.with(1.0).times(&evolution.steps);
-        [(steps, 1.0), (both_ways, ROTATIONS_BOTH_WAYS as f64)].map(|(steps, each)| Self {
+        let whole = evolution.steps.clone();
+        [(whole, 1.0), (both_ways, ROTATIONS_BOTH_WAYS as f64)].map(|(steps, each)| Self {
+            qubits: walk.total.clone(),
+            ancillas: walk.arithmetic.clone(),
             toffoli: steps.times(a_step),
             toffoli_a_step: a_step.clone(),
             rotations_a_step: LabelledNumber::exact(each),

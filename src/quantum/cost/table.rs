@@ -31,9 +31,16 @@ impl CostTable<'_> {
             figures("gates", |cost| &cost.evolution.gates),
             figures("half_calls_steps", |cost| &cost.half_calls.steps),
             figures("half_calls_gates", |cost| &cost.half_calls.gates),
-            figures("qubits", |cost| &cost.qubits),
-            figures("until_measured_repeated", |cost| &cost.evolution.until_measured[0]),
-            figures("until_measured_amplified", |cost| &cost.evolution.until_measured[1]),
+            figures("qubits", |cost| &cost.evolution.qubits),
+            figures("half_calls_qubits", |cost| &cost.half_calls.qubits),
+            figures("toffoli_until_measured_repeated", |cost| {
+                &cost.evolution.toffoli_until_measured[0]
+            }),
+            figures("toffoli_until_measured_amplified", |cost| {
+                &cost.evolution.toffoli_until_measured[1]
+            }),
+            figures("until_measured_repeated", |cost| &cost.cheaper().gates_until_measured[0]),
+            figures("until_measured_amplified", |cost| &cost.cheaper().gates_until_measured[1]),
             figures("gates_until_measured", Cost::measured),
         ]
     }
@@ -64,7 +71,7 @@ impl fmt::Display for CostTable<'_> {
                 evolution.gates.marked(),
                 half_calls.gates.marked(),
                 cost.measured().marked(),
-                cost.qubits.marked(),
+                cost.cheaper().qubits.marked(),
             )?;
         }
         writeln!(

@@ -37,16 +37,18 @@ impl Ranking {
             LabelledNumber::column(name, self.0.iter().map(figure))
         };
         let columns = [
-            words("profile", |choice| Some(parameters(choice))),
+            words("profile", |choice| Some(name_of(choice))),
             words("delta", |choice| choice.delta.map(delta_text)),
             figures("recovery", |choice| &choice.recovery),
             figures("points", |choice| &choice.points),
             words("access", |choice| choice.access.map(|access| access.to_string())),
-            figures("walk_steps", |choice| &choice.walk_steps),
+            figures("steps", |choice| &choice.steps),
+            figures("half_calls_steps", |choice| &choice.half_calls_steps),
             ColumnValues::new("half_calls", self.0.iter().map(|choice| choice.half_calls.into())),
             figures("probability", CostedChoice::nearest),
             figures("until_measured_repeated", |choice| &choice.cost[0]),
             figures("until_measured_amplified", |choice| &choice.cost[1]),
+            figures("gates_until_measured", CostedChoice::measured),
             words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
         ];
         columns.into_iter().filter(|column| !column.is_empty()).collect()
@@ -69,13 +71,13 @@ impl fmt::Display for Ranking {
         writeln!(
             f,
             "{:<PROFILE$}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
-            "profile", "delta", "p", "N_p", "access", "steps", "P", "repeated", "amplified"
+            "profile", "delta", "p", "N_p", "access", "calls", "P", "repeated", "amplified"
         )?;
         let number =
             |figure: &LabelledNumber| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
             let delta = choice.delta.map_or("-".to_owned(), delta_text);
-            let mut profile = parameters(choice);
+            let mut profile = name_of(choice);
             if profile.chars().count() > PROFILE {
                 profile = shortened(&profile, PROFILE - 1);
             }
@@ -89,7 +91,7 @@ impl fmt::Display for Ranking {
                 choice.recovery.value().unwrap_or(f64::NAN),
                 choice.points.value().unwrap_or(f64::NAN),
                 choice.access.map_or(String::new(), |access| access.to_string()),
-                number(&choice.walk_steps),
+                number(choice.calls()),
                 number(choice.nearest()),
                 number(&choice.cost[0]),
                 number(&choice.cost[1]),
@@ -97,19 +99,26 @@ impl fmt::Display for Ranking {
         }
         writeln!(
             f,
-            "steps: calls of the block encoding in one evolution, by the cheaper sequence. P: of \
-             the window, or of the slice where there is none. repeated: Toffoli gates until the \
-             field is found, T gates and rotations as such (a model). amplified: the same by \
+            "calls: calls of the block encoding in one evolution, by the cheaper sequence. P: of \
+             the window, or of the slice where there is none. repeated: gates until the field is \
+             found, in Toffoli gates (T gates of rotations are a model). amplified: the same by \
              amplitude amplification. Gates of circuits are emitted, those of sparse access a \
              model's; probabilities are estimates."
         )
     }
 }
 
+/// The name of a choice.
+fn name_of(choice: &CostedChoice) -> String {
+    match choice.unitary_scheme {
+        true => "unitary scheme, no p".to_owned(),
+        false => profile_text(&choice.profile),
+    }
+}
+
 /// A profile's name and parameter.
-fn parameters(choice: &CostedChoice) -> String {
-    match &choice.profile {
-        _ if choice.unitary_scheme => "unitary scheme, no p".to_owned(),
+pub fn profile_text(profile: &ProfileChoice) -> String {
+    match profile {
         ProfileChoice::Planned => "one mode, S = 0".to_owned(),
         ProfileChoice::Designed => "designed".to_owned(),
         ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),

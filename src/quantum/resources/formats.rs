@@ -5,7 +5,11 @@ use crate::quantum::circuit::formats::LogicalCounts;
 use crate::quantum::cost::{Access, Cost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::Record;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
+
+/// What the T gates of rotations are for.
+const T_OF_ROTATION: &str = "The estimator makes rotations of T gates by a formula of its own; \
+                             tOfRotation chose the set-up and the access only";
 
 impl Record {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
@@ -28,14 +32,18 @@ impl Record {
         let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
         json!({
             "logicalCounts": circuit::formats::logical_counts(&LogicalCounts {
-                qubits: count(&cost.qubits),
+                qubits: count(&cost.evolution.qubits),
                 toffoli: count(&cost.evolution.toffoli),
                 t: count(&cost.evolution.t),
                 rotations: count(&cost.evolution.rotations),
             }),
-            "trust": "exact (emitted gates) a step, times the steps of a series that is cut",
+            "trust": {
+                "a step": cost.evolution.toffoli_a_step.trust(),
+                "steps": cost.evolution.steps.trust(),
+            },
             "access": cost.access,
-            "note": circuit::formats::NOTE,
+            "tOfRotation": self.t_of_rotation,
+            "note": format!("{}. {T_OF_ROTATION}", circuit::formats::NOTE),
         })
     }
 
@@ -63,77 +71,88 @@ impl Record {
                 "ccixCount": not_compiled,
                 "measurementCount": "depends on what is read",
             },
-            "note": "phases of the walk's sequence only: what the estimator makes of it is \
-                     without the oracles, whose absent counts it takes for zero",
+            "tOfRotation": self.t_of_rotation,
+            "note": format!(
+                "phases of the walk's sequence only: what the estimator makes of it is without the \
+                 oracles, whose absent counts it takes for zero. {T_OF_ROTATION}"
+            ),
         })
     }
 
     /// As a program of QREF v1: the routines of the algorithm, their registers and what is known of
-    /// each.
+    /// each, of one access to `H`; `meta` has the labels of the numbers.
     pub fn qref(&self) -> Value {
         let system = self.qubits.total - self.qubits.p;
-        let half = self.transform_gates.value().map(|x| LabelledNumber::bound(0.5 * x));
+        let gates = self.transform_gates.value().map(|x| self.transform_gates.with(0.5 * x));
         let transform = |name: &str| {
-            let gates = half.as_ref().and_then(|x| resource("gates_estimate", x));
-            json!({
-                "name": name,
-                "type": "transform_in_p",
-                "ports": ports("p", self.qubits.p),
-                "resources": Vec::from_iter(gates),
-            })
+            let ports = ports("p", self.qubits.p);
+            let figures: Vec<_> = gates.iter().map(|gates| ("gates_estimate", gates)).collect();
+            routine(name, "transform_in_p", &ports, &figures)
         };
-        let emitted = self.emitted();
-        let kind = if emitted.is_some() { "qubitization" } else { "sparse_access_walk" };
+        let least = self.least();
+        let (kind, figures) = match least {
+            Some(cost) if cost.access != Access::Sparse => ("qubitization", of_circuit(cost)),
+            _ => ("sparse_access_walk", self.of_oracles()),
+        };
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
-        json!({
-            "version": "v1",
-            "program": {
-                "name": "schrodingerization",
-                "ports": ports,
-                "children": [
-                    transform("qft"),
-                    {
-                        "name": "hamiltonian_simulation",
-                        "type": kind,
-                        "ports": ports,
-                        "resources": self.simulation_resources(emitted),
-                    },
-                    transform("inverse_qft"),
-                ],
-                "connections": [
-                    "in_p -> qft.in_p",
-                    "in_system -> hamiltonian_simulation.in_system",
-                    "qft.out_p -> hamiltonian_simulation.in_p",
-                    "hamiltonian_simulation.out_p -> inverse_qft.in_p",
-                    "hamiltonian_simulation.out_system -> out_system",
-                    "inverse_qft.out_p -> out_p",
-                ],
-            },
-        })
+        // Transforms reuse the qubits of the evolution: a peak is no sum.
+        let all: Vec<_> = least.iter().map(|cost| ("qubits", &cost.evolution.qubits)).collect();
+        let mut program = routine("schrodingerization", "quantum_algorithm", &ports, &all);
+        program["children"] = json!([
+            transform("qft"),
+            routine("hamiltonian_simulation", kind, &ports, &figures),
+            transform("inverse_qft"),
+        ]);
+        program["connections"] = json!([
+            "in_p -> qft.in_p",
+            "in_system -> hamiltonian_simulation.in_system",
+            "qft.out_p -> hamiltonian_simulation.in_p",
+            "hamiltonian_simulation.out_p -> inverse_qft.in_p",
+            "hamiltonian_simulation.out_system -> out_system",
+            "inverse_qft.out_p -> out_p",
+        ]);
+        json!({ "version": "v1", "program": program })
     }
 
-    /// The cost of the simulation of the Hamiltonian: queries of the model, and gates of the
-    /// circuit where one is `emitted`.
-    fn simulation_resources(&self, emitted: Option<&Cost>) -> Vec<Value> {
+    /// The figures of an evolution by sparse access.
+    fn of_oracles(&self) -> Vec<(&'static str, &LabelledNumber)> {
         let mut figures = vec![
             ("walk_steps", &self.walk_steps),
             ("location_queries", &self.location_queries),
             ("value_queries", &self.value_queries),
             ("queries", &self.queries),
+            ("qubits", &self.qubits.walk.total),
         ];
-        if let Some(cost) = emitted {
-            figures.extend([
-                ("calls", &cost.evolution.steps),
-                ("toffoli", &cost.evolution.toffoli),
-                ("t", &cost.evolution.t),
-                ("rotations", &cost.evolution.rotations),
-                ("qubits", &cost.qubits),
-            ]);
-        } else if let Some(cost) = self.least() {
-            figures.push(("toffoli_model", &cost.evolution.toffoli));
-        }
-        figures.into_iter().filter_map(|(name, figure)| resource(name, figure)).collect()
+        let sparse = self.costs.iter().find(|cost| cost.access == Access::Sparse);
+        figures.extend(sparse.map(|cost| ("toffoli_model", &cost.evolution.toffoli)));
+        figures
     }
+}
+
+/// The figures of an evolution by a circuit.
+fn of_circuit(cost: &Cost) -> Vec<(&'static str, &LabelledNumber)> {
+    let evolution = &cost.evolution;
+    vec![
+        ("calls", &evolution.steps),
+        ("toffoli", &evolution.toffoli),
+        ("t", &evolution.t),
+        ("rotations", &evolution.rotations),
+        ("qubits", &evolution.qubits),
+    ]
+}
+
+/// A routine without children.
+fn routine(name: &str, kind: &str, ports: &[Value], figures: &[(&str, &LabelledNumber)]) -> Value {
+    let known = || figures.iter().filter(|(_, figure)| figure.value().is_some());
+    let labels: Map<String, Value> =
+        known().map(|(name, figure)| ((*name).to_owned(), json!(figure.trust()))).collect();
+    json!({
+        "name": name,
+        "type": kind,
+        "ports": ports,
+        "resources": known().map(|(name, figure)| resource(name, figure)).collect::<Vec<_>>(),
+        "meta": { "labels": labels },
+    })
 }
 
 /// The two ports of a register of `size` qubits.
@@ -145,8 +164,8 @@ fn ports(register: &str, size: usize) -> [Value; 2] {
     [port("in", "input"), port("out", "output")]
 }
 
-/// A figure as a resource, if it has a number.
-fn resource(name: &str, figure: &LabelledNumber) -> Option<Value> {
-    let value = figure.value()?;
-    Some(json!({"name": name, "type": "additive", "value": value}))
+/// A figure as a resource. Qubits are a peak: those of routines in a row are no sum.
+fn resource(name: &str, figure: &LabelledNumber) -> Value {
+    let kind = if name == "qubits" { "qubits" } else { "additive" };
+    json!({"name": name, "type": kind, "value": figure.value()})
 }

@@ -1,8 +1,8 @@
 //! The record as a table.
 
 use crate::base::text::{counted, rounded, short, word};
-use crate::quantum::cost::ModeWeightsCost;
 use crate::quantum::cost::table::CostTable;
+use crate::quantum::cost::{JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
@@ -22,13 +22,23 @@ impl Comparison {
             .flat_map(|(name, costs)| costs.iter().map(move |cost| (*name, cost)));
         CostTable(rows.collect())
     }
+
+    /// Whether all set-ups cost the same: they are one mode, the unitary scheme's.
+    fn is_unitary(&self) -> bool {
+        let Some(unitary) = &self.unitary else { return false };
+        unitary.costs == self.own.costs && unitary.costs == self.cheapest.costs
+    }
 }
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
-        write!(f, "{}", self.costs())?;
+        let mut costs = self.costs();
+        if self.is_unitary() {
+            costs.0.retain(|(name, _)| *name == "unitary");
+        }
+        write!(f, "{costs}")?;
         if let Some(weights) = &self.cheapest.mode_weights {
             let ModeWeightsCost { sum, rotations, cheaper } = weights;
             writeln!(
@@ -38,6 +48,20 @@ impl fmt::Display for Comparison {
                 sum.marked(),
                 rotations.marked(),
                 word(cheaper)
+            )?;
+        }
+        let set_ups = [
+            ("the cheapest set-up", &self.cheapest.rounding),
+            ("the unitary scheme", unitary.map_or(&None, |unitary| &unitary.rounding)),
+        ];
+        for (name, rounding) in set_ups.iter().skip(usize::from(self.is_unitary())) {
+            let Some(JumpRounding { bin_bits, rounded, change }) = rounding else { continue };
+            writeln!(
+                f,
+                "circuits of {name} divide a level of dv^2/2 into 2^{bin_bits} bins \
+                 (export-circuit --sub-bins {bin_bits}); jumps move by {rounded:.1e} levels or \
+                 less, which changes A by at most {}",
+                short(change.value().unwrap_or(f64::NAN))
             )?;
         }
         for (what, why) in [
@@ -54,8 +78,16 @@ impl fmt::Display for Comparison {
             writeln!(f, "{}", unitary.caveats)?;
         }
         writeln!(f)?;
-        writeln!(f, "THE CHEAPEST SET-UP ON A QUANTUM COMPUTER\n{}", self.cheapest)?;
-        write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)
+        if self.is_unitary() {
+            write!(f, "THE CASE, WHICH IS UNITARY: ITS OWN SET-UP AND THE CHEAPEST\n{}", self.own)?;
+        } else {
+            writeln!(f, "THE CHEAPEST SET-UP ON A QUANTUM COMPUTER\n{}", self.cheapest)?;
+            write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)?;
+        }
+        // They are of the case, whatever its set-up.
+        let Record { regimes, tolerance, .. } = &self.own;
+        writeln!(f, "\nTHE PAPER'S REGIMES")?;
+        regimes.iter().try_for_each(|regime| regime_table(f, regime, *tolerance))
     }
 }
 
@@ -73,8 +105,7 @@ impl fmt::Display for Record {
         let window = found.window.map_or("the window".to_owned(), |[a, b]| {
             format!("the window [{}, {})", place(a), place(b))
         });
-        chain(f, &window, &found.in_window)?;
-        self.regimes.iter().try_for_each(|regime| regime_table(f, regime, self.tolerance))
+        chain(f, &window, &found.in_window)
     }
 }
 

@@ -35,8 +35,14 @@ impl Order {
     /// The order of `errors` of a scheme with orders in `range`, coarsest grid first. Distances
     /// between consecutive grids have the same order and may stand for errors.
     pub fn of(errors: &[f64], range: Range) -> Self {
+        Self::of_steps(errors, &vec![1.0; errors.len().saturating_sub(1)], range)
+    }
+
+    /// The same where each grid is `2^s` times as fine as the one before, `s` of `steps`.
+    pub fn of_steps(errors: &[f64], steps: &[f64], range: Range) -> Self {
         let Range { least, most } = range;
-        let pairs: Vec<f64> = (errors.windows(2)).map(|pair| (pair[0] / pair[1]).log2()).collect();
+        let pairs = errors.windows(2).zip(steps);
+        let pairs: Vec<f64> = pairs.map(|(pair, s)| (pair[0] / pair[1]).log2() / s).collect();
         let (mean, lower, settled) = match pairs[..] {
             [] => (least, least, false),
             // One pair does not show the next order.

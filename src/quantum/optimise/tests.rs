@@ -1,0 +1,363 @@
+//! The search against a scan of every parameter, whose costs are computed here once more.
+
+use super::*;
+use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
+use crate::quantum::circuit::scene::{Bins, CircuitCase};
+use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::optimise::ranking::Ranking;
+use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::walk::OF_ROUNDING;
+use crate::scheme::rows::{Row, Scheme};
+use std::collections::HashMap;
+use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
+
+/// Example 1 on 8² cells.
+fn case() -> Case {
+    let text = r#"
+        [[axis]]
+        x = { lower = -1.5, upper = 1.5, cells = 8 }
+        v = { lower = -1.5, upper = 1.5, cells = 8 }
+        [[potential]]
+        where = "x < 0"
+        value = "0.2"
+        [[potential]]
+        value = "0"
+        [initial]
+        f = "exp(-20*((x+0.5)^2+(v-0.7)^2))"
+        [time]
+        end = 1.0
+        [solver]
+        tolerance = 1e-3
+        "#;
+    Case::parse("step", text, &[]).expect("a case")
+}
+
+/// Dense `S` and `K`, and the first and last vector of `f' = A f`.
+struct Dense {
+    symmetric: Vec<Vec<f64>>,
+    skew: Vec<Vec<f64>>,
+    norms: StateNorms,
+}
+
+impl Dense {
+    fn new(case: &Case) -> Self {
+        let space = &case.space;
+        let order = space.cells();
+        let scheme = Scheme::whole(case).expect("V is finite");
+        let (mut a, mut row) = (vec![vec![0.0; order]; order], Row::default());
+        for (i, of_row) in a.iter_mut().enumerate() {
+            scheme.row(&mut row, i);
+            row.entries.iter().for_each(|&(j, value)| of_row[j] = value);
+        }
+        let half = |sign: f64| -> Vec<Vec<f64>> {
+            let entry = |i: usize, j: usize| 0.5 * (a[i][j] + sign * a[j][i]);
+            (0..order).map(|i| (0..order).map(|j| entry(i, j)).collect()).collect()
+        };
+        let first = |i: usize| {
+            let point = space.point(&space.cell(i));
+            let [x, v] = [point[0], point[3]];
+            (-20.0 * ((x + 0.5).powi(2) + (v - 0.7).powi(2))).exp()
+        };
+        let start: Vec<f64> = (0..order).map(first).collect();
+        // Taylor's series over short steps.
+        const STEPS: usize = 200;
+        let step = case.duration() / STEPS as f64;
+        let mut last = start.clone();
+        for _ in 0..STEPS {
+            let mut term = last.clone();
+            for k in 1..=12 {
+                let product = |row: &Vec<f64>| row.iter().zip(&term).map(|(a, x)| a * x).sum();
+                let next: Vec<f64> = a.iter().map(product).collect();
+                term = next.iter().map(|x: &f64| x * step / f64::from(k)).collect();
+                last.iter_mut().zip(&term).for_each(|(x, t)| *x += t);
+            }
+        }
+        let norm = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let field = norm(&last);
+        let norms = StateNorms { start: norm(&start), weighted: field, field, auxiliary: 0.0 };
+        Self { symmetric: half(1.0), skew: half(-1.0), norms }
+    }
+
+    /// `(|S_ij|, |K_ij|)`, row by row.
+    fn pairs(&self) -> impl Iterator<Item = Vec<[f64; 2]>> {
+        self.symmetric.iter().zip(&self.skew).map(|(s, k)| {
+            let both = s.iter().zip(k).map(|(s, k)| [s.abs(), k.abs()]);
+            both.filter(|pair| *pair != [0.0; 2]).collect()
+        })
+    }
+
+    fn fullest(&self) -> usize {
+        self.pairs().map(|row| row.len()).max().unwrap_or(0)
+    }
+}
+
+/// Runs `test` on the system that is taken on a quantum computer.
+fn with_system(test: impl Fn(&System<'_>, &Dense)) {
+    let case = scheme_of(&case());
+    assert_eq!(case.interface, Interface::Conservative);
+    assert!(!case.warp.weights);
+    let bounds = Bounds::new(&case).expect("bounds");
+    let dense = Dense::new(&case);
+    let entries = LargestEntries::new(dense.pairs().flatten().collect(), dense.fullest());
+    let norms = dense.norms;
+    let ratio = norms.start / norms.field;
+    let rounding = OF_ROUNDING * case.tolerance / ratio;
+    let synthesis = RotationSynthesis::default();
+    let accesses = &Accesses::new(&case, &bounds, entries, 6, rounding, synthesis);
+    let system = System { world: None, case: &case, bounds: &bounds, ratio, norms, accesses };
+    test(&system, &dense);
+}
+
+/// `J_0 … J_n(τ)` by the downward recurrence.
+fn bessel(tau: f64, n: usize) -> Vec<f64> {
+    let start = n + 60 + (12.0 * tau.cbrt()) as usize;
+    let mut values = vec![0.0; start + 2];
+    values[start] = 1e-280;
+    for k in (1..=start).rev() {
+        values[k - 1] = 2.0 * k as f64 / tau * values[k] - values[k + 1];
+        if values[k - 1].abs() > 1e200 {
+            values[k - 1..].iter_mut().for_each(|x| *x *= 1e-250);
+        }
+    }
+    let sum = values[0] + 2.0 * values.iter().skip(2).step_by(2).sum::<f64>();
+    values.iter().take(n + 1).map(|x| x / sum).collect()
+}
+
+/// The least `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`.
+fn least_degree(tau: f64, tail: f64) -> f64 {
+    let all = bessel(tau, tau as usize + 60 + (16.0 * tau.cbrt()) as usize);
+    let mut rest = 0.0;
+    for (k, value) in all.iter().enumerate().rev() {
+        rest += 2.0 * value.abs();
+        if rest > tail {
+            return k as f64;
+        }
+    }
+    0.0
+}
+
+/// Gates of a circuit, counted one by one.
+#[derive(Clone, Copy)]
+struct Tally {
+    toffoli: f64,
+    t: f64,
+    rotations: f64,
+    reflection: f64,
+}
+
+impl Tally {
+    fn of(circuit: &Circuit) -> Self {
+        let count = |wanted: &dyn Fn(&Gate) -> bool| {
+            circuit.gates.iter().filter(|gate| wanted(gate)).count() as f64
+        };
+        let block = circuit.qubits_of(RegisterRole::Block).len() as f64;
+        Self {
+            toffoli: count(&|gate| matches!(gate, Gate::Ccx(..))),
+            t: count(&|gate| matches!(gate, Gate::T(_) | Gate::Tdg(_))),
+            rotations: count(&|gate| matches!(gate, Gate::Ry(..) | Gate::Rz(..))),
+            // An AND of the control and all but one zero, and back.
+            reflection: 2.0 * (block - 1.0),
+        }
+    }
+}
+
+/// The modes of a register of `p`.
+struct ModesOfRegister {
+    held: usize,
+    period: f64,
+    highest: f64,
+}
+
+/// Costs by formulas of the documents, without the cost model's code.
+struct Twin<'a> {
+    system: &'a System<'a>,
+    dense: &'a Dense,
+    transport: CaseTransport,
+    tallies: HashMap<(usize, bool, Levels), [Tally; 2]>,
+}
+
+impl<'a> Twin<'a> {
+    fn new(system: &'a System<'a>, dense: &'a Dense) -> Self {
+        let change = OF_ROUNDING * system.case.tolerance / system.ratio / system.case.duration();
+        let found = CircuitCase::new(system.case, Bins::Within(change)).expect("a circuit");
+        Self { system, dense, transport: found.transport, tallies: HashMap::new() }
+    }
+
+    /// Gates until the field is measured, by the cheapest access, sequence and way; none without a
+    /// plan.
+    fn cost(&mut self, candidate: &ProfileCandidate) -> Option<f64> {
+        let System { case, bounds, ratio, norms, .. } = *self.system;
+        let of_candidate = candidate_case(case, bounds, candidate);
+        let Preparation { series, point, state_tolerance, .. } =
+            preparation(&of_candidate, bounds, ratio).ok()?;
+        let held = points(&series).next_power_of_two();
+        if series.modes() > MOST_MODES || held < 2 {
+            return None;
+        }
+        let time = case.duration();
+        let state =
+            PlannedState { bounds, series: &series, point, state_tolerance, time, points: held };
+        let found = Probabilities::new(&state, norms, &LabelledNumber::exact);
+        let p = found.in_window.all.value().or(found.at_slice.all.value())?;
+        let rounds = (FRAC_PI_4 / p.sqrt().min(1.0).asin() - 0.5 - 1e-9).ceil().max(0.0);
+        let evolutions = (1.0 / p).min(2.0 * rounds + 1.0);
+        let tolerance = case.tolerance * p.sqrt();
+        let highest = series.wavenumber(series.modes() - 1);
+        let mut gates = self.by_oracles(highest, held, tolerance);
+        for levels in [Levels::Hadamard, Levels::Uniform] {
+            for rotated in [false, true] {
+                let of_register = PI * held as f64 / series.period;
+                let modes = match rotated {
+                    true => highest + (1.0 + highest * highest).sqrt(),
+                    false => 2.0 * of_register + 1.0,
+                };
+                let period = series.period;
+                let register = &ModesOfRegister { held, period, highest };
+                gates = gates.min(self.by_circuit(modes, register, rotated, levels, tolerance));
+            }
+        }
+        Some(gates * evolutions)
+    }
+
+    fn by_oracles(&self, highest: f64, held: usize, tolerance: f64) -> f64 {
+        let largest = self.dense.pairs().flatten();
+        let largest = largest.map(|[s, k]| (highest * s).hypot(k)).fold(0.0, f64::max);
+        let tau = self.dense.fullest() as f64 * largest * self.system.case.duration();
+        let bits = 1.0 + (1.0 + tau / (SQRT_2 * 0.25 * tolerance)).log2().ceil();
+        let qubits = 6.0 + (held as f64).log2();
+        let call = 6.0 * (qubits + bits * bits.log2().powi(2));
+        let [whole, half] = calls(tau, tolerance);
+        let all = |calls: f64, each: f64| {
+            let rotations = each * calls + 1.0;
+            calls * call + rotations * t_of(rotations, tolerance) / 4.0
+        };
+        all(whole, 1.0).min(all(half + 2.0, 2.0))
+    }
+
+    fn by_circuit(
+        &mut self,
+        modes: f64,
+        register: &ModesOfRegister,
+        rotated: bool,
+        levels: Levels,
+        tolerance: f64,
+    ) -> f64 {
+        let ModesOfRegister { held, period, highest } = *register;
+        let [x, v] = [&self.system.case.space.x[0], &self.system.case.space.v[0]];
+        let values = if levels == Levels::Uniform { 7.0 } else { 8.0 };
+        let alpha = 0.5 * v.width() * values / x.width() * modes;
+        let qubits = held.trailing_zeros() as usize;
+        let transport = &self.transport;
+        let [call, ends] = *self.tallies.entry((held, rotated, levels)).or_insert_with(|| {
+            let modes = match rotated {
+                true => CircuitModes::Rotated { qubits, period, highest },
+                false => CircuitModes::Register { qubits, period },
+            };
+            [false, true].map(|control| Tally::of(&transport.encode(modes, levels, control)))
+        });
+        let [whole, half] = calls(alpha * self.system.case.duration(), tolerance);
+        let all = |toffoli: f64, t: f64, rotations: f64| {
+            toffoli + (t + rotations * t_of(rotations, tolerance)) / 4.0
+        };
+        let a_step = ends.toffoli + ends.reflection;
+        let forward = all(whole * a_step, whole * ends.t, whole * (ends.rotations + 1.0) + 1.0);
+        let both_ways = all(
+            half * (call.toffoli + call.reflection) + 2.0 * a_step + call.reflection,
+            half * call.t + 2.0 * ends.t,
+            half * (call.rotations + 2.0) + 2.0 * (ends.rotations + 1.0),
+        );
+        forward.min(both_ways)
+    }
+}
+
+/// `2K`, and the calls forward or back between two controlled ones.
+fn calls(tau: f64, tolerance: f64) -> [f64; 2] {
+    let degree = least_degree(tau, 0.5 * tolerance);
+    let least = degree.max(tau.ceil());
+    [2.0 * degree, if least % 2.0 == 1.0 { least } else { least + 1.0 }]
+}
+
+/// T gates of each of so many rotations.
+fn t_of(rotations: f64, tolerance: f64) -> f64 {
+    (3.0 * (rotations.max(1.0) / (0.25 * tolerance)).log2().max(0.0) + 4.0).ceil()
+}
+
+/// Every profile with every parameter, between its limits in steps of 5 % and less, and read at
+/// every point in steps of 0.1 where the planner moves it.
+fn all_candidates() -> Vec<ProfileCandidate> {
+    let ratios = |[least, most]: [f64; 2]| {
+        (0..=150).map(move |i| least * (most / least).powf(f64::from(i) / 150.0))
+    };
+    let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
+    let cs = ratios(CS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
+    let whole = sigmas.chain(cs).chain(DEFAULTS).map(ProfileCandidate::planned);
+    let betas = ratios(BETAS).map(|beta| ProfileChoice::Acl { beta });
+    let alphas = ratios(ALPHAS).map(exponential);
+    let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
+    let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
+        (0..=20).map(move |i| ProfileCandidate {
+            further: Some(0.1 * f64::from(i)),
+            ..ProfileCandidate::planned(profile.clone())
+        })
+    });
+    whole.chain(moved).collect()
+}
+
+/// Nothing of all profiles, parameters and recovery points is cheaper than what was found, but by
+/// what the grid of the search leaves; costs are computed here once more, with entries of the real
+/// `S` and `K` and gates that are counted one by one, and are those of the search.
+#[test]
+fn an_exhaustive_scan_finds_nothing_cheaper() {
+    const CLOSE: f64 = 1e-9;
+    /// Beyond τ = 10⁴ the search has a bound of the degree, a few units above the least one.
+    const BOUND: f64 = 1e-3;
+    with_system(|system, dense| {
+        let ranking = Ranking::new(choices(system));
+        let first = ranking.first().expect("a choice");
+        let found = first.least_cost();
+        let mut twin = Twin::new(system, dense);
+        let again = twin.cost(&first.candidate).expect("a plan");
+        assert!((again / found - 1.0).abs() < CLOSE, "{again:e} {found:e}");
+        let (mut least, mut compared, mut bounds) = (f64::INFINITY, 0, 0);
+        for candidate in all_candidates() {
+            let cost = choice(system, &candidate).least_cost();
+            assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
+            // What is far from the cheapest has long series.
+            if cost < 100.0 * found {
+                let own = twin.cost(&candidate).expect("a plan");
+                let above = cost / own - 1.0;
+                assert!((-CLOSE..BOUND).contains(&above), "{candidate:?}: {own:e} {cost:e}");
+                (least, compared) = (least.min(own), compared + 1);
+                bounds += usize::from(above > CLOSE);
+            }
+        }
+        assert!(compared > 1000 && least >= 0.98 * found, "{compared}: {least:e} {found:e}");
+        assert!(10 * bounds < compared, "{bounds} of {compared}");
+        // The choice that is cheapest to emulate is not the cheapest here, nor is the default
+        // parameter of a run.
+        let emulated = [
+            ProfileChoice::Designed,
+            ProfileChoice::Gaussian { sigma: None },
+            ProfileChoice::LowSomma { c: None },
+        ];
+        for profile in emulated {
+            let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
+            assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
+        }
+    });
+}
+
+/// The case of a choice has the plan whose cost was computed.
+#[test]
+fn a_choice_is_planned_as_it_was_priced() {
+    with_system(|system, _| {
+        for found in choices(system).iter().filter(|choice| choice.points.value().is_some()) {
+            let case = found.of(system.case, system.bounds);
+            let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
+            assert_eq!(Some(planned.point), found.recovery.value());
+            let held = points(&planned.series).next_power_of_two();
+            assert_eq!(Some(held as f64), found.points.value());
+        }
+    });
+}

@@ -1,0 +1,251 @@
+//! The task, and its cost on a quantum computer by a scheme on a grid, or over characteristics.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::here::refuse_too_large_here;
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Exact, ProfileChoice};
+use crate::quantum::cost::{Accesses, EvolutionRequirements};
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::optimise::ranking::Ranking;
+use crate::quantum::optimise::{CostedChoice, System, choices};
+use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
+use crate::quantum::resources::{entries_of, qubits_of};
+use crate::quantum::surface_code::PhysicalCost;
+use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::walk::OF_ROUNDING;
+use crate::solve::prepared::Prepared;
+use crate::solve::system::StateNorms;
+use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
+use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
+use crate::study::end_to_end::{DegreeCost, QuantumMethod};
+use crate::study::grids::on_grid;
+
+/// Parts of the error: for the grid, the evolution, the measurement.
+const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
+/// What the tolerance of a state follows from.
+const SPREAD: &str = "the density's error beside that of f, measured";
+/// What the numbers of a grid method follow from.
+const MEASURED: &str = "norms and errors on the case's grid, and the measured order";
+
+/// A scheme of some degree, and its errors; or why there are none.
+pub(super) struct Candidate {
+    pub degree: usize,
+    pub scheme: std::result::Result<(Case, MeasuredScheme), String>,
+}
+
+/// The task that all methods are compared by.
+pub(super) struct DensityTask<'a> {
+    pub world: &'a World,
+    pub exact: &'a Exact,
+    pub accuracy: f64,
+    /// Size of the density.
+    pub density: f64,
+    pub synthesis: RotationSynthesis,
+}
+
+/// The state that a method prepares.
+struct StateOfMethod {
+    profile: Option<ProfileChoice>,
+    recovery: LabelledNumber,
+    points: LabelledNumber,
+    demand: EvolutionRequirements,
+    probability: LabelledNumber,
+}
+
+impl DensityTask<'_> {
+    /// The quantum method by the degree that takes the fewest gates. Collective.
+    pub fn cheapest(&self, name: &'static str, candidates: &[Candidate]) -> QuantumMethod {
+        let mut best = QuantumMethod::unavailable(name, "no degree has a grid");
+        let mut degrees = Vec::new();
+        for Candidate { degree, scheme } in candidates {
+            let found = match scheme {
+                Ok((scheme, measured)) => {
+                    self.priced(name, scheme, measured).map_err(|error| scheme.reason(&error))
+                }
+                Err(why) => Err(why.clone()),
+            };
+            let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
+            degrees.push(DegreeCost {
+                degree: *degree,
+                order: found.order,
+                grid: found.grids.last().cloned(),
+                gates: found.gates_until_measured.clone(),
+            });
+            let gates = |way: &QuantumMethod| way.gates_until_measured.value();
+            // The reason of degree 0 is that of the method, if there is no number.
+            let better = match (gates(&found), gates(&best)) {
+                (Some(new), Some(old)) => new < old,
+                (new, old) => new.is_some() || (old.is_none() && degrees.len() == 1),
+            };
+            if better {
+                best = found;
+            }
+        }
+        QuantumMethod { degrees, ..best }
+    }
+
+    /// The quantum method by `scheme` on the grid that it needs. Collective.
+    fn priced(
+        &self,
+        name: &'static str,
+        scheme: &Case,
+        measured: &MeasuredScheme,
+    ) -> Result<QuantumMethod> {
+        let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
+        let scheme = Case { tolerance, ..scheme.clone() };
+        refuse_too_large_here(self.world, &scheme)?;
+        let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
+        let ratio = prepared.probe();
+        let Prepared { system, communicator, bounds, case, .. } = &mut prepared;
+        let norms = system.rough_norms(communicator, bounds, case.duration());
+        let factor = measured.factor(PARTS[0] * self.accuracy);
+        let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
+        let target = on_grid(&scheme, &shape);
+        let bounds = Bounds::new(&target)?;
+        let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
+        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
+        let velocities = target.space.velocity_cells() as f64;
+        let prefactor = velocity_volume(&target) / velocities.sqrt() * norms.field * scale;
+        let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
+        let state = match bounds.is_skew() {
+            true => StateOfMethod::of_one_mode(tolerance),
+            false => self.planned(&target, &bounds, ratio, norms, accesses)?,
+        };
+        let root = state.probability.value().unwrap_or(f64::NAN).sqrt();
+        let count = preparations(evaluations(overlap_error * root));
+        let evolutions = LabelledNumber::estimate(count, MEASURED);
+        let cost = accesses.least(&state.demand, &[evolutions.clone(), evolutions.clone()]);
+        let mut grids = measured.grids.clone();
+        grids.push(shape);
+        Ok(QuantumMethod {
+            name,
+            degree: Some(scheme.space.degree()),
+            degrees: Vec::new(),
+            grids,
+            errors: measured.errors.clone(),
+            order: Some(measured.order.counted_on),
+            orders: measured.order.pairs.clone(),
+            order_remark: measured.remark(),
+            profile: state.profile,
+            recovery: state.recovery,
+            points: state.points,
+            tolerance: LabelledNumber::estimate(tolerance, SPREAD),
+            walk_tolerance: state.demand.tolerance,
+            probability: state.probability,
+            evolutions,
+            toffoli: cost.evolution.toffoli.clone(),
+            gates_until_measured: cost.measured().clone(),
+            physical: PhysicalCost::new(&cost.cheaper().qubits, cost.measured()),
+            cost: Some(cost),
+        })
+    }
+
+    /// Accesses to the `H` of `target`, which is `factor` times finer than the grid of `prepared`,
+    /// whose state is to be within `tolerance`. Collective.
+    fn accesses(
+        &self,
+        target: &Case,
+        bounds: &Bounds,
+        prepared: &Prepared,
+        factor: f64,
+        tolerance: f64,
+    ) -> Accesses {
+        const FINER: &str = "of the grid that the measured order needs; entries of H are those of \
+                             the case's grid, scaled";
+        let entries = entries_of(prepared);
+        // Interfaces fill rows like the root of the number of velocities.
+        let fuller = (entries.nonzeros as f64 * factor.sqrt().max(1.0)).ceil() as usize;
+        Accesses::new(
+            target,
+            bounds,
+            entries.scaled(factor, fuller, FINER),
+            qubits_of(target),
+            OF_ROUNDING * tolerance,
+            self.synthesis,
+        )
+    }
+
+    /// The cheapest profile of `target`, whose probability is that of the window, or of the slice.
+    /// Collective.
+    fn planned(
+        &self,
+        target: &Case,
+        bounds: &Bounds,
+        ratio: f64,
+        norms: StateNorms,
+        accesses: &Accesses,
+    ) -> Result<StateOfMethod> {
+        let world = &self.world.group();
+        let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
+        let ranking = Ranking::new(choices(&system));
+        let first = ranking.first().and_then(|choice| Some((choice, choice.demand.clone()?)));
+        let Some((choice, demand)) = first else {
+            let why = ranking.0.first().and_then(CostedChoice::why_not);
+            let why = why.unwrap_or_default();
+            return Err(Error::Input(format!("{}: no profile is planned: {why}", target.name)));
+        };
+        let known = choice.nearest().value().unwrap_or(f64::NAN);
+        Ok(StateOfMethod {
+            profile: Some(choice.profile.clone()),
+            recovery: choice.recovery.clone(),
+            points: choice.points.clone(),
+            probability: LabelledNumber::estimate(known, MEASURED),
+            demand,
+        })
+    }
+
+    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
+    pub fn over_characteristics(&self, case: &Case, traced: &TracedDensity) -> QuantumMethod {
+        /// Bits beyond `log₂ 1/ε`.
+        const GUARD: f64 = 10.0;
+        /// Products, quotients and roots of a leg of a trace, and of the initial formula.
+        const OF_LEG: f64 = 5.0;
+        const OF_FORMULA: f64 = 10.0;
+        const WHY: &str = "5 products of b bits a leg and 10 for f(0), b^2 Toffoli gates each, \
+                           computed and uncomputed; b = log2(1/eps) + 10";
+        const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
+                            uncomputed, and the register of the estimation";
+        const TRACED: &str = "the density and the largest f(0) by quadrature";
+        let mean = traced.density.abs() / (velocity_volume(case) * traced.largest);
+        // A probability a is (1 + o)/2 of an overlap o.
+        let wanted = 2.0 * self.accuracy * mean;
+        let mut register = 2.0;
+        while amplitude_bound(2.0 * mean - 1.0, register) > wanted && register < 1e18 {
+            register *= 2.0;
+        }
+        let bits = (1.0 / self.accuracy).log2().ceil() + GUARD;
+        let products = OF_LEG * (traced.crossings as f64 + 1.0) + OF_FORMULA;
+        let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
+        let evolutions = LabelledNumber::estimate(preparations(register), TRACED);
+        let gates = evolutions.times(&trace);
+        let coordinates = 2.0 * case.space.dimension() as f64 + 1.0;
+        let qubits = (coordinates + products) * bits + register.log2();
+        let qubits = LabelledNumber::model(qubits, ROOM);
+        QuantumMethod {
+            probability: LabelledNumber::exact(1.0),
+            physical: PhysicalCost::new(&qubits, &gates),
+            gates_until_measured: gates,
+            toffoli: trace,
+            evolutions,
+            ..QuantumMethod::unavailable(
+                "reversible characteristics",
+                "no circuit of a trace is compiled",
+            )
+        }
+    }
+}
+
+impl StateOfMethod {
+    /// The one mode of a unitary flow, which is the field.
+    fn of_one_mode(tolerance: f64) -> Self {
+        Self {
+            profile: None,
+            recovery: LabelledNumber::unavailable("one mode has no register of p"),
+            points: LabelledNumber::exact(1.0),
+            demand: EvolutionRequirements::unitary(LabelledNumber::estimate(tolerance, SPREAD)),
+            probability: LabelledNumber::exact(1.0),
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! The task and all methods as a table, and sentences on them.
+
+use crate::base::table::ColumnValues;
+use crate::quantum::cost::Cost;
+use crate::quantum::cost::table::CostTable;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::optimise::ranking::profile_text;
+use crate::study::end_to_end::measured::two_digits;
+use crate::study::end_to_end::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
+use crate::study::grids::shape_text;
+use serde_json::Value;
+use std::fmt;
+
+/// Sentences on the cheapest methods, of a density that is `share` of the mean one.
+pub(super) fn verdict(
+    quantum: &[QuantumMethod],
+    classical: &[ClassicalMethod],
+    share: f64,
+) -> Vec<String> {
+    let gates = |way: &QuantumMethod| way.gates_until_measured.value();
+    let known: Vec<(&QuantumMethod, f64)> =
+        quantum.iter().filter_map(|way| Some((way, gates(way)?))).collect();
+    let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
+    let fastest = classical.iter().min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
+    let mut lines = Vec::new();
+    if share < 1.0 {
+        lines.push(format!(
+            "warning: the density is {share:.1e} of the mean one, and the error of a grid is that \
+             of the whole density: relative to this one it may be {:.1e} times as large",
+            share.recip()
+        ));
+    }
+    if let Some((best, least)) = known.iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+        lines.push(format!("fewest gates: {}", best.name));
+        for (way, gates) in known.iter().filter(|(way, _)| way.name != best.name) {
+            lines.push(format!("{}: {:.1e} times as many", way.name, gates / least));
+        }
+    }
+    for (way, _) in known {
+        let (Some(seconds), Some(baseline)) = (way.physical.seconds.value(), fastest) else {
+            continue;
+        };
+        let classical = baseline.seconds.value().unwrap_or(f64::NAN);
+        let wins = if seconds < classical { "wins" } else { "does not win" };
+        let pace = way.physical.seconds.because().unwrap_or_default();
+        lines.push(format!(
+            "{} {wins} against {}: {seconds:.1e} s ({pace}; assumed), {classical:.1e} s",
+            way.name, baseline.name
+        ));
+    }
+    lines
+}
+
+impl EndToEnd {
+    /// The columns of a table: a row a way with a quantum computer, then one a classical method.
+    pub fn columns(&self) -> Vec<ColumnValues> {
+        let none = LabelledNumber::unavailable("");
+        let quantum = |name: &str, figure: fn(&QuantumMethod) -> &LabelledNumber| {
+            let without = self.classical.iter().map(|_| &none);
+            LabelledNumber::column(name, self.quantum.iter().map(figure).chain(without))
+        };
+        let of_cost = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
+            let costs = self.quantum.iter().map(|way| way.cost.as_ref().map_or(&none, figure));
+            LabelledNumber::column(name, costs.chain(self.classical.iter().map(|_| &none)))
+        };
+        let words = |name: &str, word: fn(&QuantumMethod) -> Value| {
+            let without = self.classical.iter().map(|_| Value::Null);
+            ColumnValues::new(name, self.quantum.iter().map(word).chain(without))
+        };
+        let names = self.quantum.iter().map(|way| way.name);
+        let names = names.chain(self.classical.iter().map(|method| method.name));
+        let degrees = self.quantum.iter().map(|way| way.degree.into());
+        let degrees = degrees.chain(self.classical.iter().map(|method| method.degree.into()));
+        let sizes = self.quantum.iter().map(|_| Value::Null);
+        let sizes = sizes.chain(self.classical.iter().map(|method| method.size.into()));
+        let seconds = self.quantum.iter().map(|way| &way.physical.seconds);
+        let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));
+        vec![
+            ColumnValues::new("way", names.map(Value::from)),
+            words("grid", |way| way.grids.last().map(|grid| shape_text(grid)).into()),
+            ColumnValues::new("degree", degrees),
+            words("order", |way| way.order.into()),
+            words("profile", |way| way.profile.as_ref().map(profile_text).into()),
+            quantum("recovery", |way| &way.recovery),
+            quantum("points", |way| &way.points),
+            quantum("tolerance", |way| &way.tolerance),
+            quantum("walk_tolerance", |way| &way.walk_tolerance),
+            words("access", |way| way.cost.as_ref().map(|cost| cost.access.to_string()).into()),
+            of_cost("alpha", |cost| &cost.alpha),
+            of_cost("steps", |cost| &cost.evolution.steps),
+            of_cost("toffoli_a_step", |cost| &cost.evolution.toffoli_a_step),
+            of_cost("rotations_a_step", |cost| &cost.evolution.rotations_a_step),
+            quantum("toffoli", |way| &way.toffoli),
+            of_cost("gates", |cost| &cost.evolution.gates),
+            of_cost("half_calls_steps", |cost| &cost.half_calls.steps),
+            of_cost("half_calls_gates", |cost| &cost.half_calls.gates),
+            of_cost("qubits", |cost| &cost.evolution.qubits),
+            quantum("probability", |way| &way.probability),
+            quantum("evolutions", |way| &way.evolutions),
+            quantum("gates_until_measured", |way| &way.gates_until_measured),
+            quantum("physical_qubits", |way| &way.physical.physical_qubits),
+            words("code_distance", |way| way.physical.code_distance.into()),
+            ColumnValues::new("cells_or_traces", sizes),
+            LabelledNumber::column("seconds", seconds),
+        ]
+    }
+}
+
+impl QuantumMethod {
+    /// Its flux, of a grid method; the table of costs has no room for more.
+    fn short_name(&self) -> &'static str {
+        match self.name {
+            name if name.ends_with("unitary") => "unitary",
+            _ => "upwind",
+        }
+    }
+}
+
+impl fmt::Display for QuantumMethod {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.name.to_uppercase())?;
+        for DegreeCost { degree, order, grid, gates } in &self.degrees {
+            write!(f, "  degree {degree:<17}")?;
+            match (grid, order, gates.value()) {
+                (Some(grid), Some(order), Some(gates)) => {
+                    writeln!(f, "order {order:.2}, {} needed, {gates:.1e} gates", shape_text(grid))?
+                }
+                _ => writeln!(f, "unavailable: {}", gates.because().unwrap_or_default())?,
+            }
+        }
+        for (grid, error) in self.grids.iter().zip(&self.errors) {
+            writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", shape_text(grid))?;
+        }
+        if let (Some(order), Some(grid)) = (self.order, self.grids.last()) {
+            let shown = two_digits(&self.orders);
+            writeln!(
+                f,
+                "  {:<24}needed (order of the error: {order:.2}; from grid to grid {shown})",
+                shape_text(grid)
+            )?;
+        }
+        if let Some(remark) = &self.order_remark {
+            writeln!(f, "  {remark}")?;
+        }
+        if self.cost.is_some() {
+            let profile = self.profile.as_ref().map(profile_text);
+            let degree = self.degree.unwrap_or_default();
+            let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
+            writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
+        }
+        for (name, figure) in [
+            ("recovery point p", &self.recovery),
+            ("points in p, N_p", &self.points),
+            ("tolerance of f", &self.tolerance),
+            ("tolerance of evolution", &self.walk_tolerance),
+            ("probability", &self.probability),
+            ("evolutions", &self.evolutions),
+            ("gates, as Toffoli", &self.gates_until_measured),
+            ("physical qubits", &self.physical.physical_qubits),
+            ("seconds", &self.physical.seconds),
+        ] {
+            writeln!(f, "  {name:<24}{figure}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for EndToEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: the density at {:?}, {:.4e}, to {:e} of it\n",
+            self.title, self.point, self.density, self.accuracy
+        )?;
+        for way in &self.quantum {
+            writeln!(f, "{way}")?;
+        }
+        let rows: Vec<(&str, &Cost)> = (self.quantum.iter())
+            .filter_map(|way| Some((way.short_name(), way.cost.as_ref()?)))
+            .collect();
+        writeln!(f, "{}", CostTable(rows))?;
+        writeln!(f, "CLASSICAL")?;
+        for ClassicalMethod { name, degree, size, seconds } in &self.classical {
+            let what = if name.contains("stepping") { "cells" } else { "traces" };
+            let size = size.map_or("-".to_owned(), |size| format!("{size:.2e}"));
+            let degree = degree.map_or(String::new(), |degree| format!(", degree {degree}"));
+            writeln!(f, "  {:<37}{size:>10} {what:<7}{seconds}", format!("{name}{degree}"))?;
+        }
+        writeln!(f)?;
+        self.verdict.iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
