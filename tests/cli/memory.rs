@@ -66,7 +66,8 @@ fn memory_is_what_was_planned() {
     ];
     check_all(rows, |(name, size, settings, ranks, allowed)| {
         let place = directory();
-        let summary = run(name).set(size).set(settings).on(*ranks).solve(place.path())?;
+        let job = run(name).set(size).set(settings).on(*ranks).with_plugins();
+        let summary = job.solve(place.path())?;
         let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
         let peak = anonymous + program_file_bytes(*ranks) as f64;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
@@ -86,7 +87,7 @@ fn memory_is_what_was_planned() {
 fn factors_take_no_more_memory_than_planned() {
     let place = directory();
     let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
-    let base = tiny.on(1).solve(place.path()).unwrap();
+    let base = tiny.on(1).with_plugins().solve(place.path()).unwrap();
     let base = base.number("memory_anonymous_bytes_per_rank").unwrap();
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
@@ -106,6 +107,7 @@ fn factors_take_no_more_memory_than_planned() {
     check_all(rows, |(name, size, ranks)| {
         let place = directory();
         let job = run(name).set(size).set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
+        let job = job.with_plugins();
         let job = if *ranks > 1 { job.with(["--ranks-x", "2"]) } else { job };
         let summary = job.on(*ranks).solve(place.path())?;
         let peak = summary.number("memory_anonymous_bytes_per_rank")?;

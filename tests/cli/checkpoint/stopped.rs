@@ -278,8 +278,10 @@ fn goes_on_in_stage(
         let path = cut.path();
         let finished = with_fault(&before.clone().into(path), Fault::Signal, |_| {
             let found = newest(path).and_then(|newest| manifest(&newest).ok());
-            let reached = found.as_ref().and_then(|m| m["stage"].as_u64());
-            reached.is_some_and(|reached| reached + missed >= stage)
+            let number = |key: &str| found.as_ref().and_then(|m| m[key].as_u64());
+            let reached = number("stage").is_some_and(|reached| reached + missed >= stage);
+            // In the first stage, with something to take over.
+            reached && (stage > 0 || number("matvecs").is_some_and(|done| done > 0))
         })?;
         match finished.code {
             Some(75) => break,
