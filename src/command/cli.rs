@@ -417,7 +417,11 @@ pub struct CircuitArgs {
     pub export: ExportArgs,
     /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
     /// fewest that need no rounding
-    #[arg(long, value_name = "B", value_parser = value_parser!(u8).range(0..=MOST_ROUNDED_BITS as i64))]
+    #[arg(
+        long,
+        value_name = "B",
+        value_parser = value_parser!(u8).range(0..=MOST_ROUNDED_BITS as i64)
+    )]
     pub sub_bins: Option<u8>,
     /// The uniform register of levels: of all values of its qubits, by Hadamard gates, or of as
     /// many as needed, by rotations, with the least alpha

@@ -29,7 +29,9 @@ mod traced_grid;
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Inflow};
-use crate::problem::exact::by_axes::{AxisLine, AxisPaths, EndByAxes, LineParticle, moves_by_axes};
+use crate::problem::exact::by_axes::{
+    AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
+};
 use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_space};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
@@ -39,9 +41,6 @@ use crate::problem::potential::Potential;
 const ROUND_OFF: f64 = 1e-13;
 /// Feet closer to a face than this fraction of a cell lie on it.
 const ON_FACE: f64 = 1e-11;
-/// A particle that cannot get further from a face than this fraction of a cell, on either side,
-/// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
-const REST: f64 = 1e-12;
 
 /// The origin of a characteristic.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,12 +8,14 @@
 //! Such a particle is followed by [`AxisLine`], one number a face and cell, with the rules of
 //! [`Tracer::follow`](super::Tracer::follow); that one is asked where a rule is rare.
 
-use crate::problem::exact::REST;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 use std::cell::RefCell;
 use std::collections::HashMap;
 
+/// A particle that cannot get further from a face than this fraction of a cell, on either side,
+/// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
+pub(super) const REST: f64 = 1e-12;
 /// Slopes and jumps that differ by this part of the largest are the same but for round-off.
 const SAME: f64 = 1e-11;
 /// Paths that are kept.

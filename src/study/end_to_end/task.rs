@@ -18,8 +18,8 @@ use crate::quantum::walk::OF_ROUNDING;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
+use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod};
 use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
-use crate::study::end_to_end::{DegreeCost, QuantumMethod};
 use crate::study::grids::on_grid;
 
 /// Parts of the error: for the grid, the evolution, the measurement.

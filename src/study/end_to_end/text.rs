@@ -6,7 +6,7 @@ use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::ranking::profile_text;
 use crate::study::end_to_end::measured::two_digits;
-use crate::study::end_to_end::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
+use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::grids::shape_text;
 use serde_json::Value;
 use std::fmt;

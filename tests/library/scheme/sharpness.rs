@@ -92,8 +92,8 @@ impl Sparse {
         products.collect()
     }
 
-    /// Least and largest eigenvalue of each form on a Krylov space of `steps` vectors: between those
-    /// of all.
+    /// Least and largest eigenvalue of each form on a Krylov space of `steps` vectors: inner bounds
+    /// of its spectrum.
     fn ends(&self, steps: usize) -> Each<[f64; 2]> {
         let size = self.rows[0].len();
         let norms = |x: &[Each<Complex64>]| -> Each<f64> {

@@ -1,0 +1,130 @@
+//! The methods for a density at a point, and their numbers.
+
+use crate::problem::case::ProfileChoice;
+use crate::quantum::cost::Cost;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::surface_code::PhysicalCost;
+use crate::quantum::synthesis::RotationSynthesis;
+use serde::Serialize;
+
+/// What a degree costs.
+#[derive(Clone, Debug, Serialize)]
+pub struct DegreeCost {
+    /// The degree.
+    pub degree: usize,
+    /// The order that is counted on.
+    pub order: Option<f64>,
+    /// Elements along each axis of the grid that is needed.
+    pub grid: Option<Vec<usize>>,
+    /// All gates until the density is measured, or why there is no number.
+    pub gates: LabelledNumber,
+}
+
+/// A method on a quantum computer.
+#[derive(Clone, Debug, Serialize)]
+pub struct QuantumMethod {
+    /// Name of the method.
+    pub name: &'static str,
+    /// The degree that takes the fewest gates; none without a grid.
+    pub degree: Option<usize>,
+    /// What every degree costs.
+    pub degrees: Vec<DegreeCost>,
+    /// Elements along each axis, of the grids on which errors were measured and of the one needed;
+    /// none without a grid.
+    pub grids: Vec<Vec<usize>>,
+    /// Relative L1 errors of the density on the former.
+    pub errors: Vec<f64>,
+    /// The order that is counted on.
+    pub order: Option<f64>,
+    /// The orders from each grid to the next.
+    pub orders: Vec<f64>,
+    /// Where the order that is counted on is none of them: which it is.
+    pub order_remark: Option<String>,
+    /// The profile; none where there is no `p`.
+    pub profile: Option<ProfileChoice>,
+    /// `p◇`.
+    pub recovery: LabelledNumber,
+    /// `N_p`.
+    pub points: LabelledNumber,
+    /// Relative l2 error of `f` that profile and evolution may make.
+    pub tolerance: LabelledNumber,
+    /// Error of the state that the evolution may make.
+    pub walk_tolerance: LabelledNumber,
+    /// The probability with which the state holds the field.
+    pub probability: LabelledNumber,
+    /// Evolutions (over characteristics: traces) of all runs of amplitude estimation.
+    pub evolutions: LabelledNumber,
+    /// Cost of an evolution; none where it is unknown.
+    pub cost: Option<Cost>,
+    /// Toffoli gates alone of an evolution by `2K` steps, or of a trace.
+    pub toffoli: LabelledNumber,
+    /// All gates of all evolutions, in Toffoli gates, by the cheaper sequence.
+    pub gates_until_measured: LabelledNumber,
+    /// Physical qubits, distance and seconds, of a model of the surface code.
+    #[serde(flatten)]
+    pub physical: PhysicalCost,
+}
+
+impl QuantumMethod {
+    /// Without a grid, and with no number for this reason.
+    pub(super) fn unavailable(name: &'static str, why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
+        Self {
+            name,
+            degree: None,
+            degrees: Vec::new(),
+            grids: Vec::new(),
+            errors: Vec::new(),
+            order: None,
+            orders: Vec::new(),
+            order_remark: None,
+            profile: None,
+            recovery: none(),
+            points: none(),
+            tolerance: none(),
+            walk_tolerance: none(),
+            probability: none(),
+            evolutions: none(),
+            cost: None,
+            toffoli: none(),
+            gates_until_measured: none(),
+            physical: PhysicalCost::unavailable(why),
+        }
+    }
+}
+
+/// A classical method.
+#[derive(Clone, Debug, Serialize)]
+pub struct ClassicalMethod {
+    /// Name of the method.
+    pub name: &'static str,
+    /// The degree of its elements; none without a grid.
+    pub degree: Option<usize>,
+    /// Unknowns of its grid, or traces; none where it is not known.
+    pub size: Option<f64>,
+    /// Seconds on this machine.
+    pub seconds: LabelledNumber,
+}
+
+/// The task and all methods for it.
+#[derive(Clone, Debug, Serialize)]
+pub struct EndToEnd {
+    /// Title of the case.
+    pub title: String,
+    /// `ε`.
+    pub accuracy: f64,
+    /// T gates of a rotation.
+    pub t_of_rotation: RotationSynthesis,
+    /// Where the density is asked for.
+    pub point: Vec<f64>,
+    /// The density there, by quadrature over characteristics.
+    pub density: f64,
+    /// Its ratio to the mean density: the error of a grid is that of the whole density.
+    pub density_of_mean: f64,
+    /// The methods on a quantum computer.
+    pub quantum: Vec<QuantumMethod>,
+    /// The classical methods.
+    pub classical: Vec<ClassicalMethod>,
+    /// Sentences on which of them needs least.
+    pub verdict: Vec<String>,
+}
