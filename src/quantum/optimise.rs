@@ -113,6 +113,8 @@ pub struct CostedChoice {
     pub steps: LabelledNumber,
     /// The same by the sequence of about half as many.
     pub half_calls_steps: LabelledNumber,
+    /// The same by the cheaper sequence.
+    pub walk_steps: LabelledNumber,
     /// Whether that is the cheaper sequence; none if the cost is not known.
     pub half_calls: Option<bool>,
     /// Probability of slice and window, all conditions met.
@@ -142,6 +144,7 @@ impl CostedChoice {
             access: None,
             steps: none(),
             half_calls_steps: none(),
+            walk_steps: none(),
             half_calls: None,
             probability: [none(), none()],
             cost: [none(), none()],
@@ -159,6 +162,7 @@ impl CostedChoice {
             probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
             access: Some(cost.access),
             cost: cost.cheaper().gates_until_measured.clone(),
+            walk_steps: cost.cheaper().steps.clone(),
             steps: cost.evolution.steps.clone(),
             half_calls_steps: cost.half_calls.steps.clone(),
             half_calls: Some(cost.cheaper() == &cost.half_calls),
@@ -499,6 +503,7 @@ fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         cost: least.cheaper().gates_until_measured.clone(),
         demand: Some(demand),
         half_calls: Some(least.cheaper() == &least.half_calls),
+        walk_steps: least.cheaper().steps.clone(),
         steps: least.evolution.steps,
         half_calls_steps: least.half_calls.steps,
         probability: [found.at_slice.all, found.in_window.all],
