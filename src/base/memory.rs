@@ -49,7 +49,8 @@ impl Seen {
 
     /// Looks at a file like `/proc/self/status`.
     fn look(&mut self, status: &Path) -> Peak {
-        let value = |key: &str| kilobytes(status, key).unwrap_or(0);
+        let text = std::fs::read_to_string(status).unwrap_or_default();
+        let value = |key: &str| kilobytes_in(&text, key).unwrap_or(0);
         let [resident, files] = [value("VmHWM:"), value("RssFile:")];
         // If the peak has risen, pages of files at that moment are about as many as before or now.
         // The larger number is taken, so that `anonymous` is not too large.
@@ -98,7 +99,11 @@ pub fn reset_peak() {
 
 /// A value of a file of `/proc` in bytes, given in kB there.
 fn kilobytes(path: &Path, key: &str) -> Option<u64> {
-    let text = std::fs::read_to_string(path).ok()?;
+    kilobytes_in(&std::fs::read_to_string(path).ok()?, key)
+}
+
+/// The same in the text of such a file.
+fn kilobytes_in(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find(|l| l.starts_with(key))?;
     let number = line.split_whitespace().nth(1)?.parse::<u64>().ok()?;
     Some(number.saturating_mul(1024))

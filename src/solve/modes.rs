@@ -134,6 +134,8 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let batches = from.map_or(task.batches, |resumed| &resumed.batches);
         let outcome = self.batches(number, &mut stage, batches, &mut finished)?;
         task.communicator.world.agree(outcome)?;
+        // All arrays of the stage are there.
+        memory::mark();
         stage.finish(task, self.system.matrix.block.velocity_cells, &mut self.recovered);
         match self.keeping.as_deref_mut() {
             Some(keeping) => (keeping.after)(k, leg, keeping.kept),

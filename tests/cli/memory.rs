@@ -56,7 +56,8 @@ fn memory_is_what_was_planned() {
         ("example1.toml", &small, &chunks, 1, CLOSE),
         ("example1.toml", &small, &chunks, 2, CLOSE),
         ("example1.toml", &small, &chunks, 4, CLOSE),
-        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, CLOSE),
+        // 102.7 or 104.2 MiB, as the allocator finds a place for the recovered field or not.
+        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, 0.06),
         ("example1.toml", &large, &["solver.method=classical"], 1, CLOSE),
         ("example1.toml", &large, &SLOPES, 1, CLOSE),
         ("slope_jump.toml", &large, &slopes, 1, CLOSE),
@@ -76,7 +77,12 @@ fn memory_is_what_was_planned() {
         let more = (planned - peak) / scale;
         // A hundredth varies from run to run.
         summary.require(-0.01 <= more && more <= *allowed, || {
-            format!("planned {}, peak {}", mib(planned), mib(peak))
+            format!(
+                "planned {}, peak {}, {} of it allocated",
+                mib(planned),
+                mib(peak),
+                mib(anonymous)
+            )
         })
     });
 }

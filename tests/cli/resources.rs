@@ -315,7 +315,9 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
         let (least, both) = if halved.0 < whole.0 { halved } else { whole };
         for (k, way) in ["repeated", "amplified"].into_iter().enumerate() {
             let toffoli = number(&format!("toffoli_until_measured_{way}"));
-            assert_eq!(Some(toffoli), of(cost, "toffoli_until_measured", k));
+            for name in ["toffoli_until_measured", "until_measured"] {
+                assert_eq!(Some(toffoli), of(cost, name, k), "{name}");
+            }
             assert_eq!(number(&format!("until_measured_{way}")), both[k]);
         }
         assert_eq!(number("gates_until_measured"), least);
@@ -330,6 +332,8 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     // The same names mean the same there.
     let column = |name: &str| lines[0].iter().position(|n| n == name).expect("a column");
     for (line, choice) in lines[1..].iter().zip(choices.as_array().into_iter().flatten()) {
+        let cheaper = if choice["half_calls"] == true { "half_calls_steps" } else { "steps" };
+        assert_eq!(choice["walk_steps"]["value"], choice[cheaper]["value"], "{choice}");
         for (name, figure) in [
             ("steps", &choice["steps"]),
             ("half_calls_steps", &choice["half_calls_steps"]),

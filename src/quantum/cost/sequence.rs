@@ -28,6 +28,8 @@ pub struct SequenceCost {
     pub gates: LabelledNumber,
     /// Toffoli gates alone until the field is measured: repeated, and by amplitude amplification.
     pub toffoli_until_measured: [LabelledNumber; 2],
+    /// The same by its former name, which scripts read.
+    until_measured: [LabelledNumber; 2],
     /// All `gates` until then.
     pub gates_until_measured: [LabelledNumber; 2],
     /// All qubits of the sequence, at once.
@@ -65,8 +67,10 @@ impl SequenceCounts {
         // Of the least trust of the factors.
         let gates = toffoli.times(&t_a_rotation);
         let gates = gates.with(number(&toffoli) + all_t / T_OF_TOFFOLI_STATE);
+        let toffoli_until_measured = evolutions.each_ref().map(|n| n.times(&toffoli));
         SequenceCost {
-            toffoli_until_measured: evolutions.each_ref().map(|n| n.times(&toffoli)),
+            until_measured: toffoli_until_measured.clone(),
+            toffoli_until_measured,
             gates_until_measured: evolutions.each_ref().map(|n| n.times(&gates)),
             steps,
             toffoli_a_step,
