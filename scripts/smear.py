@@ -4,8 +4,9 @@
 Usage: smear.py [--program FILE] [--quick]
 
 Solves examples 2 and 3 by level sets, and with initial.f = density times normal densities of
-standard deviation omega, all by the classical method. Prints the L1 errors of the density, relative
-to the exact mass in the box, as a table of Markdown. Needs h5py and numpy (`make readers`).
+standard deviation omega, all by the classical method. Prints two tables of Markdown: L1 errors of
+the density, relative to the exact mass in the box, and those of the mean velocity u, weighted with
+the exact density, relative to the exact |u| weighted so. Needs h5py and numpy (`make readers`).
 """
 
 import argparse
@@ -37,16 +38,31 @@ def smeared(case, width):
     return f
 
 
-def density(program, case, settings):
-    """The density of a run, and the exact one if it has one, with the size of a cell."""
+def moments(program, case, settings):
+    """The moments of a run and the exact ones if it has them, each density and velocity."""
     with tempfile.TemporaryDirectory() as place:
         command = [program, "run", case, "-o", place, "--set", "solver.method=classical"]
         for setting in settings:
             command += ["--set", setting]
         call(command)
         with h5py.File(os.path.join(place, "result.h5")) as file:
-            exact = file["density_exact"][:] if "density_exact" in file else None
-            return file["density"][:], exact
+            names = ["density", "velocity"]
+            found = [file[name][:] for name in names]
+            if "density_exact" not in file:
+                return found, None
+            return found, [file[f"{name}_exact"][:] for name in names]
+
+
+def errors(found, exact):
+    """Relative L1 errors of density and velocity; a vacuum of the run has the velocity 0."""
+    density, velocity = exact
+    there = density > 0
+    off = np.where(there, np.nan_to_num(found[1]) - np.nan_to_num(velocity), 0)
+    size = np.where(there, velocity, 0)
+    return [
+        np.abs(found[0] - density).sum() / density.sum(),
+        (density * np.linalg.norm(off, axis=0)).sum() / (density * np.linalg.norm(size, axis=0)).sum(),
+    ]
 
 
 def without_initial(case, width, place):
@@ -70,21 +86,27 @@ def main():
     parser.add_argument("--program", default=os.path.join(ROOT, "target", "release", "phasewarp"))
     parser.add_argument("--quick", action="store_true")
     arguments = parser.parse_args()
-    print("| case | cells an axis | level sets | " + " | ".join(f"ω = {w}" for w in WIDTHS) + " |")
-    print("|---" * (3 + len(WIDTHS)) + "|")
+    rows = []
     for name, axes, sizes in QUICK if arguments.quick else GRIDS:
         case = os.path.join(ROOT, "cases", f"{name}.toml")
         for size in sizes:
             cells = [f"axis.{a}.{kind}.cells={size}" for a in range(axes) for kind in "xv"]
-            found, exact = density(arguments.program, case, cells)
-            errors = [np.abs(found - exact).sum() / exact.sum()]
+            found, exact = moments(arguments.program, case, cells)
+            both = [errors(found, exact)]
             for width in WIDTHS:
                 with tempfile.TemporaryDirectory() as place:
                     path = without_initial(case, width, place)
-                    found, _ = density(arguments.program, path, cells)
-                errors.append(np.abs(found - exact).sum() / exact.sum())
-            row = " | ".join(f"{error:.3f}" for error in errors)
-            print(f"| {name} | {size} | {row} |", flush=True)
+                    found, _ = moments(arguments.program, path, cells)
+                both.append(errors(found, exact))
+            rows.append((name, size, both))
+    for moment, title in enumerate(["density", "u"]):
+        widths = " | ".join(f"ω = {w}" for w in WIDTHS)
+        print(f"| error of {title} | cells an axis | level sets | {widths} |")
+        print("|---" * (3 + len(WIDTHS)) + "|")
+        for name, size, both in rows:
+            row = " | ".join(f"{error[moment]:.3f}" for error in both)
+            print(f"| {name} | {size} | {row} |")
+        print(flush=True)
 
 
 if __name__ == "__main__":

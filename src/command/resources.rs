@@ -9,10 +9,10 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
+use crate::quantum::optimise::candidate::{CostedChoice, System};
+use crate::quantum::optimise::pricing::preparation;
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::optimise::{
-    CostedChoice, System, choices, deltas, preparation, scheme_of, unitary_of,
-};
+use crate::quantum::optimise::{choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
 use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
 use crate::quantum::synthesis::RotationSynthesis;

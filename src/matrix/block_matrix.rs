@@ -8,10 +8,12 @@
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
 //! then its ghosts.
 
+mod couplings;
+
 use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
-use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
+use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::rows::{MOST_NODES, RowLines, Rows};
 use crate::matrix::vector::Vector;
 use crate::parallel::communicator::{GhostExchange, Group};
@@ -410,16 +412,6 @@ impl BlockMatrix {
         stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
     }
 
-    /// `y ← y + b` in the rows `rows`, with `b` row by row of [`inflow`](Self::inflow); nothing
-    /// where `b` is empty.
-    pub fn add_inflow(&self, b: &[f64], rows: Range<usize>, y: &mut [f64]) {
-        let first = self.inflow.partition_point(|aux| (aux.row as usize) < rows.start);
-        let inside = self.inflow.iter().zip(b).skip(first);
-        for (aux, b) in inside.take_while(|(aux, _)| (aux.row as usize) < rows.end) {
-            y[aux.row as usize] += b;
-        }
-    }
-
     /// The step of some lines, on this processor.
     pub(crate) fn step_lines<R: StartRow>(
         &self,
@@ -467,45 +459,6 @@ impl BlockMatrix {
         }
     }
 
-    /// The contribution of couplings outside the matrix to a step of the rows `range` of
-    /// [`inflow`](Self::inflow) and of their auxiliary unknowns, without a common one.
-    pub(crate) fn step_couplings(
-        &self,
-        constants: &StepConstants,
-        range: Range<usize>,
-        couplings: &[f64],
-        y: &mut [Lanes],
-        x: &[Lanes],
-    ) {
-        let cells = self.block.cells();
-        for (m, coupling) in range.zip(couplings) {
-            let (i, half) = (self.inflow[m].row as usize, 0.5 * coupling);
-            let r = if self.shared { cells } else { cells + m };
-            add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0);
-            if !self.shared {
-                add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0);
-            }
-        }
-    }
-
-    /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the
-    /// rest of its row being done. Collective over the space group.
-    pub(crate) fn step_shared(
-        &self,
-        exchange: &GhostExchange,
-        constants: &StepConstants,
-        couplings: impl Iterator<Item = f64> + Clone,
-        y: &mut [Lanes],
-        x: &[Lanes],
-    ) {
-        let share =
-            |(aux, coupling): (&AuxiliaryRow, f64)| x[aux.row as usize].0.map(|x| coupling * x);
-        let terms = self.inflow.iter().zip(couplings).map(share);
-        let total: [f64; 2 * LANES] = exchange.group().sum_lanes(self.inflow_rows, terms);
-        let row = self.block.cells();
-        add_coupled(constants, -1.0, 0.5, &total, &mut y[row].0);
-    }
-
     /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space
     /// group.
     pub fn apply_mode(
@@ -532,17 +485,6 @@ impl BlockMatrix {
         apply(&self.border, y, x);
     }
 
-    /// Half the norm of the couplings `couplings` to auxiliary unknowns, row by row of
-    /// [`inflow`](Self::inflow). Collective over `space`.
-    pub fn coupling_norm(&self, space: &Group, couplings: &[f64]) -> f64 {
-        if self.shared {
-            let squares = couplings.iter().map(|k| [k * k]);
-            let [sum] = space.sum_lanes(self.inflow_rows, squares);
-            return 0.5 * sum.sqrt();
-        }
-        0.5 * space.max(couplings.iter().fold(0.0, |most, k| f64::max(most, k.abs())))
-    }
-
     /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a
     /// space cell: first over the velocities at one point of space, which are always together, then
     /// exactly.
@@ -558,23 +500,6 @@ impl BlockMatrix {
         let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
         let aux = (cells..self.counted_rows()).map(&term);
         group.sum(bound, count, space.chain(aux))
-    }
-}
-
-/// `y ← a(−iμ + sign) half x + y`: an entry `s = half`, `k = sign · half`.
-#[inline(always)]
-fn add_coupled(
-    constants: &StepConstants,
-    sign: f64,
-    half: f64,
-    x: &[f64; 2 * LANES],
-    y: &mut [f64; 2 * LANES],
-) {
-    for l in 0..LANES {
-        let (mu, a) = (constants.wavenumber[l], half * constants.scale[l]);
-        let (re, im) = (x[l], x[LANES + l]);
-        y[l] += a * (mu * im + sign * re);
-        y[LANES + l] += a * (sign * im - mu * re);
     }
 }
 

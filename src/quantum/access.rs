@@ -7,11 +7,11 @@
 //! H_{jk} = μ_l S_{ii'} + i K_{ii'}      where k = i' N_p + l,   0 in other modes.
 //! ```
 //!
-//! Both oracles evaluate only rows of the scheme, [`Scheme::row`]. Row `i` of `S` and `K` takes row
-//! `i` of `A` and the rows `i'` that may have an entry in column `i`: the neighbouring cells and,
-//! across the faces of its space cell, all velocities along the axis of the face. A quantum
-//! computer would load as data what is not computed: the weights `π`, one number a cell, and the
-//! couplings of the inflow.
+//! Both oracles evaluate only rows of the scheme, [`Scheme::row`]. A value takes two of them, rows
+//! `i` and `i'` of `A`. The location of an entry takes row `i`, and the rows `i'` that may have an
+//! entry in column `i`: the neighbouring cells and, across the faces of its space cell, all
+//! velocities along the axis of the face. A quantum computer would load as data what is not
+//! computed: the weights `π`, one number a cell, and the couplings of the inflow.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -47,6 +47,16 @@ struct Couplings {
     rows: Vec<(usize, f64)>,
     /// Whether one unknown serves all.
     shared: bool,
+}
+
+impl Couplings {
+    /// `κ` of cell `row` and the auxiliary unknown `number`; zero where these are not coupled.
+    fn coupling(&self, row: usize, number: usize) -> f64 {
+        match self.rows.binary_search_by_key(&row, |e| e.0) {
+            Ok(place) if self.shared || place == number => self.rows[place].1,
+            _ => 0.0,
+        }
+    }
 }
 
 /// Scratch of an oracle: a row of the scheme and the nonzeros found.
@@ -139,13 +149,37 @@ impl<'a> SparseAccess<'a> {
         if k >= self.order() || k % self.points != l {
             return Complex64::ZERO;
         }
-        self.row(scratch, j / self.points);
-        let column = k / self.points;
-        let found = scratch.entries.binary_search_by_key(&column, |e| e.0);
-        found.map_or(Complex64::ZERO, |place| {
-            let (_, s, k) = scratch.entries[place];
-            Complex64::new(self.wavenumber(l) * s, k)
-        })
+        let [s, k] = self.pair(&mut scratch.row, j / self.points, k / self.points);
+        Complex64::new(self.wavenumber(l) * s, k)
+    }
+
+    /// `(S_ij, K_ij)`, from the two rows `i` and `j` of the scheme.
+    fn pair(&self, row: &mut Row, i: usize, j: usize) -> [f64; 2] {
+        let cells = self.space.cells();
+        match (i < cells, j < cells) {
+            (true, true) if i == j => [self.of_scheme(row, i, i), 0.0],
+            (true, true) => {
+                let there = 0.5 * self.of_scheme(row, i, j) * self.ratio(i, j);
+                let back = 0.5 * self.of_scheme(row, j, i) * self.ratio(j, i);
+                [there + back, there - back]
+            }
+            (true, false) => {
+                let half = 0.5 * self.inflow.coupling(i, j - cells);
+                [half, half]
+            }
+            (false, true) => {
+                let half = 0.5 * self.inflow.coupling(j, i - cells);
+                [half, -half]
+            }
+            (false, false) => [0.0; 2],
+        }
+    }
+
+    /// `A_ij` of cells.
+    fn of_scheme(&self, row: &mut Row, i: usize, j: usize) -> f64 {
+        self.scheme.row(row, i);
+        let found = row.entries.binary_search_by_key(&j, |e| e.0);
+        found.map_or(0.0, |place| row.entries[place].1)
     }
 
     /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as the nearest whole multiples

@@ -9,6 +9,7 @@
 //! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
 //! | [`evolution`] | `e^{−iHT}` by calls of it |
+//! | [`amplification`] | the reflections of amplitude amplification |
 //! | [`gates`] | gates, registers, counts |
 //! | [`simulate`] | circuits on basis states and their sums |
 //! | [`description`] | what was compiled, and the counts of the evolution |
@@ -26,6 +27,7 @@
 //! | `circuit.json` | `α`, counts, registers, gates `[name, qubits, angle]`, phases |
 //! | `azure.json`, `qref.json` | the counts of the evolution for other programs |
 
+pub mod amplification;
 pub mod arithmetic;
 pub mod description;
 pub mod evolution;

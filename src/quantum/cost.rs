@@ -37,7 +37,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
 
-/// How a quantum computer has `H`.
+/// How a quantum computer accesses `H`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Access {
@@ -64,12 +64,14 @@ impl fmt::Display for Access {
 /// The cost of `e^{−iHT}` by an access to `H`, and of the measurement of the field.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cost {
-    /// How `H` is had.
+    /// The access to `H`.
     pub access: Access,
     /// `H/α` is block-encoded.
     pub alpha: LabelledNumber,
     /// `αT`.
     pub tau: LabelledNumber,
+    /// Qubits of the block encoding that are zero before and, where it is `H/α`, after.
+    pub block_qubits: usize,
     /// By a sequence of `2K` steps, whose rotations are computed.
     #[serde(flatten)]
     pub evolution: SequenceCost,
@@ -149,7 +151,7 @@ impl EvolutionRequirements {
     }
 }
 
-/// How a circuit rounds jumps of `V`; `export-circuit --sub-bins` does the same.
+/// How a circuit rounds jumps of `V`, as `export-circuit --sub-bins` does.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JumpRounding {
     /// `B`: a level of `Δv²/2` has `2^B` bins, and jumps are whole numbers of them.
@@ -269,7 +271,14 @@ impl Accesses {
         let tolerance = demand.tolerance.value().unwrap_or_default();
         let [evolution, half_calls] =
             sequences.map(|counts| counts.cost(self.synthesis, tolerance, evolutions));
-        Cost { access: Access::Sparse, alpha: tau.with(alpha), tau, evolution, half_calls }
+        Cost {
+            access: Access::Sparse,
+            alpha: tau.with(alpha),
+            tau,
+            block_qubits: walk.row_and_column - system,
+            evolution,
+            half_calls,
+        }
     }
 
     /// A number of the grid: an estimate where the grid is.
@@ -313,6 +322,7 @@ impl Accesses {
         let forward = tau.value().unwrap_or_default();
         Cost {
             access,
+            block_qubits: controlled.block_qubits,
             evolution: costs(SequenceCounts::whole(&evolution, &controlled, &a_gate)),
             half_calls: costs(SequenceCounts::both_ways(&evolution, forward, both, &a_gate)),
             alpha,

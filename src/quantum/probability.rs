@@ -116,7 +116,7 @@ impl Deviation {
         Self { lower, step, values: values.iter().map(|value| value.re).collect() }
     }
 
-    /// `|g(p) − e^{−p}|` at sample `k`: of most samples nobody asks.
+    /// `|g(p) − e^{−p}|` at sample `k`; few samples are needed, and each takes an exponential.
     fn size(&self, k: usize) -> f64 {
         (self.values[k] - (-(self.lower + k as f64 * self.step)).exp()).abs()
     }
@@ -220,6 +220,36 @@ impl<'a> PlannedState<'a> {
         let (point, state_tolerance) = (warp.readings[0].point, warp.state_tolerance);
         Self { bounds, series: &warp.series, point, state_tolerance, time, points }
     }
+
+    /// Distance of two points.
+    fn width(&self) -> f64 {
+        self.series.period / self.points as f64
+    }
+
+    /// `C_w`.
+    fn norm(&self, norms: &StateNorms) -> f64 {
+        norms.start * (self.points as f64 * square_sum(self.series)).sqrt()
+    }
+
+    /// `P_p` of the slice at `p◇`.
+    fn in_slice(&self, norms: &StateNorms) -> f64 {
+        let state = norms.weighted.hypot(norms.auxiliary);
+        (state / self.norm(norms)).powi(2) * (-2.0 * self.point).exp()
+    }
+
+    /// That of so many slices from `p◇` on, as a multiple of it.
+    fn in_slices(&self, slices: f64) -> f64 {
+        let width = self.width();
+        -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1()
+    }
+
+    /// Upper bound of the probability of every window of this state; the series may have the first
+    /// of its modes only, since others add to the norm of the state.
+    pub fn most_probable(&self, norms: &StateNorms) -> f64 {
+        let in_p = self.in_slice(norms) * self.in_slices(f64::INFINITY);
+        let all = Chain::new(in_p, norms, &LabelledNumber::bound).all;
+        all.value().unwrap_or(f64::NAN)
+    }
 }
 
 impl Probabilities {
@@ -272,10 +302,7 @@ impl Probabilities {
         label: &dyn Fn(f64) -> LabelledNumber,
     ) -> Self {
         let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
-        let width = series.period / points as f64;
-        let norm = norms.start * (points as f64 * square_sum(series)).sqrt();
-        let state = norms.weighted.hypot(norms.auxiliary);
-        let slice = (state / norm).powi(2) * (-2.0 * point).exp();
+        let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
         if norms.field == 0.0 || !slice.is_finite() {
             let none = Chain::unavailable("the field has decayed to zero");
             return Self {
@@ -298,9 +325,8 @@ impl Probabilities {
         let deviation = Deviation::new(series, point - lambda[0]);
         let end = deviation.window_end(point, lambda[1], 10.0 * state_tolerance);
         let in_window = end.map(|end| {
-            let slices = ((end - point) / width).floor() + 1.0;
-            let sum = -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1();
-            Chain::new(slice * sum, &norms, label)
+            let slices = ((end - point) / planned.width()).floor() + 1.0;
+            Chain::new(slice * planned.in_slices(slices), &norms, label)
         });
         let at_slice = Chain::new(slice, &norms, label);
         let all = at_slice.all.value().unwrap_or(f64::NAN);

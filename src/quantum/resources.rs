@@ -21,6 +21,8 @@ mod text;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::amplification::AmplifiedRegisters;
+use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
@@ -28,7 +30,7 @@ use crate::quantum::readout::MEASURE_VALUED;
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
-use crate::quantum::synthesis::RotationSynthesis;
+use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
 use crate::quantum::walk::{LOCATION_CALLS, OF_ROUNDING, VALUE_CALLS, WalkCost, WalkRegisters};
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -124,6 +126,18 @@ pub struct WeightsTable {
     pub classical_operations: LabelledNumber,
 }
 
+/// Gates around the evolutions of an amplified measurement, which are in no cost: those of the
+/// cheapest access, without the preparation of the start.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GatesAround {
+    /// Toffoli gates of the two reflections of a round of amplification.
+    pub toffoli_of_reflections: LabelledNumber,
+    /// Rotations of the two transforms in `p` of an evolution.
+    pub rotations_of_transforms: LabelledNumber,
+    /// Both in all rounds and evolutions, in Toffoli gates, as a part of the evolutions' gates.
+    pub part: LabelledNumber,
+}
+
 /// The resources of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Record {
@@ -179,6 +193,8 @@ pub struct Record {
     pub t_of_rotation: RotationSynthesis,
     /// Every access to `H`, with its gates.
     pub costs: Vec<Cost>,
+    /// The gates around its evolutions that are in none of them.
+    pub around: GatesAround,
     /// Why no circuit is compiled; none where one is.
     pub no_circuit: Option<String>,
     /// How circuits round jumps of `V`; none without circuits.
@@ -359,6 +375,7 @@ impl Record {
             gates_factor: qubits.gates_factor(bits),
             transform_gates: qubits.transform_gates(),
             mode_weights: ModeWeightsCost::of(&costs),
+            around: GatesAround::new(&costs, &probabilities, qubits.total - qubits.p),
             costs,
             t_of_rotation: synthesis,
             no_circuit: accesses.no_circuit().map(str::to_owned),
@@ -375,6 +392,44 @@ impl Record {
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
             sparsity,
         })
+    }
+}
+
+impl GatesAround {
+    /// Around the evolutions of the least of `costs`, `system` qubits numbering the unknowns.
+    fn new(costs: &[Cost], probabilities: &Probabilities, system: usize) -> Self {
+        let none = || LabelledNumber::unavailable("no access has a cost");
+        let least = costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a });
+        let Some(cost) = least else {
+            return Self {
+                toffoli_of_reflections: none(),
+                rotations_of_transforms: none(),
+                part: none(),
+            };
+        };
+        let Probabilities { points, window, .. } = *probabilities;
+        let warped = points.trailing_zeros() as usize;
+        let registers = AmplifiedRegisters { warped, system, block: cost.block_qubits };
+        // The count depends on bits only: any window of the register.
+        let end = if window.is_some() { points } else { points / 2 + 1 };
+        let reflections = registers.round([points / 2, end]).counts();
+        let mut transform = Circuit::default();
+        let register = transform.register("warped", warped, RegisterRole::System);
+        transform.fourier(&register);
+        let rotations = 2 * transform.counts().rotations;
+        let toffoli = LabelledNumber::emitted(reflections.toffoli as f64);
+        let rotations = LabelledNumber::emitted(rotations as f64);
+        let chain = probabilities.nearest();
+        let sequence = cost.cheaper();
+        let of_rotation = sequence.t_a_rotation.times(&rotations);
+        let t = of_rotation.with(of_rotation.value().unwrap_or_default() / T_OF_TOFFOLI_STATE);
+        let of_rounds = chain.amplification_rounds.times(&toffoli);
+        let of_transforms = chain.amplified_evolutions.times(&t);
+        let all = [&of_rounds, &of_transforms].map(|n| n.value().unwrap_or(f64::NAN));
+        let gates = &sequence.gates_until_measured[1];
+        let part = (all[0] + all[1]) / gates.value().unwrap_or(f64::NAN);
+        let part = of_rounds.times(&of_transforms).times(gates).with(part);
+        Self { toffoli_of_reflections: toffoli, rotations_of_transforms: rotations, part }
     }
 }
 

@@ -56,12 +56,9 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     if takes_one_mode(case, bounds) {
         return Ok(one_mode());
     }
-    let demand = demand(case, bounds, ratio);
     let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
-    let (profile, window) = match Profile::plan(&warp.choice(), &demand) {
-        Some(planned) => planned,
-        None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
-    };
+    let DemandedProfile { demand, profile, window } =
+        DemandedProfile::new(case, bounds, ratio, &mut warnings)?;
     let (series, interval) = match profile.form() {
         ProfileForm::Series(series) => (series.clone(), profile.ends(&demand, &window)),
         ProfileForm::Transform(shape) => {
@@ -107,11 +104,60 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     })
 }
 
-/// The number of modes that [`place`] would plan for a profile that is known on the line, without
-/// computing coefficients; `None` if it would plan none.
-pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option<f64> {
-    let (_, window) = Profile::plan(&case.warp.choice(), &demand(case, bounds, ratio))?;
-    Some(window.modes(window.period))
+/// A profile and its window, with what they meet.
+struct DemandedProfile {
+    demand: ProfileRequirements,
+    profile: Profile,
+    window: Window,
+}
+
+impl DemandedProfile {
+    /// The profile of `case`, with warnings of an interval that is short.
+    ///
+    /// # Errors
+    /// As [`place`].
+    fn new(case: &Case, bounds: &Bounds, ratio: f64, warnings: &mut Vec<String>) -> Result<Self> {
+        let demand = demand(case, bounds, ratio);
+        let (profile, window) = match Profile::plan(&case.warp.choice(), &demand) {
+            Some(planned) => planned,
+            None => relaxed(case, bounds, ratio, &demand, warnings)?,
+        };
+        Ok(Self { demand, profile, window })
+    }
+}
+
+/// What [`place`] plans of a case that gives no interval and no points and takes analytic
+/// coefficients, before any of these is computed.
+pub(crate) struct Outline {
+    /// The profile.
+    pub profile: Profile,
+    /// `p◇`.
+    pub point: f64,
+    /// `P`.
+    pub period: f64,
+    /// Modes `l ≥ 0` on that period; as a float, since there may be too many to count.
+    pub modes: f64,
+}
+
+impl Outline {
+    /// That of `case`.
+    ///
+    /// # Errors
+    /// As [`place`], but for the number of modes.
+    pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
+        if takes_one_mode(case, bounds) {
+            let profile = Constant::default();
+            let period = profile.series().period;
+            return Ok(Self { profile: profile.into(), point: 0.0, period, modes: 1.0 });
+        }
+        let DemandedProfile { profile, window, .. } =
+            DemandedProfile::new(case, bounds, ratio, &mut Vec::new())?;
+        let (period, modes) = match profile.form() {
+            ProfileForm::Series(series) => (series.period, series.modes() as f64),
+            ProfileForm::Transform(_) => (window.period, window.modes(window.period)),
+        };
+        Ok(Self { point: window.point + shift(case, bounds), profile, period, modes })
+    }
 }
 
 /// Whether `A` is skew (`S = 0`) and the case does not need the warped field at other `p`.

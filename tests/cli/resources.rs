@@ -42,7 +42,7 @@ fn resources_are_counted() {
         };
         let compiled = record["no_circuit"].is_null();
         let counts = &azure["logicalCounts"];
-        let least = least_cost(&record);
+        let least = &least_cost(&record);
         let of_azure = match compiled {
             true => {
                 [("cczCount", "toffoli"), ("tCount", "t"), ("rotationCount", "rotations")]
@@ -76,6 +76,8 @@ fn resources_are_counted() {
             }
         };
         let sensible = of_azure
+            && azure["tOfRotations"].as_f64() == Some(t_of_rotations(least, &record))
+            && (!compiled || synthesized(&azure, least, &record))
             && peaks(&qref["program"])
             && azure["tOfRotation"]["factor"] == 3.0
             && record["t_of_rotation"] == azure["tOfRotation"]
@@ -147,6 +149,28 @@ fn resources_are_counted() {
             job.is_refused(&[words]).unwrap();
         }
     }
+}
+
+/// T gates of all rotations of an evolution, by the documented formula from `t_of_rotation`.
+fn t_of_rotations(cost: &Value, record: &Value) -> f64 {
+    let of = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
+    let rotations = of(&cost["rotations"]["value"]);
+    let synthesis = &record["t_of_rotation"];
+    // A quarter of the tolerance, in equal shares.
+    let bits = (rotations / (0.25 * of(&record["walk_tolerance"]["value"]))).log2();
+    rotations * (of(&synthesis["factor"]) * bits + of(&synthesis["constant"])).ceil()
+}
+
+/// Whether the counts for Azure without rotations have their T gates, and as many gates as the JSON
+/// has of the same evolution.
+fn synthesized(azure: &Value, cost: &Value, record: &Value) -> bool {
+    let of = |counts: &str, key: &str| azure[counts][key].as_f64().unwrap_or(f64::NAN);
+    let t = of("logicalCounts", "tCount") + t_of_rotations(cost, record);
+    let gates = of("synthesizedCounts", "cczCount") + 0.25 * of("synthesizedCounts", "tCount");
+    of("synthesizedCounts", "tCount") == t
+        && of("synthesizedCounts", "rotationCount") == 0.0
+        && of("synthesizedCounts", "numQubits") == of("logicalCounts", "numQubits")
+        && (gates / cost["gates"]["value"].as_f64().unwrap_or(f64::NAN) - 1.0).abs() < 1e-9
 }
 
 /// Whether qubits of all routines are peaks, which nobody adds up.
@@ -261,6 +285,17 @@ fn one_mode_has_no_p() {
         require(free(&record), &found, || format!("{record}"))?;
         let by_hand = more.iter().any(|key| key.contains("shift"));
         require(by_hand || free(&record["own"]), &found, || format!("{}", record["own"]))?;
+        // Tables have what is the same once, by the name of the unitary scheme.
+        for format in ["text", "csv", "latex"] {
+            let table = job(&["--format", format]).succeed()?;
+            let rows_of = |name: &str| {
+                let of = |line: &&str| line.starts_with(name) && line.contains("access");
+                table.printed.lines().filter(of).count()
+            };
+            let expected = [0, usize::from(by_hand), 1];
+            let found = ["cheapest", "own", "unitary"].map(rows_of);
+            require(found == expected, &table, || format!("{format}: {found:?}"))?;
+        }
         let list = job(&["--optimise"]).succeed()?;
         let lines: Vec<&str> = list.printed.lines().collect();
         require(lines[1].starts_with("one mode, S = 0"), &list, || lines[1].to_owned())?;
@@ -465,6 +500,59 @@ fn a_density_from_end_to_end() {
     job("example1.toml").with(["--optimise"]).is_refused(&["--optimise"]).unwrap();
 }
 
+/// Where `V` jumps within cells, all grids have it at the same place of one, and every method has a
+/// number. A method whose errors do not fall has none, but the reason, and the others keep theirs.
+#[test]
+fn walls_within_cells_and_a_method_without_a_number() {
+    let read = |cells: [usize; 2], format: &str| {
+        let [x, v] = cells.map(|n| n.to_string());
+        let settings = [format!("axis.0.x.cells={x}"), format!("axis.0.v.cells={v}")];
+        let settings = settings.each_ref().map(String::as_str);
+        let job = Job::new(["resources", &case("example1.toml"), "--accuracy", "0.2"]);
+        let job = job.set(&settings).set(&["scheme.degree=0"]).with(["--format", format]);
+        job.succeed().unwrap()
+    };
+    let method = |found: &Value, name: &str| {
+        let all = ["quantum", "classical"].map(|kind| found[kind].as_array().unwrap().clone());
+        all.concat().into_iter().find(|way| way["name"] == name).expect("a method")
+    };
+    let known = |figure: &Value| figure["value"].as_f64().is_some_and(f64::is_finite);
+    // The step at x = 0 is in the middle of a cell: of all grids with an odd number of them.
+    let found = read([33, 32], "json").json().unwrap();
+    for name in ["Schrödingerization, dissipative", "one mode, unitary"] {
+        let way = method(&found, name);
+        assert!(known(&way["gates_until_measured"]), "{way}");
+        let of_cells = way["degree"] == 0;
+        let grids = way["grids"].as_array().unwrap();
+        let cells: Vec<u64> = grids.iter().filter_map(|grid| grid[0].as_u64()).collect();
+        assert_eq!(cells.len(), 4, "{way}");
+        assert!(!of_cells || cells.iter().all(|n| n % 2 == 1), "{name}: {cells:?}");
+        let errors = way["errors"].as_array().unwrap();
+        let errors: Vec<f64> = errors.iter().filter_map(Value::as_f64).collect();
+        assert!(errors[2] < errors[1] && errors[1] < errors[0], "{errors:?}");
+    }
+    let stepped = method(&found, "time stepping, van Leer");
+    assert!(known(&stepped["seconds"]) && stepped["size"].as_f64() > Some(0.0), "{stepped}");
+    // Slopes on too few velocities: one grid is worse than a coarser one.
+    let found = read([11, 4], "json").json().unwrap();
+    let stepped = method(&found, "time stepping, van Leer");
+    let why = stepped["seconds"]["because"].as_str().unwrap_or_default();
+    assert_eq!(stepped["seconds"]["label"], "unavailable");
+    assert!(stepped["size"].is_null() && stepped["seconds"]["value"].is_null(), "{stepped}");
+    assert!(why.contains("do not fall with the grid") && why.contains("on 11 x 4"), "{why}");
+    for name in ["time stepping, exponential", "quadrature over characteristics"] {
+        let other = method(&found, name);
+        assert!(known(&other["seconds"]), "{other}");
+    }
+    let text = read([11, 4], "text").printed;
+    let line = text.lines().find(|line| line.contains("van Leer")).unwrap_or_default();
+    assert!(line.contains("unavailable") && !line.contains(" 0 "), "{line}");
+    let lines = csv_records(&read([11, 4], "csv").printed);
+    let column = lines[0].iter().position(|name| name == "seconds").expect("a column");
+    let row = lines.iter().find(|line| line[0] == "time stepping, van Leer").expect("a row");
+    assert_eq!([&row[column], &row[column + 1]], ["", "unavailable"]);
+}
+
 /// Whether the numbers of a record belong together.
 fn consistent(record: &Value) -> Result<(), String> {
     let value = |key: &str| record[key]["value"].as_f64().unwrap_or(f64::NAN);
@@ -600,6 +688,14 @@ fn weights_of_modes_are_compared() {
         };
         let ratio = alpha("rotated") / alpha("circuit");
         assert!(ratio > 0.4 && ratio < 1.0, "{ratio}");
+    }
+    // Azure's counts have the same T gates of rotations: those of the option.
+    for (t, none) in [("3,4", false), ("0,0", true)] {
+        let job = Job::new(["resources", &case("example1.toml"), "--format", "azure"]).set(&grid);
+        let azure = job.with(["--t-of-rotation", t]).succeed().unwrap().json().unwrap();
+        let count = |counts: &str| azure[counts]["tCount"].as_f64().unwrap();
+        assert_eq!(azure["tOfRotations"] == 0, none, "{azure}");
+        assert_eq!(count("synthesizedCounts") == count("logicalCounts"), none, "{azure}");
     }
     let job = Job::new(["resources", &case("example1.toml")]).set(&grid);
     let text = job.succeed().unwrap();

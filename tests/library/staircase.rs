@@ -65,7 +65,7 @@ fn sources() -> Sources {
             if module == ["lib"] || module.last().is_some_and(|last| last == "mod") {
                 module.pop();
             }
-            if module != ["main"] && module.last().is_none_or(|last| last != "tests") {
+            if module != ["main"] && module.iter().all(|part| part != "tests") {
                 let text = std::fs::read_to_string(&path).expect("a source file");
                 sources.insert(module, text);
             }

@@ -40,6 +40,7 @@ pub const NOTE: &str = "the evolution alone: neither the preparation of the stat
                         transforms in p, nor what is read";
 
 /// Counts of a whole evolution.
+#[derive(Clone, Copy, Debug)]
 pub struct LogicalCounts {
     /// All qubits.
     pub qubits: Option<u64>,

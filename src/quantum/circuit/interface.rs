@@ -212,7 +212,7 @@ impl AxisTransport {
         c.within(load, |c| {
             // Reserved here, since the loading circuit has scratch of its own.
             let reflected = c.take(1)[0];
-            c.comment("who is reflected");
+            c.comment("which particles are reflected");
             let not_downhill = |c: &mut Circuit| c.push(Gate::X(downhill));
             c.within(not_downhill, |c| c.less(e, &height, Some(downhill), reflected));
             c.comment("the others gain or lose the height of the jump");

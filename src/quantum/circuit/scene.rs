@@ -133,10 +133,10 @@ fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
 }
 
 impl CircuitCase {
-    /// The scene of a case that [`refuse`] lets pass, with these bins.
+    /// A case that [`refuse`] does not refuse, with these bins.
     ///
     /// # Errors
-    /// [`Error::Input`] where none do, and as `Force::new`.
+    /// [`Error::Input`] where no bins make all jumps whole, and as `Force::new`.
     pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();

@@ -87,6 +87,11 @@ impl SequenceCounts {
 }
 
 impl SequenceCost {
+    /// T gates of all rotations of an evolution.
+    pub fn t_of_rotations(&self) -> LabelledNumber {
+        self.rotations.times(&self.t_a_rotation)
+    }
+
     /// Gates until the field is measured, repeated or amplified, the fewer of both; infinite where
     /// there is no number.
     pub fn least(&self) -> f64 {

@@ -4,7 +4,7 @@ use crate::base::table::ColumnValues;
 use crate::base::text::shortened;
 use crate::problem::case::{Alpha, Delta, ProfileChoice};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::optimise::CostedChoice;
+use crate::quantum::optimise::candidate::CostedChoice;
 use serde::Serialize;
 use std::fmt;
 

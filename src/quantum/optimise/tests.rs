@@ -1,14 +1,23 @@
 //! The search against a scan of every parameter, whose costs are computed here once more.
 
 use super::*;
+use crate::matrix::bounds::Bounds;
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
 use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::cost::Accesses;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::optimise::pricing::{MOST_MODES, preparation};
 use crate::quantum::optimise::ranking::Ranking;
+use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::quantum::resources::Preparation;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::OF_ROUNDING;
 use crate::scheme::rows::{Row, Scheme};
+use crate::schrodingerization::profile::series::points;
+use crate::solve::system::StateNorms;
+use num_complex::Complex64;
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
 
@@ -37,6 +46,8 @@ fn case() -> Case {
 struct Dense {
     symmetric: Vec<Vec<f64>>,
     skew: Vec<Vec<f64>>,
+    start: Vec<f64>,
+    last: Vec<f64>,
     norms: StateNorms,
 }
 
@@ -76,7 +87,7 @@ impl Dense {
         let norm = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>().sqrt();
         let field = norm(&last);
         let norms = StateNorms { start: norm(&start), weighted: field, field, auxiliary: 0.0 };
-        Self { symmetric: half(1.0), skew: half(-1.0), norms }
+        Self { symmetric: half(1.0), skew: half(-1.0), start, last, norms }
     }
 
     /// `(|S_ij|, |K_ij|)`, row by row.
@@ -359,5 +370,97 @@ fn a_choice_is_planned_as_it_was_priced() {
             let held = points(&planned.series).next_power_of_two();
             assert_eq!(Some(held as f64), found.points.value());
         }
+    });
+}
+
+/// `w(T) = e^{−iHT} u(0)` of the mode `μ`, by a Chebyshev series of the dense `S` and `K`.
+fn evolved(dense: &Dense, mu: f64, time: f64) -> Vec<Complex64> {
+    let of_row = |(s, k): (&Vec<f64>, &Vec<f64>)| -> Vec<(usize, Complex64)> {
+        let all = s.iter().zip(k).map(|(s, k)| Complex64::new(mu * s, *k)).enumerate();
+        all.filter(|(_, h)| *h != Complex64::ZERO).collect()
+    };
+    let h: Vec<_> = dense.symmetric.iter().zip(&dense.skew).map(of_row).collect();
+    let sums = h.iter().map(|row| row.iter().map(|(_, h)| h.norm()).sum::<f64>());
+    let bound = sums.fold(1e-3, f64::max);
+    let tau = bound * time;
+    let series = bessel(tau, least_degree(tau, 1e-13) as usize);
+    let product = |x: &[Complex64]| -> Vec<Complex64> {
+        let of_row = |row: &Vec<(usize, Complex64)>| row.iter().map(|(j, h)| h * x[*j]).sum();
+        h.iter().map(of_row).map(|y: Complex64| y / bound).collect()
+    };
+    let first: Vec<Complex64> = dense.start.iter().map(|&x| x.into()).collect();
+    let mut sum: Vec<Complex64> = first.iter().map(|x| series[0] * x).collect();
+    let [mut before, mut last] = [first.clone(), product(&first)];
+    let mut power = -Complex64::I;
+    for value in &series[1..] {
+        sum.iter_mut().zip(&last).for_each(|(s, t)| *s += 2.0 * power * value * t);
+        let next = product(&last);
+        let next = next.iter().zip(&before).map(|(y, x)| 2.0 * y - x).collect();
+        before = std::mem::replace(&mut last, next);
+        power *= -Complex64::I;
+    }
+    sum
+}
+
+/// `P` of the slice and of the window from the whole state after the evolution: every mode by the
+/// dense matrices, at all points of `p`. In the window the field is what is read.
+#[test]
+fn probabilities_are_those_of_the_evolved_state() {
+    /// Points of a register that is computed whole.
+    const MOST: usize = 1024;
+    /// What the profile may add to the norm of a reading: twice the tolerance of the field.
+    const OF_SLICE: f64 = 2e-3;
+    /// The same in a window, whose readings have ten times that tolerance.
+    const OF_WINDOW: f64 = 2e-2;
+    with_system(|system, dense| {
+        let time = system.case.duration();
+        let mut compared = 0;
+        for found in choices(system) {
+            let [slice, window] = found.probability.each_ref().map(LabelledNumber::value);
+            let held = found.points.value().unwrap_or(f64::INFINITY) as usize;
+            // What is nearly never measured drowns in round-off.
+            let (Some(slice), true) = (slice.filter(|p| *p > 1e-4), held <= MOST) else { continue };
+            let case = found.of(system.case, system.bounds);
+            let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
+            let (series, point) = (&planned.series, planned.point);
+            let modes: Vec<Vec<Complex64>> =
+                (0..series.modes()).map(|l| evolved(dense, series.wavenumber(l), time)).collect();
+            let width = series.period / held as f64;
+            let at = |k: usize| -> Vec<f64> {
+                let p = point + k as f64 * width;
+                let mut w = vec![0.0; dense.start.len()];
+                for (l, mode) in modes.iter().enumerate() {
+                    let factor = series.factor(l) * Complex64::cis(series.wavenumber(l) * p);
+                    w.iter_mut().zip(mode).for_each(|(w, x)| *w += (factor * x).re);
+                }
+                w
+            };
+            let squares = |w: &[f64]| w.iter().map(|w| w * w).sum::<f64>();
+            let points: Vec<Vec<f64>> = (0..held).map(at).collect();
+            let whole: f64 = points.iter().map(|w| squares(w)).sum();
+            let own = squares(&points[0]) / whole;
+            assert!((own / slice - 1.0).abs() < OF_SLICE, "{:?}: {own} {slice}", found.profile);
+            let Some(window) = window else { continue };
+            let state_tolerance = planned.state_tolerance;
+            let bounds = system.bounds;
+            let state = PlannedState { bounds, series, point, state_tolerance, time, points: held };
+            let stated = Probabilities::new(&state, system.norms, &LabelledNumber::exact).window;
+            let [begin, end] = stated.expect("a window");
+            let slices = (0..held).filter(|&k| point + k as f64 * width <= end).count();
+            let part = |k: usize| squares(&points[k]) / whole;
+            assert_eq!(begin, point);
+            let own: f64 = (0..slices).map(part).sum();
+            assert!((own / window - 1.0).abs() < OF_WINDOW, "{:?}: {own} {window}", found.profile);
+            // Each of them is the field, and the window is more than the slice.
+            for (k, w) in points[..slices].iter().enumerate() {
+                let scale = (point + k as f64 * width).exp();
+                let off = w.iter().zip(&dense.last).map(|(w, f)| (scale * w - f).powi(2));
+                let off = off.sum::<f64>().sqrt() / dense.norms.field;
+                assert!(off < 10.0 * system.case.tolerance, "{:?} {k}: {off:e}", found.profile);
+            }
+            assert!(slices > 4, "{:?}: {slices}", found.profile);
+            compared += 1;
+        }
+        assert!(compared >= 3, "{compared}");
     });
 }

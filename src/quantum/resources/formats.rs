@@ -8,8 +8,11 @@ use crate::quantum::resources::Record;
 use serde_json::{Map, Value, json};
 
 /// What the T gates of rotations are for.
-const T_OF_ROTATION: &str = "The estimator makes rotations of T gates by a formula of its own; \
-                             tOfRotation chose the set-up and the access only";
+const T_OF_ROTATION: &str = "The estimator makes rotations of logicalCounts of T gates by a \
+                             formula of its own. tOfRotation chose the set-up and the access; \
+                             tOfRotations has the T gates that follow from it";
+/// Which counts have no rotations.
+const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotations";
 
 impl Record {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
@@ -30,20 +33,30 @@ impl Record {
     pub fn logical_counts(&self) -> Value {
         let Some(cost) = self.emitted() else { return self.counts_of_oracles() };
         let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
+        let evolution = &cost.evolution;
+        let counts = LogicalCounts {
+            qubits: count(&evolution.qubits),
+            toffoli: count(&evolution.toffoli),
+            t: count(&evolution.t),
+            rotations: count(&evolution.rotations),
+        };
+        let of_rotations = count(&evolution.t_of_rotations());
+        let synthesized = LogicalCounts {
+            t: counts.t.zip(of_rotations).map(|(t, of_rotations)| t + of_rotations),
+            rotations: Some(0),
+            ..counts
+        };
         json!({
-            "logicalCounts": circuit::formats::logical_counts(&LogicalCounts {
-                qubits: count(&cost.evolution.qubits),
-                toffoli: count(&cost.evolution.toffoli),
-                t: count(&cost.evolution.t),
-                rotations: count(&cost.evolution.rotations),
-            }),
+            "logicalCounts": circuit::formats::logical_counts(&counts),
+            "synthesizedCounts": circuit::formats::logical_counts(&synthesized),
+            "tOfRotations": of_rotations,
             "trust": {
                 "a step": cost.evolution.toffoli_a_step.trust(),
                 "steps": cost.evolution.steps.trust(),
             },
             "access": cost.access,
             "tOfRotation": self.t_of_rotation,
-            "note": format!("{}. {T_OF_ROTATION}", circuit::formats::NOTE),
+            "note": format!("{}. {T_OF_ROTATION}: {SYNTHESIZED}", circuit::formats::NOTE),
         })
     }
 
@@ -52,6 +65,7 @@ impl Record {
         let model = self.least().map(|cost| &cost.evolution.toffoli);
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
+        let of_rotations = self.least().and_then(|cost| cost.evolution.t_of_rotations().value());
         let not_compiled = self.no_circuit.as_deref();
         json!({
             "logicalCounts": {
@@ -65,6 +79,7 @@ impl Record {
                 "total": self.queries.value(),
             },
             "toffoli": model,
+            "tOfRotations": of_rotations.map(|t| t as u64),
             "unavailable": {
                 "tCount": not_compiled,
                 "cczCount": not_compiled,

@@ -86,14 +86,17 @@ impl Series {
 
 /// The number of points `N_p` that resolves every mode of a series: 1 for mode 0 alone, which is
 /// constant; twice the last mode if that has no conjugate partner, as for a given `N_p`; otherwise
-/// the least even number without prime factors above 5 that is at least twice the number of modes.
+/// [`points_of_modes`].
 pub fn points(series: &Series) -> usize {
     let modes = series.modes();
+    if series.alone && modes > 1 { 2 * (modes - 1) } else { points_of_modes(modes) }
+}
+
+/// The same for `modes` modes `l ≥ 0` with their partners: the least even number without prime
+/// factors above 5 that is at least twice their number.
+pub fn points_of_modes(modes: usize) -> usize {
     if modes == 1 {
         return 1;
-    }
-    if series.alone && modes > 0 {
-        return 2 * (modes - 1);
     }
     // Over all 3^b 5^c below the power of two that suffices: a finite search for any number of
     // modes.

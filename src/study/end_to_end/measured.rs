@@ -33,7 +33,7 @@ impl MeasuredScheme {
     /// Trials of `case`, by the classical integrator that it names. Collective.
     ///
     /// # Errors
-    /// [`Error::Input`] where errors do not fall; as a trial.
+    /// [`Error::Input`] where errors do not fall, or the grid has no two coarser ones; as a trial.
     pub fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
         let group = world.group();
         let grids = Grids::new(case);
@@ -44,6 +44,15 @@ impl MeasuredScheme {
             shapes.push(grids.alike(&own, part));
         }
         shapes.reverse();
+        if let Some(pair) = shapes.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(Error::Input(format!(
+                "{}: no {GRIDS} grids to measure errors on: half as fine as {} is {} again; more \
+                 cells are needed",
+                case.name,
+                shape_text(&pair[1]),
+                shape_text(&pair[0])
+            )));
+        }
         let (mut errors, mut last) = (Vec::new(), (f64::NAN, f64::NAN));
         for shape in &shapes {
             let plain = Case { exact: None, ..final_fields_only(&on_grid(case, shape)) };
@@ -153,7 +162,7 @@ mod tests {
             }
             assert!((101.0 * found.factor(1e9) - 27.0).abs() < 1e-9);
         }
-        // An order below that of a jump, of one of two pairs, is not counted on in silence.
+        // A remark says where the order of a jump is counted on instead of a measured one.
         let uneven = measured(&[32, 64, 128], |n| if n > 100.0 { 0.2 } else { 16.0 / n });
         assert_eq!(uneven.order.counted_on, 0.5);
         let remark = uneven.remark().unwrap_or_default();

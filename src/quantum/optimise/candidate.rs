@@ -1,0 +1,188 @@
+//! What a choice is, and for which system.
+
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice, RecoveryMethod, Shift};
+use crate::quantum::cost::{Access, Accesses, Cost, EvolutionRequirements};
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::solve::system::StateNorms;
+use serde::Serialize;
+
+/// A choice and its cost.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CostedChoice {
+    /// The profile.
+    pub profile: ProfileChoice,
+    /// Whether this is the unitary scheme, beside a case that has another.
+    pub unitary_scheme: bool,
+    /// `δ`; none without inflow.
+    pub delta: Option<Delta>,
+    /// `p◇`.
+    pub recovery: LabelledNumber,
+    /// `N_p`.
+    pub points: LabelledNumber,
+    /// The access to `H`; none if the cost is not known.
+    pub access: Option<Access>,
+    /// Calls of the block encoding in an evolution, by the sequence whose rotations are computed.
+    pub steps: LabelledNumber,
+    /// The same by the sequence of about half as many.
+    pub half_calls_steps: LabelledNumber,
+    /// The same by the cheaper sequence.
+    pub walk_steps: LabelledNumber,
+    /// Whether that is the cheaper sequence; none if the cost is not known.
+    pub half_calls: Option<bool>,
+    /// Probability of slice and window, all conditions met.
+    pub probability: [LabelledNumber; 2],
+    /// All gates, in Toffoli gates, until it succeeds in the window, or in the slice where there is
+    /// none: repeated, and by amplitude amplification; by the cheaper sequence.
+    pub cost: [LabelledNumber; 2],
+    /// The required evolution; none if it is not known.
+    #[serde(skip)]
+    pub demand: Option<EvolutionRequirements>,
+    /// The profile and the recovery point, as settings of a case.
+    #[serde(skip)]
+    pub(super) candidate: ProfileCandidate,
+}
+
+impl CostedChoice {
+    /// One that cannot be planned.
+    pub(super) fn unavailable(
+        candidate: &ProfileCandidate,
+        delta: Option<Delta>,
+        why: &str,
+    ) -> Self {
+        let none = || LabelledNumber::unavailable(why);
+        Self {
+            profile: candidate.profile.clone(),
+            unitary_scheme: false,
+            candidate: candidate.clone(),
+            delta,
+            recovery: none(),
+            points: none(),
+            access: None,
+            steps: none(),
+            half_calls_steps: none(),
+            walk_steps: none(),
+            half_calls: None,
+            probability: [none(), none()],
+            cost: [none(), none()],
+            demand: None,
+        }
+    }
+
+    /// The unitary scheme, whose cheapest access costs this: one mode, which is the field.
+    pub fn unitary(cost: &Cost) -> Self {
+        let one = || LabelledNumber::exact(1.0);
+        Self {
+            unitary_scheme: true,
+            recovery: LabelledNumber::exact(0.0),
+            points: one(),
+            probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
+            access: Some(cost.access),
+            cost: cost.cheaper().gates_until_measured.clone(),
+            walk_steps: cost.cheaper().steps.clone(),
+            steps: cost.evolution.steps.clone(),
+            half_calls_steps: cost.half_calls.steps.clone(),
+            half_calls: Some(cost.cheaper() == &cost.half_calls),
+            ..Self::unavailable(&ProfileCandidate::planned(ProfileChoice::Planned), None, "")
+        }
+    }
+
+    /// The probability of the window, or of the slice where there is none.
+    pub fn nearest(&self) -> &LabelledNumber {
+        let [slice, window] = &self.probability;
+        if window.value().is_some() { window } else { slice }
+    }
+
+    /// Calls of the block encoding in an evolution, of the cheaper sequence.
+    pub fn calls(&self) -> &LabelledNumber {
+        if self.half_calls == Some(true) { &self.half_calls_steps } else { &self.steps }
+    }
+
+    /// The lower of both costs.
+    pub fn measured(&self) -> &LabelledNumber {
+        let [repeated, amplified] = &self.cost;
+        match amplified.value() < repeated.value() {
+            true => amplified,
+            false => repeated,
+        }
+    }
+
+    /// Why it cannot be planned, if so.
+    pub fn why_not(&self) -> Option<&str> {
+        match self.recovery.value() {
+            None => self.recovery.because(),
+            Some(_) => None,
+        }
+    }
+
+    /// The cheaper of both.
+    pub(super) fn cheaper(self, other: Self) -> Self {
+        if other.least_cost() < self.least_cost() { other } else { self }
+    }
+
+    /// The lower of both costs; infinite where there is none.
+    pub fn least_cost(&self) -> f64 {
+        self.cost.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
+    }
+
+    /// `case` with this choice, to be planned with `bounds`.
+    pub fn of(&self, case: &Case, bounds: &Bounds) -> Case {
+        let mut case = candidate_case(case, bounds, &self.candidate);
+        if let Some(delta) = self.delta {
+            case.warp.delta = delta;
+        }
+        case
+    }
+}
+
+/// The properties of a system with some `δ` that the choice needs.
+pub struct System<'a> {
+    /// Ranks that share the work, if there are others.
+    pub world: Option<&'a Group>,
+    /// The case with that `δ`.
+    pub case: &'a Case,
+    /// Bounds of the case.
+    pub bounds: &'a Bounds,
+    /// `‖u(0)‖/‖f(T)‖` planned for.
+    pub ratio: f64,
+    /// The norms the probabilities follow from.
+    pub norms: StateNorms,
+    /// The data from which the costs follow.
+    pub accesses: &'a Accesses,
+}
+
+/// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ProfileCandidate {
+    pub profile: ProfileChoice,
+    pub further: Option<f64>,
+    /// The parameter as the scan has it; 0 of defaults.
+    pub value: f64,
+}
+
+impl ProfileCandidate {
+    /// A profile as it is planned.
+    pub fn planned(profile: ProfileChoice) -> Self {
+        Self { profile, further: None, value: 0.0 }
+    }
+}
+
+/// `case` with a candidate, without settings given by hand. It has one reading: a second one only
+/// estimates the error of an emulation.
+pub(super) fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCandidate) -> Case {
+    let mut case = case.clone();
+    let growth = bounds.growth * case.duration();
+    let shift = case.warp.shift.of(bounds.growth) * case.duration();
+    let warp = &mut case.warp;
+    warp.profile = candidate.profile.clone();
+    (warp.interval, warp.points) = (None, None);
+    warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
+    (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
+    if candidate.profile == ProfileChoice::Planned {
+        // A single mode has no other recovery point.
+        warp.shift = Shift::Given(0.0);
+    }
+    (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
+    case
+}

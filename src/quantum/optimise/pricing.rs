@@ -1,0 +1,187 @@
+//! The cost of one candidate: its plan, a lower bound from a few coefficients, and the number.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::{Case, Delta};
+use crate::quantum::cost::EvolutionRequirements;
+use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
+use crate::quantum::probability::{PlannedState, Probabilities, amplification_rounds};
+use crate::quantum::resources::Preparation;
+use crate::schrodingerization::placement::Outline;
+use crate::schrodingerization::profile::series::{Series, points, points_of_modes};
+use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
+use std::f64::consts::TAU;
+
+/// More modes than this are not compared.
+pub(super) const MOST_MODES: usize = 1 << 14;
+
+/// The modes of a state that is planned to be measured: on a period so long that the window ends
+/// where hardly anything is left of `e^{−p}`, and that the modes fill a register, whose highest
+/// wavenumber is in the `α` of a circuit.
+struct RegisterModes {
+    modes: usize,
+    period: f64,
+}
+
+impl RegisterModes {
+    /// Those of the plan of a profile that is known on the line.
+    fn new(outline: &Outline) -> Self {
+        /// Length added to the window: `e^{−6}` of the probability is beyond it.
+        const WINDOW: f64 = 3.0;
+        let highest = TAU * (outline.modes - 1.0) / outline.period;
+        let least = outline.period + WINDOW;
+        let modes = (highest * least / TAU).ceil() as usize + 1;
+        // A register has all of its wavenumbers: none is above the highest.
+        let modes = modes.next_power_of_two();
+        Self { modes, period: least.max((modes - 1) as f64 * TAU / highest) }
+    }
+
+    /// The series of the first `count` modes.
+    fn series(&self, shape: &dyn ProfileShape, count: usize) -> Series {
+        Series::analytic(self.period, count.min(self.modes), |mu| shape.coefficient(mu))
+    }
+}
+
+/// The state of `case`, planned to be measured.
+///
+/// # Errors
+/// As [`WarpPlan::modes_of`](crate::schrodingerization::warp_plan::WarpPlan::modes_of).
+pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparation> {
+    let outline = Outline::new(case, bounds, ratio)?;
+    Ok(of_outline(&outline, case.tolerance / ratio))
+}
+
+/// The state of a plan.
+fn of_outline(outline: &Outline, state_tolerance: f64) -> Preparation {
+    let series = match outline.profile.form() {
+        ProfileForm::Transform(shape) => RegisterModes::new(outline).series(shape, usize::MAX),
+        ProfileForm::Series(series) => series.clone(),
+    };
+    let planned = outline.profile.to_string();
+    Preparation { series, point: outline.point, state_tolerance, planned }
+}
+
+/// A candidate whose number of modes is known, but no coefficient.
+pub(super) struct PlannedCandidate {
+    case: Case,
+    outline: Outline,
+}
+
+impl PlannedCandidate {
+    /// The plan of `candidate`.
+    ///
+    /// # Errors
+    /// Why there is none, or why it is not compared.
+    pub fn new(
+        system: &System<'_>,
+        candidate: &ProfileCandidate,
+    ) -> std::result::Result<Self, String> {
+        let case = candidate_case(system.case, system.bounds, candidate);
+        let outline = Outline::new(&case, system.bounds, system.ratio);
+        let outline = outline.map_err(|error| case.reason(&error))?;
+        let too_many = |modes: f64| format!("{modes} modes; up to {MOST_MODES} are compared");
+        // Coefficients of a profile with a corner may take long, and be of no use.
+        if outline.modes > MOST_MODES as f64 {
+            return Err(too_many(outline.modes));
+        }
+        if let ProfileForm::Transform(_) = outline.profile.form() {
+            let modes = RegisterModes::new(&outline).modes;
+            if modes > MOST_MODES {
+                return Err(too_many(modes as f64));
+            }
+        }
+        Ok(Self { case, outline })
+    }
+
+    /// A lower bound of the cost: the norm of the state is at least that of its first modes, and
+    /// the window is at most without end.
+    pub fn least_possible(&self, system: &System<'_>) -> f64 {
+        /// Modes whose coefficients are computed: others add little to the norm.
+        const FIRST: usize = 64;
+        /// Round-off of both numbers.
+        const ROUND_OFF: f64 = 1e-9;
+        let Self { case, outline } = self;
+        let ProfileForm::Transform(shape) = outline.profile.form() else { return 0.0 };
+        let register = RegisterModes::new(outline);
+        let modes = register.modes;
+        let first = PlannedState {
+            bounds: system.bounds,
+            series: &register.series(shape, FIRST),
+            point: outline.point,
+            state_tolerance: case.tolerance / system.ratio,
+            time: case.duration(),
+            points: points_of_modes(modes).next_power_of_two(),
+        };
+        let most = first.most_probable(&system.norms);
+        if !(most > 0.0 && most.is_finite()) {
+            return 0.0;
+        }
+        let evolutions = (1.0 / most).min(2.0 * amplification_rounds(most) + 1.0);
+        let evolutions = LabelledNumber::exact(evolutions);
+        let demand = EvolutionRequirements {
+            highest: TAU * (modes - 1) as f64 / register.period,
+            points: first.points,
+            period: register.period,
+            tolerance: LabelledNumber::exact(most.sqrt() * case.tolerance),
+        };
+        let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
+        (1.0 - ROUND_OFF) * least.least()
+    }
+
+    /// The cost.
+    fn priced(&self, system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
+        let Self { case, outline } = self;
+        let Preparation { series, point, state_tolerance, .. } =
+            of_outline(outline, case.tolerance / system.ratio);
+        let time = case.duration();
+        let label =
+            |x: f64| LabelledNumber::estimate(x, "norms of the classical solution, 3 digits");
+        let points = points(&series).next_power_of_two();
+        let bounds = system.bounds;
+        let planned =
+            PlannedState { bounds, series: &series, point, state_tolerance, time, points };
+        let found = Probabilities::new(&planned, system.norms, &label);
+        let delta = delta_of(system);
+        let all = &found.nearest().all;
+        if let (None, Some(because)) = (all.value(), all.because()) {
+            return CostedChoice::unavailable(candidate, delta, because);
+        }
+        let demand = EvolutionRequirements {
+            highest: series.wavenumber(series.modes() - 1),
+            points,
+            period: series.period,
+            tolerance: found.amplitude().times(&LabelledNumber::exact(case.tolerance)),
+        };
+        let least = system.accesses.least(&demand, &found.evolutions());
+        CostedChoice {
+            profile: candidate.profile.clone(),
+            unitary_scheme: false,
+            candidate: candidate.clone(),
+            delta,
+            recovery: LabelledNumber::exact(found.recovery),
+            points: LabelledNumber::exact(found.points as f64),
+            access: Some(least.access),
+            cost: least.cheaper().gates_until_measured.clone(),
+            demand: Some(demand),
+            half_calls: Some(least.cheaper() == &least.half_calls),
+            walk_steps: least.cheaper().steps.clone(),
+            steps: least.evolution.steps,
+            half_calls_steps: least.half_calls.steps,
+            probability: [found.at_slice.all, found.in_window.all],
+        }
+    }
+}
+
+/// `δ` of the system; none without inflow.
+fn delta_of(system: &System<'_>) -> Option<Delta> {
+    system.case.enters().then_some(system.case.warp.delta)
+}
+
+/// The cost of `system` with `candidate`.
+pub(super) fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
+    match PlannedCandidate::new(system, candidate) {
+        Ok(planned) => planned.priced(system, candidate),
+        Err(why) => CostedChoice::unavailable(candidate, delta_of(system), &why),
+    }
+}
