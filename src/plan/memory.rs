@@ -209,6 +209,9 @@ impl<'a> FullestRank<'a> {
             let each = size_of::<AuxiliaryRow>() as u64 + 8 * bounds.stages as u64;
             list.push(("inflow".to_owned(), self.listed * each));
         }
+        if bounds.stages > 0 {
+            list.push(("field of the time steps".to_owned(), 8 * self.cells));
+        }
         list
     }
 

@@ -15,7 +15,9 @@
 //! and one real vector shows how many steps a tolerance needs. The number of steps is doubled; let
 //! the distance `d` of two runs fall by the ratio `q` (16 at order 4, less if the steps are too
 //! long or `b` is rough). The error of the finer run is `d/(q − 1)`, that of the coarser one `d
-//! q/(q − 1)`. At most `q = 16` is trusted, and `q = 4` before there is a ratio.
+//! q/(q − 1)`. At most `q = 16` is trusted, and `q = 4` before there is a ratio. The field of the
+//! most steps is kept: the distance of the recovered field to it is the error of the run, up to
+//! that of these steps.
 //!
 //! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with `δ_i` such that the largest
 //! coupling over the stages is the largest that [`crate::matrix::embedding`] allows.
@@ -71,6 +73,13 @@ pub struct Schedule {
     pub error: f64,
     /// `‖f(T)‖`.
     pub norm: f64,
+    /// The weighted field at the end by the most steps that were tried, without modes, on the
+    /// block's cells.
+    pub reference: Vec<f64>,
+    /// Relative l2 error of `reference`.
+    pub reference_error: f64,
+    /// Whether that follows from three numbers of steps. From two it may be five times too large.
+    pub order_is_seen: bool,
 }
 
 impl Schedule {
@@ -290,22 +299,33 @@ pub fn schedule(
     // The run of half as many steps, and the distance of the last two runs.
     let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
     let mut steps = STEPS.0;
-    let (run, steps, error, norm) = loop {
+    let (run, found) = loop {
         let fine = search.run(exchange, 2 * steps)?;
         let norm = search.norm(|i| fine.state[i]);
         let distance = match search.norm(|i| fine.state[i] - coarse.state[i]) {
             0.0 => 0.0,
             distance => distance / norm,
         };
+        let order_is_seen = !last.is_nan() || distance == 0.0;
         let ratio =
             if last.is_nan() || distance == 0.0 { 4.0 } else { (last / distance).clamp(1.5, 16.0) };
         last = distance;
         let error = distance / (ratio - 1.0);
+        let found = |steps, of_steps, end: &RealRun| Schedule {
+            steps,
+            error: of_steps,
+            norm,
+            reference: end.state[..matrix.block.cells()].to_vec(),
+            reference_error: error,
+            order_is_seen,
+            ..Schedule::default()
+        };
         if error * ratio <= goal && search.sees(&coarse, largest) {
-            break (coarse, steps, error * ratio, norm);
+            break (coarse, found(steps, error * ratio, &fine));
         }
         if error <= goal && search.sees(&fine, largest) {
-            break (fine, 2 * steps, error, norm);
+            let found = found(2 * steps, error, &fine);
+            break (fine, found);
         }
         if 2 * steps >= STEPS.1 || error.is_nan() {
             return Err(Error::Input(format!(
@@ -319,7 +339,7 @@ pub fn schedule(
         }
         (coarse, steps) = (fine, 2 * steps);
     };
-    let mut schedule = Schedule { steps, error, norm, ..Schedule::default() };
+    let mut schedule = found;
     schedule.couple(&search, run.values, largest);
     Ok(schedule)
 }

@@ -23,6 +23,9 @@ pub(crate) const PIECE: usize = 1 << 19;
 /// Objects in a file, and groups in each other, at most: several times what a run writes.
 const MOST_OBJECTS: usize = 1000;
 const DEEPEST: usize = 6;
+/// Bytes of a chunk that may be larger than its dataset. HDF5 reads a chunk as a whole, so that a
+/// few numbers could take seconds.
+const LARGEST_CHUNK: u64 = 1 << 20;
 /// Largest factor by which deflate makes a dataset smaller.
 const MOST_DEFLATED: u64 = 1040;
 
@@ -40,7 +43,8 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
     // Closing waits for all ranks: a file that only some could open stays open.
     let file = ManuallyDrop::new(world.agree(opened)?);
     let share = FileShare { rank: world.rank(), ranks: world.size() };
-    let sums = sums_of(share, &file, |_, _| Ok(())).map_err(|e| fail(&e));
+    let sums = datasets(&file).and_then(|all| sums_of(share, all, |_, _| Ok(())));
+    let sums = sums.map_err(|e| fail(&e));
     let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
     // All ranks have the same outcome, so that all close it.
     let closed = ManuallyDrop::into_inner(file).close();
@@ -146,7 +150,11 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
             "its shape is {shape:?}, and {there} bytes of it are there, in a file of {file_bytes}"
         )));
     }
-    Ok(dataset.chunk().map_or(0, |chunk| bytes(&chunk)))
+    let chunk = dataset.chunk().map_or(0, |chunk| bytes(&chunk));
+    if chunk > LARGEST_CHUNK.max(all) {
+        return Err(error(format!("its chunks of {chunk} bytes are larger than it is")));
+    }
+    Ok(chunk)
 }
 
 /// All numbers of the dataset `name`, at most as many as a table may have; or what is wrong.
@@ -159,11 +167,11 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
-/// By name, a share of the checksum of each dataset, and the one the dataset carries. What is read
-/// is shown to `visit` piece by piece, with the name.
+/// By name, a share of the checksum of each dataset of `all`, and the one it carries. What is read is
+/// shown to `visit` piece by piece, with the name.
 pub(crate) fn sums_of(
     share: FileShare,
-    file: &hdf5::Group,
+    all: BTreeMap<String, Dataset>,
     mut visit: impl FnMut(&str, &[f64]) -> Hdf5Result<()>,
 ) -> Hdf5Result<ChecksumParts> {
     let sum = |(name, dataset): (String, Dataset)| {
@@ -173,7 +181,7 @@ pub(crate) fn sums_of(
             .map_err(|e| error(format!("dataset {name} {e}")))?;
         Ok((name, [mine, expected]))
     };
-    datasets(file)?.into_iter().map(sum).collect()
+    all.into_iter().map(sum).collect()
 }
 
 /// A share of the checksum of a dataset.

@@ -20,8 +20,9 @@ use crate::results::readback::{
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
-use hdf5::File;
+use hdf5::{Dataset, File};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -176,19 +177,24 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         _ => path.to_owned(),
     };
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
-    let opened = || {
+    let opened = || -> FileResult<File> {
         let file = File::open(&file);
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
         Inspection::Shapes => {
-            shapes(&opened()?, bytes).map_err(reason).map(|_| ChecksumParts::new())
+            let opened = opened()?;
+            let all = datasets(&opened).map_err(reason)?;
+            shapes(&all, bytes).map_err(reason).map(|_| ChecksumParts::new())
         }
         Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
         Inspection::Directory => {
             let sums =
                 values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
-            Stored::read(path)?;
+            // Where this process is the one that asks, it reads them next.
+            if ROLE.get() == Some(&ProcessRole::Child) {
+                Stored::read(path)?;
+            }
             Ok(sums)
         }
         Inspection::Table(names) => {
@@ -211,20 +217,21 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
 }
 
 /// Whether all datasets can be read; gives the bytes of the largest chunk.
-fn shapes(file: &File, bytes: u64) -> Hdf5Result<u64> {
+fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
     let mut largest = 0;
-    for (name, dataset) in datasets(file)? {
-        let chunk = sound(&dataset, bytes)
-            .map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
+    for (name, dataset) in all {
+        let chunk =
+            sound(dataset, bytes).map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
         largest = largest.max(chunk);
     }
     Ok(largest)
 }
 
 fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
-    let chunk = shapes(file, bytes)?;
+    let all = datasets(file)?;
+    let chunk = shapes(&all, bytes)?;
     allow(chunk);
-    sums_of(share, file, |name, values| {
+    sums_of(share, all, |name, values| {
         progress(chunk);
         match values.iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
             Some(value) if holds_numbers(name) => {

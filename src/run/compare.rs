@@ -10,6 +10,7 @@ use crate::problem::case::{Case, Integrator};
 use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
+use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
@@ -26,6 +27,9 @@ const RATIO_MARGIN: f64 = 1.2;
 
 /// Least ratio of a reliable estimate to the round-off in the two fields.
 const ROUND_OFF_MARGIN: f64 = 4.0;
+
+/// Largest ratio of what is only roughly known to the rest of a reliable estimate.
+const LARGEST_REST: f64 = 2.0;
 
 /// Norms of the result over all ranks.
 pub struct FieldNorms<'a> {
@@ -257,8 +261,8 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
         .collect()
 }
 
-/// The error estimate from the two readings of each field, and whether the norms fell as planned.
-/// Collective.
+/// The error estimate from the two readings of each field, or from the time steps of the inflow,
+/// and whether the norms fell as planned. Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
@@ -300,19 +304,52 @@ fn estimate(
             warp.ratio
         ));
     }
-    if let Some((estimate, round_off)) = found {
-        // Both readings share the error of the time steps.
-        let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
+    let found = match &system.schedule {
+        Some(schedule) => found.map(|_| from_the_steps(prepared, schedule, &fields[0][0])),
+        None => found.map(|(estimate, round_off)| Found {
+            estimate,
+            round_off,
+            doubt: warp.estimate_doubt(),
+        }),
+    };
+    if let Some(Found { estimate, round_off, doubt }) = found {
+        if let [only] = &mut summary.fields[..] {
+            only.error_estimate = Some(estimate).filter(|e| e.is_finite());
+        }
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.hidden_by_round_off = estimate <= round_off;
         let hidden = summary.hidden_by_round_off.then(|| {
             format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
         });
-        summary.doubt = warp.estimate_doubt().map(str::to_owned).or(hidden);
+        summary.doubt = doubt.map(str::to_owned).or(hidden);
         let is_known = estimate.is_finite() && !summary.hidden_by_round_off;
         summary.error_estimate_reliable = is_known && summary.doubt.is_none();
     }
     warnings
+}
+
+/// An error estimate.
+struct Found {
+    estimate: f64,
+    /// The part that round-off may be.
+    round_off: f64,
+    /// Why it may not be the error.
+    doubt: Option<&'static str>,
+}
+
+/// The estimate with inflow that depends on time: the distance of `f` to the field that the search
+/// for the number of steps ended with, and the error of that. Collective.
+fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found {
+    let mine = &prepared.place.mine;
+    let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
+    let distance = FieldNorms::new(prepared, f).distance(&reference);
+    let (rest, stages) = (schedule.reference_error, schedule.stages());
+    let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;
+    Found {
+        estimate: distance + rest,
+        round_off: ROUND_OFF_MARGIN * round_off(stages),
+        doubt: may_be_large.then_some("the error of so few time steps is only roughly known"),
+    }
 }
 
 /// Largest leading error of a step that is taken for its error.

@@ -10,7 +10,7 @@ use crate::fuzzing::{Random, Reader, fuzz};
 use crate::support::{case, directory, run};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
-use phasewarp::parallel::communicator::{Group, World};
+use phasewarp::parallel::communicator::World;
 use phasewarp::problem::case::Case;
 use phasewarp::results::pictures;
 use phasewarp::results::start_field::origin;
@@ -103,11 +103,32 @@ enum Change {
     },
 }
 
+/// A reader of HDF5 files.
+#[derive(Clone, Copy, Debug)]
+enum FileReader {
+    Result,
+    Field,
+    WarpedField,
+    Table,
+}
+
+/// Results have most to be read.
+const READERS: [FileReader; 6] = [
+    FileReader::Result,
+    FileReader::Result,
+    FileReader::Result,
+    FileReader::Field,
+    FileReader::WarpedField,
+    FileReader::Table,
+];
+
 #[derive(Debug)]
 struct Input {
     /// Number of the file that is changed.
     file: usize,
     changes: Vec<Change>,
+    /// Who reads it.
+    reader: FileReader,
 }
 
 /// A file of a run.
@@ -282,22 +303,27 @@ fn at(file: &hdf5::File, name: &str) -> hdf5::Result<hdf5::Location> {
     }
 }
 
-/// All readers of HDF5 files.
+/// The files, and what the readers take.
 struct Files {
     originals: Vec<Original>,
     texts: Corpus,
     place: TempDir,
     world: World,
+    /// The cases that start from the file as a field, as a warped field, and from its table.
+    cases: [Case; 3],
     /// Accepted results, of which some are drawn.
     accepted: usize,
 }
+
+/// The number of the original that is a warped field.
+const WARPED: usize = 0;
 
 /// Grids of a few cells.
 const SMALL: [&str; 3] = ["axis.0.x.cells=6", "axis.0.v.cells=4", "time.end=0.2"];
 
 impl Files {
     /// The case that starts from the file `path` by `key`.
-    fn case(key: &str, path: &Path) -> Option<Case> {
+    fn case(key: &str, path: &Path) -> Case {
         let set = |text: &str| text.to_owned();
         let mut settings: Vec<String> = SMALL[..2].iter().map(|text| set(text)).collect();
         let path = path.display();
@@ -309,39 +335,38 @@ impl Files {
             _ => vec![],
         });
         let file = case("example1.toml");
-        Case::load(Path::new(&file), &settings).ok()
+        Case::load(Path::new(&file), &settings).expect("a case")
     }
 
-    /// The messages of all readers about the file; whether one of them accepts it.
-    fn read_all(&mut self) -> Result<bool, String> {
+    /// What a reader says of the file: whether it accepts it.
+    fn read_by(&mut self, reader: FileReader) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
-        let printed = |outcome: phasewarp::base::error::Result<()>| match outcome {
+        let [field, warped, table] = &self.cases;
+        let outcome = match reader {
+            FileReader::Result => untrusted::open(self.place.path()).map(|stored| {
+                self.accepted += 1;
+                if self.accepted.is_multiple_of(20) {
+                    // Pictures are drawn if possible; a refusal concerns one figure.
+                    let _ = pictures::draw(&stored, None, &[]);
+                }
+            }),
+            FileReader::Field => {
+                let start = field.start_field.as_ref().ok_or("no field to start from")?;
+                origin(&world, start, field).map(drop)
+            }
+            FileReader::WarpedField => {
+                WarpedFile::new(&world, &path, warped, "initial.warped").map(drop)
+            }
+            FileReader::Table => with_tables(&world, table).map(drop),
+        };
+        match outcome {
             Ok(()) => Ok(true),
             Err(error) if error.to_string().is_empty() || error.exit_code() == 0 => {
                 Err(format!("exit code {}: {error}", error.exit_code()))
             }
             Err(_) => Ok(false),
-        };
-        let mut accepted = printed(untrusted::open(self.place.path()).map(|stored| {
-            self.accepted += 1;
-            if self.accepted.is_multiple_of(20) {
-                // Pictures are drawn if possible; a refusal concerns one figure.
-                let _ = pictures::draw(&stored, None, &[]);
-            }
-        }))?;
-        accepted |= printed(started(&world, &path))?;
-        let plain = Self::case("", &path).ok_or("the case of warped fields")?;
-        accepted |= printed(WarpedFile::new(&world, &path, &plain, "initial.warped").map(drop))?;
-        let table = Self::case("table", &path).ok_or("the case of tables")?;
-        accepted |= printed(with_tables(&world, &table).map(drop))?;
-        Ok(accepted)
+        }
     }
-}
-
-fn started(world: &Group, path: &Path) -> phasewarp::base::error::Result<()> {
-    let case = Files::case("field", path).expect("a case");
-    let start = case.start_field.as_ref().expect("a field to start from");
-    origin(world, start, &case).map(drop)
 }
 
 impl Reader for Files {
@@ -350,6 +375,7 @@ impl Reader for Files {
 
     fn new() -> Self {
         let rows: [(&str, &[&str], &str); 5] = [
+            // [`WARPED`]
             ("example1.toml", &["output.warped_field=true", "exact={f='0'}"], "warped_f.h5"),
             ("example1.toml", &["readout={cells=[[3]]}", "output.plateau={points=3}"], "result.h5"),
             (
@@ -368,10 +394,13 @@ impl Reader for Files {
         });
         let texts = ["example1", "example2", "smooth-beams", "quadrant2d"]
             .map(|name| fs::read_to_string(case(&format!("{name}.toml"))).expect("a case"));
+        let place = directory();
+        let path = place.path().join("result.h5");
         Self {
             originals: originals.into(),
             texts: Corpus::new(texts.into()),
-            place: directory(),
+            cases: ["field", "", "table"].map(|key| Self::case(key, &path)),
+            place,
             world: World::start().expect("MPI starts"),
             accepted: 0,
         }
@@ -382,7 +411,12 @@ impl Reader for Files {
         let original = &self.originals[file];
         let count = random.below(3) + 1;
         let changes = (0..count).map(|_| original.change(&self.texts, random)).collect();
-        Input { file, changes }
+        // A warped field is no result, which the other readers should see.
+        let reader = match file {
+            WARPED if !random.once_in(4) => FileReader::WarpedField,
+            _ => *random.of_list(&READERS),
+        };
+        Input { file, changes, reader }
     }
 
     fn read(&mut self, input: &Input) -> Result<bool, String> {
@@ -396,7 +430,7 @@ impl Reader for Files {
             let _ = apply(&file, change);
         }
         file.close().map_err(|e| e.to_string())?;
-        self.read_all()
+        self.read_by(input.reader)
     }
 }
 

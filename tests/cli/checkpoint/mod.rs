@@ -2,6 +2,8 @@
 //! run.
 
 mod damaged;
+mod late;
+mod stalled;
 mod stopped;
 
 use crate::support::{

@@ -95,6 +95,8 @@ pub struct Finished {
     pub launcher: String,
     /// Seconds from start to end.
     pub seconds: f64,
+    /// Processor time of it and of all processes below it, in seconds.
+    pub processor_seconds: f64,
 }
 
 impl Finished {
@@ -126,8 +128,11 @@ impl Finished {
             Some(code) => format!("exit code {code}"),
             None => "ended by a signal".to_owned(),
         };
-        let mut text =
-            format!("{what}\n  command: {}\n  {ending} after {:.1} s", self.command, self.seconds);
+        let (seconds, used) = (self.seconds, self.processor_seconds);
+        let mut text = format!(
+            "{what}\n  command: {}\n  {ending} after {seconds:.1} s ({used:.1} s of a processor)",
+            self.command
+        );
         // mpirun's own message about a nonzero exit code is redundant.
         let launcher = if self.errors.is_empty() { self.launcher.as_str() } else { "" };
         for (who, printed) in [
