@@ -80,6 +80,8 @@ pub struct Schedule {
     pub reference_error: f64,
     /// Whether that follows from three numbers of steps. From two it may be five times too large.
     pub order_is_seen: bool,
+    /// Whether the inflow jumps in time: different numbers of steps may err alike then.
+    pub jumps: bool,
 }
 
 impl Schedule {
@@ -147,6 +149,40 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
         }
     }
     Ok(largest)
+}
+
+/// Whether the inflow on this rank jumps in time, looked for where it changes most from one sample
+/// to the next. Not collective.
+fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
+    /// A smooth change falls by as many factors of two.
+    const HALVINGS: u32 = 20;
+    let at = |time: f64| -> Vec<f64> { matrix.entering.values(&case.fields[0], time).collect() };
+    let change = |a: &[f64], b: &[f64]| {
+        a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+    };
+    let sample = |k: usize| case.begin + case.duration() * k as f64 / SAMPLES as f64;
+    let (mut largest, mut place, mut last) = (0.0, 0, at(case.begin));
+    for k in 1..=SAMPLES {
+        let next = at(sample(k));
+        let found = change(&last, &next);
+        if found > largest {
+            (largest, place) = (found, k);
+        }
+        last = next;
+    }
+    if place == 0 {
+        return false;
+    }
+    let (mut low, mut high) = (sample(place - 1), sample(place));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        let between = at(middle);
+        match change(&at(low), &between) > change(&between, &at(high)) {
+            true => high = middle,
+            false => low = middle,
+        }
+    }
+    change(&at(low), &at(high)) > 0.5 * largest
 }
 
 /// `‖f‖` of the weighted values `f(row)` on the block's cells, without the weights. Collective over
@@ -284,6 +320,7 @@ pub fn schedule(
 ) -> Result<Schedule> {
     let largest = communicator.world.agree(sampled(case, matrix))?;
     let largest = communicator.space.max(largest);
+    let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
     if case.tolerance < SMALLEST {
         return Err(Error::Tolerance {
             place: case.tolerance_place.clone(),
@@ -318,6 +355,7 @@ pub fn schedule(
             reference: end.state[..matrix.block.cells()].to_vec(),
             reference_error: error,
             order_is_seen,
+            jumps,
             ..Schedule::default()
         };
         if error * ratio <= goal && search.sees(&coarse, largest) {

@@ -345,11 +345,11 @@ fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found 
     let distance = FieldNorms::new(prepared, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());
     let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;
-    Found {
-        estimate: distance + rest,
-        round_off: ROUND_OFF_MARGIN * round_off(stages),
-        doubt: may_be_large.then_some("the error of so few time steps is only roughly known"),
-    }
+    let doubt = match schedule.jumps {
+        true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
+        false => may_be_large.then_some("the error of so few time steps is only roughly known"),
+    };
+    Found { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
 }
 
 /// Largest leading error of a step that is taken for its error.
