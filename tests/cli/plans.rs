@@ -371,7 +371,7 @@ fn job_scripts_are_written() {
         ]
     );
     assert!(header[4].starts_with("#SBATCH --mem-per-cpu=") && header[4].ends_with('M'));
-    assert!(script.contains("take one # away"), "{script}");
+    assert!(script.contains("remove one #"), "{script}");
     assert!(script.contains("\n##SBATCH --time=01:00:00\n"), "{script}");
     let shown = [NAME, RESULTS, "my job.sbatch"].map(|name| at(name).display().to_string());
     let [name, results, job_script] = &shown;
