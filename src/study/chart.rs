@@ -68,7 +68,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
         return Err(error);
     }
     let (compared, compared_why) = attempts.grid_for_comparison(&programme);
-    attempts.try_all(programme.every_knob(&compared));
+    attempts.try_all(programme.every_choice(&compared));
     attempts.try_all(programme.other_degrees());
     attempts.try_all(programme.other_grids());
     attempts.try_all(programme.other_fluxes());

@@ -16,6 +16,7 @@
 //! | `step` | step of the implicit methods | error | its leading term |
 //! | `tolerance` | tolerance | error | the tolerance; the smallest that a plan accepts |
 
+pub mod cases;
 pub mod explicit;
 pub mod grazing;
 pub mod growth;
@@ -27,7 +28,6 @@ pub mod reading;
 pub mod recovery;
 pub mod reference;
 pub mod report;
-pub mod scene;
 pub mod search;
 pub mod tolerance;
 
@@ -107,7 +107,7 @@ pub fn measure(
     let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<&PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();
-    let swept = scene::of(case);
+    let swept = cases::of(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
     for (done, spec) in wanted.iter().enumerate() {
         let left = wanted.len() - done;

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::text::quoted;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::study::knobs;
+use crate::study::choices;
 use crate::study::trial::final_fields_only;
 
 /// Settings of a Schrödingerized run in which everything is planned.
@@ -30,7 +30,7 @@ pub fn base_case(case: &Case) -> Result<Case> {
 
 /// The `--set` options that make `target` of `case`. `base` is [`base_case`] of it.
 pub fn settings(case: &Case, base: &Case, target: &Case) -> Vec<String> {
-    let mut set = knobs::settings(case, target);
+    let mut set = choices::settings(case, target);
     let limited = case.positive && !target.positive;
     let resets = match target.method {
         Method::Classical => [

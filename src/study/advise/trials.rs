@@ -10,7 +10,7 @@ use crate::scheme::reduce::reduced;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;
-use crate::study::cost::{CostModel, Seconds, planned_updates, planned_work};
+use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work};
 use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
 use std::collections::BTreeMap;
@@ -228,7 +228,7 @@ impl<'a> Trials<'a> {
         let group = self.world.group();
         let density = density_of(&group, &case.space, &found)?;
         let [result, solve] = [found.seconds, found.summary.solve_seconds].map(|s| group.max(s));
-        let seconds = Seconds { result, solve, total: result };
+        let seconds = TrialSeconds { result, solve, total: result };
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;

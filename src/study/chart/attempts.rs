@@ -17,8 +17,8 @@ use crate::study::budget::Budget;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
-use crate::study::cost::{CostModel, Seconds};
-use crate::study::knobs::row_choices;
+use crate::study::choices::row_choices;
+use crate::study::cost::{CostModel, TrialSeconds};
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
@@ -87,7 +87,7 @@ struct ExpectedSeconds {
 enum TrialOutcome {
     LeftOut(ExpectedSeconds),
     Refused(String),
-    Done(Box<Trial>, Seconds),
+    Done(Box<Trial>, TrialSeconds),
 }
 
 impl TrialOutcome {
@@ -365,7 +365,7 @@ impl<'a> Attempts<'a> {
     }
 
     /// A trial and its seconds; of a quick one the least of a few. Collective.
-    fn timed(&self, case: &Case) -> Result<(Trial, Seconds)> {
+    fn timed(&self, case: &Case) -> Result<(Trial, TrialSeconds)> {
         let once = || -> Result<(Trial, [f64; 3])> {
             let began = Instant::now();
             let trial = trial(self.world, case)?;
@@ -382,7 +382,7 @@ impl<'a> Attempts<'a> {
             least = std::array::from_fn(|k| least[k].min(again[k]));
         }
         let [result, solve, total] = least;
-        let seconds = Seconds { result, solve, total };
+        let seconds = TrialSeconds { result, solve, total };
         Ok((trial, seconds))
     }
 

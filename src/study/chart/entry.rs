@@ -4,7 +4,7 @@ use crate::base::text::word;
 use crate::problem::case::{Case, Coefficients, DEFAULT_FLUX, Integrator, Limiter, Method};
 use crate::quantum::probability::Probabilities;
 use crate::study::chart::setup::is_reference;
-use crate::study::cost::Seconds;
+use crate::study::cost::TrialSeconds;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 use serde::Serialize;
@@ -153,7 +153,7 @@ impl Entry {
     }
 
     /// The settings of `case` with the numbers of its `trial`.
-    pub fn done(case: &Case, trial: &Trial, seconds: Seconds) -> Self {
+    pub fn done(case: &Case, trial: &Trial, seconds: TrialSeconds) -> Self {
         let summary = &trial.summary;
         let relative = |error: Option<f64>, size: Option<f64>| Some(error? / size?);
         let probability =

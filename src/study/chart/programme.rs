@@ -7,8 +7,8 @@ use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::advise::scheme::Flux;
 use crate::study::chart::setup::{Modes, Setup};
+use crate::study::choices::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::grids::Grids;
-use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::treatment::Treatment;
 
 /// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
@@ -227,8 +227,8 @@ impl Programme {
         on(grid, &of_profiles(self.base()).collect::<Vec<_>>())
     }
 
-    /// The knobs of each method on `grid`, one after the other.
-    pub fn every_knob(&self, grid: &PhaseSpace) -> Vec<Setting> {
+    /// The choices of each method on `grid`, one after the other.
+    pub fn every_choice(&self, grid: &PhaseSpace) -> Vec<Setting> {
         let degree = self.degree();
         let mut setups = classical(degree);
         for cfl in SHORTER {
@@ -347,9 +347,9 @@ mod tests {
         assert!((0..all.len()).all(|i| !all[..i].contains(&all[i])));
         // Without a jump, the treatments are one.
         assert_eq!(programme(64, false).everything(grid).len(), 6 * (2 * 5 + 2 * 4));
-        // Nothing of the first round is left out of the knobs.
-        let knobs = first.every_knob(&first.grids[0]);
-        assert!(first.every_method().iter().all(|s| knobs.contains(s)));
+        // Nothing of the first round is left out of the choices.
+        let choices = first.every_choice(&first.grids[0]);
+        assert!(first.every_method().iter().all(|s| choices.contains(s)));
     }
 
     #[test]

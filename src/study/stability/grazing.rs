@@ -32,10 +32,10 @@ use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::{
+use crate::study::stability::cases::{
     assembled, growth, notes, refuse_elements, with_potential_times,
 };
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::treatment::Treatment;
 
 /// Cells that are enough.

@@ -4,11 +4,11 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
+use crate::study::stability::cases::{assembled, growth, refuse_elements};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
 
 /// Cells of the coarsest grid.

@@ -2,10 +2,10 @@
 
 use crate::base::error::Error;
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
+use crate::study::choices::implicit_propagators;
 use crate::study::grids::coarsened;
-use crate::study::knobs::implicit_propagators;
+use crate::study::stability::cases::notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
 
 /// Cells that are enough: each mode and step solves a system.

@@ -12,8 +12,8 @@ use crate::matrix::inflow::AuxiliaryRow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::{assembled, growth, notes};
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::{assembled, growth, notes};
 
 /// Cells that are enough.
 const CELLS: usize = 4096;

@@ -8,12 +8,12 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::notes;
 use crate::study::trial::trial;
 
 /// Cells that are enough: a series is propagated for every interval.

@@ -18,9 +18,9 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
+use crate::study::stability::cases::LANCZOS;
 use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::LANCZOS;
 
 /// The profile equals `e^{−p}` for `p ≥ 0` to within this.
 pub const LEVEL: f64 = 1e-8;

@@ -6,6 +6,7 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
@@ -13,7 +14,6 @@ use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::notes;
 use crate::study::treatment::Treatment;
 
 /// Cells that are enough: the growth shows on finer grids.

@@ -6,12 +6,12 @@ use crate::plan::ASSUMED_RATIO;
 use crate::problem::case::{Case, PropagatorMethod};
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
-use crate::study::knobs::PROFILES;
+use crate::study::stability::cases::notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
 
 /// Cells that are enough.
