@@ -300,7 +300,7 @@ mod tests {
         assert!((0.13..0.3).contains(&found), "{found}");
         // Two grids give both parts back.
         let both = BTreeMap::from([(100, 0.05 + 100.0 * 1e-4), (400, 0.05 + 400.0 * 1e-4)]);
-        assert!((overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
+        assert!((fitted_overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
         for known in [noisy, both, BTreeMap::from([(100, 0.4), (400, 0.1)])] {
             let all = [100.0, 400.0, 1600.0, 6400.0].map(|cells| fitted_overhead(&known, cells, 2));
             assert!(all.windows(2).all(|two| two[0] < two[1]), "{all:?}");
