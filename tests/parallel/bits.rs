@@ -42,8 +42,7 @@ impl Bits {
         for (name, (hashes, times)) in &self.0 {
             let own = hashes.iter().all(|hash| !others.contains(hash));
             let passed = hashes.len() == 1 && *times >= least && own;
-            let reason =
-                format!("{} fingerprints in {times} reports; unique: {own}", hashes.len());
+            let reason = format!("{} fingerprints in {times} reports; unique: {own}", hashes.len());
             tally.count(&format!("bits of {name}"), passed, &reason);
             others.extend(hashes);
         }
