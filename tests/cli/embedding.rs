@@ -1,8 +1,9 @@
-//! Embeddings of the inflow: tolerances are met with each, and what none can do is refused.
+//! Embeddings of the inflow: each meets its tolerances, and inflows beyond all of them are refused.
 
 use crate::support::{check_all, directory, meets_its_tolerance, refused, run};
 
-/// Every embedding, δ planned and given, a shift: the tolerance is met and the estimate is right.
+/// Every embedding with planned and given δ, and shifts: the tolerance is met and the error
+/// estimate is right.
 #[test]
 fn tolerances_are_met_with_every_embedding() {
     let steady = ["inflow_barrier.toml", "axis.0.x.cells=32", "axis.0.v.cells=36"];
@@ -27,10 +28,10 @@ fn tolerances_are_met_with_every_embedding() {
     });
 }
 
-/// A δ so small that the enlarged system grows beyond all digits; a δ without inflow; inflow that
-/// is not finite at some time, or changes too fast.
+/// A δ so small that the growth of the enlarged system leaves no digits is refused, and so is an
+/// inflow that is not finite at some time or changes too fast. A δ without inflow causes a warning.
 #[test]
-fn what_no_embedding_can_do() {
+fn inflows_that_no_embedding_can_treat_are_refused() {
     let rows: &[(&str, &[&str], &[&str])] = &[
         (
             "inflow_barrier.toml",

@@ -1,10 +1,11 @@
-//! The same bits on every number of ranks and every process mesh.
+//! Results have the same bits on every number of ranks and every process mesh.
 
 use crate::support::{
     at_most, check_all, datasets, differences, directory, parsed, refused, require, run,
 };
 
-/// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.
+/// The values of `--ranks-x`: every way to split `ranks` into blocks along `axes` space axes and
+/// mode groups.
 fn meshes(axes: usize, ranks: usize) -> Vec<Vec<usize>> {
     let mut all = vec![Vec::new()];
     for _ in 0..axes {
@@ -26,7 +27,7 @@ fn every_mesh_is_listed() {
     assert_eq!(meshes(3, 4).len(), 10);
 }
 
-/// A run to be repeated on every mesh.
+/// A run that is repeated on the meshes.
 struct Scene {
     name: &'static str,
     settings: &'static [&'static str],
@@ -62,9 +63,9 @@ const MEASURE_PLANE: &[&str] = &[
     "/velocity_exact",
 ];
 
-/// Compares a scene's results with those of one rank: on every mesh of 3 ranks, on those of 4 ranks
-/// that split two axes or an axis and the modes, and on 7 ranks where `--ranks-x` is left to the
-/// program.
+/// Compares a scene's results with those on one rank: on every mesh of 3 ranks, on the meshes of 4
+/// ranks that split two axes or an axis and the modes, and on 7 ranks with the mesh that the
+/// program chooses.
 fn same_bits_everywhere(scene: &Scene) {
     let reference = directory();
     let job = || run(scene.name).set(scene.settings);
@@ -80,7 +81,7 @@ fn same_bits_everywhere(scene: &Scene) {
         |m: &Vec<usize>| (m.iter().enumerate()).all(|(a, m)| *m == 1 || !space.is_periodic(a));
     for ranks in [3, 4] {
         let blocks = |m: &Vec<usize>| m.iter().filter(|&&parts| parts > 1).count();
-        // What splits 4 ranks one way only is as it is of 3.
+        // Meshes of 4 ranks that split one axis only are like those of 3 ranks.
         let new = |m: &Vec<usize>| ranks == 3 || m.contains(&2) || blocks(m) > 1;
         let meshes = meshes(scene.axes, ranks).into_iter();
         rows.extend(meshes.filter(whole).filter(new).map(|m| (ranks, Some(m))));
@@ -94,7 +95,7 @@ fn same_bits_everywhere(scene: &Scene) {
             job = job.with(["--ranks-x", &list.join(",")]);
         }
         let summary = job.solve(place.path())?;
-        // It really ran so.
+        // The run had this mesh.
         let found = (&summary.value["ranks"], &summary.value["space_blocks"]);
         summary.require(*found.0 == serde_json::json!(ranks), || format!("ranks: {}", found.0))?;
         if let Some(mesh) = mesh {
@@ -189,9 +190,9 @@ fn same_bits_at_output_times() {
     });
 }
 
-/// Of moments that a series goes past, of cells and of elements with inflow.
+/// Moments at times within a series, of cells and of elements with inflow.
 #[test]
-fn same_bits_on_the_way() {
+fn same_bits_of_moments_within_a_series() {
     const EARLY: &[&str] = &["/f", "/history/density", "/history/momentum", "/history/mass"];
     same_bits_everywhere(&Scene {
         name: "example1.toml",
@@ -382,8 +383,7 @@ fn same_bits_with_slopes_of_both_kinds() {
     });
 }
 
-/// Of degrees that differ from axis to axis, 0 among them; what is reflected in part at any of
-/// them.
+/// Elements whose degrees differ from axis to axis, also with degree 0, and partial reflection.
 #[test]
 fn same_bits_of_elements() {
     same_bits_everywhere(&Scene {
@@ -423,10 +423,11 @@ fn same_bits_of_elements() {
 /// Instruction sets that can be selected; a machine may lack some of them.
 const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
 
-/// Sets with fused multiply-adds give the same bits, one without differs by round-off.
+/// All instruction sets with fused multiply-adds give the same bits. The set without them differs
+/// by round-off.
 #[test]
 fn same_bits_by_every_instruction_set_that_fuses() {
-    /// Of the field: a few round-offs times the amplification of few modes at 1e-6.
+    /// A few rounding errors times the amplification by the recovery at a tolerance of 1e-6.
     const LARGEST: f64 = 5e-8;
     let rows: [(&str, &[&str]); 5] = [
         ("example1.toml", &["axis.0.x.cells=23", "axis.0.v.cells=17", "output.field_times=[0.3]"]),
@@ -472,7 +473,7 @@ fn same_bits_by_every_instruction_set_that_fuses() {
             }
         }
         match solved {
-            0 => Err(format!("{name}: no instruction set is there")),
+            0 => Err(format!("{name}: this processor has none of the instruction sets")),
             _ => Ok(()),
         }
     });

@@ -2,10 +2,10 @@
 
 use crate::support::{Job, cases, check_all, directory};
 
-/// In each dimension the case that `init` writes is checked without a warning; its grid in one
-/// dimension is as fine as its tolerance asks for.
+/// The case that `init` writes passes `check` without a warning in each dimension. In one dimension
+/// its grid is fine enough for its tolerance.
 #[test]
-fn a_case_to_begin_with() {
+fn init_writes_a_case_without_warnings() {
     let place = directory();
     check_all(&["1", "2", "3"], |dimension| {
         let file = place.path().join(format!("{dimension}.toml")).display().to_string();
@@ -36,7 +36,7 @@ fn a_case_to_begin_with() {
     Job::new(["init", "--dimension", "4"]).is_refused(&["--dimension", "'4'", "1..=3"]).unwrap();
 }
 
-/// The numbers of `check --json` are those of the case.
+/// The output of `check --json` has the numbers of the case.
 #[test]
 fn a_case_is_checked_as_json() {
     check_all(&cases(), |name| {
@@ -64,11 +64,11 @@ fn a_case_is_checked_as_json() {
     assert!(found["warnings"].to_string().contains("velocit"), "{}", found["warnings"]);
 }
 
-/// The refusal of a case as JSON, beside the message.
+/// `check --json` reports the refusal of a case as JSON, in addition to the message.
 #[test]
 fn a_refused_case_is_reported_as_json() {
     let example = crate::support::case("example1.toml");
-    // The setting, then key, value, --set, and words of the message.
+    // Setting, key, value, and a text of the message.
     let rows = [
         ("time.end=-1", "time.end", "-1", "above"),
         ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
@@ -90,7 +90,7 @@ fn a_refused_case_is_reported_as_json() {
             && error["exit_code"] == 2;
         if is_right { Ok(()) } else { Err(format!("{found:#}")) }
     });
-    // In a file, with the place.
+    // A mistake in a file is reported with its line and column.
     let place = directory();
     let path = place.path().join("mine.toml");
     let text = std::fs::read_to_string(&example).expect("a case");
@@ -110,7 +110,7 @@ fn a_refused_case_is_reported_as_json() {
     assert!(message.contains("none.toml") && message.contains("No such file"), "{found}");
 }
 
-/// Constants stand in the place of numbers, in files and in settings.
+/// Formulas of constants can replace numbers, in files and in settings.
 #[test]
 fn numbers_are_formulas_of_constants() {
     let example = crate::support::case("example1.toml");
@@ -121,7 +121,7 @@ fn numbers_are_formulas_of_constants() {
             ("axis.0.x.lower", "-L", "-1.5"),
             ("axis.0.x.upper", "L", "1.5"),
             ("solver.tolerance", "eps", "1e-6"),
-            // In a setting a formula in a list needs no quotes.
+            // In `--set`, a formula in a list needs no quotes.
             ("output.field_times", "[T, max(0.1, 0.3)]", "[0.25, 0.3]"),
             ("solver.warp.shift", "0*T", "0"),
             ("inflow.value", "1", "1"),
@@ -151,7 +151,7 @@ fn numbers_are_formulas_of_constants() {
 
 /// Schema, completions and manual pages cover every command and key.
 #[test]
-fn editors_and_shells_are_served() {
+fn schema_completions_and_manual_pages_are_complete() {
     let schema = Job::new(["schema"]).on(2).succeed().unwrap().json().unwrap();
     let end = &schema["properties"]["time"]["properties"]["end"]["type"];
     assert_eq!(*end, serde_json::json!(["number", "string"]));

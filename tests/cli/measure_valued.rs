@@ -5,11 +5,11 @@ use crate::support::{
     run,
 };
 
-/// The fields `phi`, `psi_x` of one run, with one matrix and one pass over the modes, are those of
-/// runs of their own with plain data: the same bits by the classical method, within the tolerance
-/// by the other, whose plan follows the field.
+/// The fields `phi` and `psi_x` of one run, with one matrix and one pass over the modes, equal
+/// those of separate runs with plain data: to the bit by the classical method, and to the tolerance
+/// by modes, whose plan depends on the field.
 #[test]
-fn fields_of_one_run_are_those_of_runs_of_their_own() {
+fn fields_of_one_run_equal_those_of_separate_runs() {
     let size = ["axis.0.x.cells=38", "axis.0.v.cells=30", "time.end=0.9"];
     let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
     let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 \
@@ -52,8 +52,8 @@ fn fields_of_one_run_are_those_of_runs_of_their_own() {
     }
 }
 
-/// Example 2: errors of density and mean velocity fall with the cells, and the mass with them
-/// towards the exact one, 4 + 2 · 0.9 · 1.8.
+/// Example 2: the errors of density, mean velocity and mass fall as the number of cells grows. The
+/// exact mass is 4 + 2 · 0.9 · 1.8.
 #[test]
 fn error_of_example_2_against_the_exact_moments() {
     for interface in INTERFACES {
@@ -82,8 +82,8 @@ fn error_of_example_2_against_the_exact_moments() {
     }
 }
 
-/// Moments in the file are those of its `phi` and `psi` by the paper's formula, recomputed here in
-/// two dimensions.
+/// The moments in the file follow from its `phi` and `psi` by the paper's formula in two
+/// dimensions.
 #[test]
 fn moments_of_example_3_are_those_of_its_level_sets() {
     let place = directory();
@@ -144,7 +144,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         (["exact={}", "potential.0.reflection=0.5"], &["potential.0.reflection", "two velocities"]),
     ];
     all_refused(&rows, |(settings, wording), _| Mistake::set("example2.toml", settings, wording));
-    // Properties that only the values on the grid show.
+    // Mistakes that only values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
         ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),
@@ -154,10 +154,11 @@ fn mistakes_in_measure_valued_data_are_refused() {
     });
 }
 
-/// Elements have the density over the zeros of the level set, without a delta function: example 2
-/// of degree 1 beside degree 0 with as many unknowns. The exact averages are those of its cells.
+/// Elements sum the density over the zeros of the level set, without a delta function. For example
+/// 2 their errors with degree 1 are smaller than those of degree 0 with the same number of
+/// unknowns.
 #[test]
-fn elements_of_example_2_are_better_than_the_delta_function() {
+fn elements_of_example_2_are_more_accurate_than_the_delta_function() {
     let [cells, elements] = [(0, 64), (1, 32)].map(|(degree, elements)| {
         let place = directory();
         let summary = run("example2.toml")
@@ -178,8 +179,8 @@ fn elements_of_example_2_are_better_than_the_delta_function() {
     assert!(better, "{cells:?} {elements:?}");
 }
 
-/// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, in space and of
-/// modes.
+/// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, which split
+/// space or the modes.
 #[test]
 fn moments_of_elements_have_the_same_bits_on_any_ranks() {
     let runs = [(1, "1"), (2, "2"), (3, "3"), (4, "2")].map(|(ranks, blocks)| {
@@ -202,7 +203,7 @@ fn moments_of_elements_have_the_same_bits_on_any_ranks() {
     }
 }
 
-/// Two dimensions: the mass of example 3 in elements.
+/// In two dimensions, elements of example 3 have the exact mass.
 #[test]
 fn elements_of_example_3_have_the_exact_mass() {
     let place = directory();

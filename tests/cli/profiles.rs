@@ -1,12 +1,12 @@
-//! Profiles g(p) and readings: orders, intervals and points by hand, the plateau, the paper's
-//! set-ups.
+//! Profiles g(p) and readings: tolerances, orders, intervals and points given by hand, the plateau,
+//! and the set-ups of the paper.
 
 use crate::support::{
     Job, at_most, check_all, datasets, directory, meets_its_tolerance_within, near, plan, refused,
     require, run,
 };
 
-/// `job` with a profile by its name, and after a slash `α` or the order.
+/// `job` with a profile, given as its name or as `name/α` or `name/order`.
 fn with_profile(job: Job, profile: &str) -> Job {
     let (name, parameter) = profile.split_once('/').unwrap_or((profile, ""));
     let job = job.set(&[&format!("solver.warp.profile={name}")]);
@@ -72,11 +72,11 @@ fn every_profile_and_reading_meets_its_tolerance() {
     });
 }
 
-/// The orders in `N_p` through the whole recovery: `r + 1` where what is read reaches the corner
-/// (`r = 0` for the exponential: the first order that the paper states), one more away from it. The
-/// corner is a third of a cell off the grid, as samples are exact on it; in a short time all of the
-/// spectrum of `S` stays at the corner, and in a long one only a part of it does, so that the order
-/// there is higher.
+/// The order of the recovered field in `N_p` is `r + 1` if the reading depends on the corner of the
+/// profile (`r = 0` for the exponential: the first order of the paper), and one more otherwise. The
+/// corner is a third of a cell off the points, as samples at a corner on a point would be exact. In
+/// a short time, all of the spectrum of `S` stays at the corner, in a long time only a part of it,
+/// which makes the order higher.
 #[test]
 fn points_given_by_hand_converge_with_the_order_of_the_profile() {
     const SHORT: &str = "1e-4";
@@ -122,7 +122,7 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
     });
 }
 
-/// An interval too short is refused with ends that will do.
+/// A too short interval is refused with ends that suffice.
 #[test]
 fn short_intervals_are_refused_with_a_sufficient_one() {
     let rows = [
@@ -160,8 +160,8 @@ fn short_intervals_are_refused_with_a_sufficient_one() {
     });
 }
 
-/// A set-up by hand in the manner of the paper runs. Its shortcomings are reported before the run
-/// and in the summary.
+/// A set-up given by hand, similar to those of the paper, runs. Warnings before the run and in the
+/// summary name its shortcomings.
 #[test]
 fn insufficient_settings_by_hand_cause_warnings() {
     let place = directory();
@@ -186,7 +186,7 @@ fn insufficient_settings_by_hand_cause_warnings() {
     assert!(warnings >= 2, "{}", summary.value["warnings"]);
 }
 
-/// The plateau: flat above where the corner is reached, and not below.
+/// The plateau is flat above the corner of the profile, and not below it.
 #[test]
 fn the_plateau_is_flat_where_the_field_can_be_read() {
     let place = directory();
@@ -206,12 +206,12 @@ fn the_plateau_is_flat_where_the_field_can_be_read() {
         let flat = distance[k] < 5e-3 && (norm[k] / norm[4] - 1.0).abs() < 5e-3;
         assert_eq!(flat, p[k] >= 0.0, "{distance:?} {norm:?}");
     }
-    // The plan reads at p = 1, too.
+    // The plan also reads at p = 1.
     assert!(distance[4] < 1e-12, "{distance:?}");
 }
 
-/// The plan has the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST lies,
-/// to within the tolerance.
+/// The plan contains the coefficients of the profile. Their sum equals e^{-p} to the tolerance on
+/// the spectrum of ST.
 #[test]
 fn the_plan_holds_the_profile() {
     let rows = [("example1.toml", "1e-3"), ("example1.toml", "1e-9"), ("well.toml", "1e-6")];
@@ -248,10 +248,10 @@ fn the_plan_holds_the_profile() {
     });
 }
 
-/// Every profile with every propagator, and with shifts up and down: the tolerance is met, or the
-/// message says that the step's error is above it.
+/// Every profile with every propagator, and with shifts up and down, meets its tolerance, or a
+/// warning says that the error of the time step is above it.
 #[test]
-fn profiles_with_propagators_and_shifts() {
+fn profiles_meet_tolerances_with_propagators_and_shifts() {
     let profiles = [
         ("designed", "1e-5"),
         ("gaussian", "1e-5"),
@@ -301,11 +301,11 @@ fn profiles_with_propagators_and_shifts() {
     });
 }
 
-/// A formula without p is the constant that it stands for: the same plan, bit for bit. One of p by
-/// name only is it to round-off, and one that continues `e^{−p}` smoothly to the left takes far
-/// fewer modes than any constant.
+/// A formula for α without p has the plan of its value, bit for bit. A formula that contains p
+/// without depending on it agrees up to round-off. A formula that continues `e^{−p}` smoothly to
+/// the left needs far fewer modes than any constant.
 #[test]
-fn alpha_may_be_a_formula() {
+fn alpha_can_be_a_formula() {
     let planned = |alpha: &str| {
         let job = plan("example1.toml", 2).set(&[
             "axis.0.x.cells=64",
@@ -334,11 +334,11 @@ fn alpha_may_be_a_formula() {
     }
 }
 
-/// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step
-/// and embedding are taken as given, missing guarantees are reported, and the first and the third
-/// come out within their tolerance.
+/// The set-ups of the paper, on smaller grids and with fewer points, run with the given interval,
+/// recovery point, step and embedding. Warnings name missing guarantees, and the errors of the
+/// first and of the third are within a limit.
 #[test]
-fn the_papers_own_set_ups() {
+fn set_ups_of_the_paper_run_as_given() {
     let rows: [(&str, &[&str], &[&str], f64); 3] = [
         (
             "paper/example1.toml",

@@ -1,12 +1,12 @@
-//! Grids beyond the memory and absurd scales are refused soon.
+//! Grids that do not fit into memory and absurd scales are refused soon.
 
 use crate::support::{
     Job, SECONDS_TO_REFUSE, case, check_all, directory, plan, refused, solved_or_refused,
 };
 
-/// More cells than fit into memory are refused before allocation, by every command.
+/// Grids that do not fit into memory are refused before allocation, by every command.
 #[test]
-fn grids_beyond_the_memory_are_refused() {
+fn grids_that_do_not_fit_into_memory_are_refused() {
     let rows: &[(&str, [&str; 2], &[&str])] = &[
         ("run", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
         ("plan", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
@@ -38,7 +38,7 @@ fn grids_beyond_the_memory_are_refused() {
     plan.is_refused(&["memory", "needed", "976.6 KiB"]).unwrap();
 }
 
-/// However many cells, `plan` and `check` answer or refuse.
+/// For any number of cells, `plan` and `check` answer or refuse within the time limit.
 #[test]
 fn plan_and_check_of_absurd_grids_do_not_hang() {
     let mut rows = Vec::new();
@@ -61,10 +61,9 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     });
 }
 
-/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming
-/// a key.
+/// Cases with absurd scales, which are too long, too fast or too fine, are solved or refused.
 #[test]
-fn absurd_scales_are_refused() {
+fn absurd_scales_are_solved_or_refused() {
     let rows: &[(&str, &[&str])] = &[
         ("run", &["time.end=1e300"]),
         ("run", &["time.end=1e300", "scheme.interface=conservative"]),

@@ -1,4 +1,4 @@
-//! Tolerances: they are met, and the estimate of the error is right or marked as not reliable.
+//! Tolerances are met, and the error estimate is right or marked as unreliable.
 
 use crate::support::{
     INTERFACES, at_most, check_all, datasets, directory, dissipative, distance,
@@ -8,8 +8,8 @@ use crate::support::{
 
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 
-/// Every case, both interfaces: the tolerance is met, the estimate is right or marked as not
-/// reliable, every mode is unitary. Measured by the program itself (`solver.verify`).
+/// For every case and both interfaces, the tolerance is met, the error estimate is right or marked
+/// as unreliable, and all modes keep their norms. The program measures the error (`solver.verify`).
 #[test]
 fn tolerances_are_met_in_every_case() {
     let mut rows = Vec::new();
@@ -30,7 +30,7 @@ fn tolerances_are_met_in_every_case() {
             &format!("scheme.interface={interface}"),
             &format!("solver.tolerance={tolerance}"),
         ]);
-        // Ranks change no bit; one tolerance is met on two.
+        // Ranks change no bits, so two ranks are used for one tolerance only.
         if *tolerance == "1e-6" {
             job = job.on(2);
         }
@@ -39,8 +39,8 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
-/// Elements that resolve smooth data leave nearly all of the state where the spectrum of `S` ends:
-/// what the two readings show of the error there is known, and the estimate is right.
+/// If elements resolve smooth data, nearly all of the state is at the end of the spectrum of `S`.
+/// There the part of the error that two readings show is known, and the estimate is right.
 #[test]
 fn estimates_of_resolved_data_are_right() {
     let beams = ["1e-4", "2e-6", "1e-6", "7e-7", "1e-7", "1e-9"];
@@ -61,9 +61,9 @@ fn estimates_of_resolved_data_are_right() {
     });
 }
 
-/// Without dissipation one mode is the solution, to any tolerance.
+/// Without dissipation one mode is the solution, for any tolerance.
 #[test]
-fn a_unitary_flow_takes_one_mode() {
+fn a_unitary_flow_needs_one_mode() {
     check_all(&TOLERANCES, |tolerance| {
         let place = directory();
         let set = ["solver.verify=true", &format!("solver.tolerance={tolerance}")];
@@ -73,11 +73,11 @@ fn a_unitary_flow_takes_one_mode() {
     });
 }
 
-/// A Gaussian through the step by the central flux of degree 0 and closed ends: one mode, and an
-/// error that falls with order 2, where upwind has order ½ to 1 on these grids. The numbers are
-/// those of docs/high-order.md.
+/// The unitary scheme (central flux of degree 0, closed ends) for a Gaussian at a step has one mode
+/// and an error of order 2, while the upwind scheme has order ½ to 1 on these grids. The numbers
+/// are those of docs/high-order.md.
 #[test]
-fn the_unitary_scheme_beside_upwind_at_a_step() {
+fn the_unitary_scheme_has_order_2_at_a_step() {
     let error = |cells: usize, scheme: &[&str]| {
         let place = directory();
         let grid = [format!("axis.0.x.cells={cells}"), format!("axis.0.v.cells={cells}")];
@@ -101,12 +101,12 @@ fn the_unitary_scheme_beside_upwind_at_a_step() {
     job.is_refused(&["scheme.ends", "inflow.value", "open"]).unwrap();
 }
 
-/// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as
-/// far from the exact solution as the error that they report, say so, and run with split space too.
+/// In every case, Krylov meets the tolerance. Implicit methods have the error that they report,
+/// with a warning if it is above the tolerance, also if the ranks split space.
 #[test]
 fn every_propagator_runs_in_every_case() {
     let mut rows = Vec::new();
-    // Methods that a varying inflow does not support are tested elsewhere.
+    // A time-dependent inflow does not support these methods.
     for name in (dissipative().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         rows.push((name.clone(), "krylov", "1e-6", None, 2));
         rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
@@ -131,7 +131,7 @@ fn every_propagator_runs_in_every_case() {
         let step = format!("solver.propagator.step={}", end / steps);
         let summary = job.set(&[&step]).solve(place.path())?;
         estimate_is_right_or_silent(&summary, 3.0)?;
-        // The whole of the estimate counts, and is the number that is named.
+        // The warning compares the whole error estimate with the tolerance, and names it.
         let [whole, part] = ["error_estimate", "step_error"].map(|key| summary.number(key));
         let (whole, part) = (whole?, part?);
         let named = format!("solver.propagator.step: the error estimate {whole:.1e} is above");
@@ -156,8 +156,8 @@ fn every_propagator_runs_in_every_case() {
     });
 }
 
-/// The distance taken here, between the files of two runs, not by the program; on different numbers
-/// of ranks.
+/// The distance between the files of two runs on different numbers of ranks, computed here and not
+/// by the program, is within the tolerance.
 #[test]
 fn distance_between_files_is_within_the_tolerance() {
     let rows = [
@@ -188,7 +188,7 @@ fn distance_between_files_is_within_the_tolerance() {
                 let printed = summary.number("error_semidiscrete")?;
                 near("error_semidiscrete over that distance", printed / found, 1.0, 0.01)
             })
-            // The comparison can fail: a thousandth of the tolerance is not met.
+            // Control: the distance is above a thousandth of the tolerance.
             .and_then(|()| match at_most("", found, 1e-3 * tolerance) {
                 Ok(()) => Err(format!("distance {found:e}: not a run at tolerance {tolerance:e}")),
                 Err(_) => Ok(()),
@@ -197,7 +197,8 @@ fn distance_between_files_is_within_the_tolerance() {
     });
 }
 
-/// The reference itself: forward Euler and SSP-RK3 tend to the exponential with orders 1 and 3.
+/// Forward Euler and SSP-RK3 converge to the classical exponential, the reference of all errors,
+/// with orders 1 and 3.
 #[test]
 fn classical_integrators_converge_to_the_exponential() {
     let solve = |settings: &[&str]| -> Result<Vec<f64>, String> {
@@ -225,10 +226,10 @@ fn classical_integrators_converge_to_the_exponential() {
     });
 }
 
-/// Applications of example 1 stay below those of the prototypes: of the designed profile, which is
-/// what is planned, and, at most 15 % above them, of the Gaussian.
+/// Example 1 needs at most as many applications of the matrix as the prototype with the designed
+/// profile, which is the planned one, and at most 15 % more with the Gaussian.
 #[test]
-fn applications_stay_near_the_prototype() {
+fn applications_are_at_most_those_of_the_prototype() {
     let rows = [
         ("planned", 64, 1e-3, 0.8e3),
         ("planned", 64, 1e-6, 1.4e3),
@@ -258,7 +259,7 @@ fn applications_stay_near_the_prototype() {
         meets_its_tolerance(&summary)?;
         let done = summary.number("matvecs")?;
         summary.holds(at_most("matvecs", done, prototype))?;
-        // Counted as done, and as planned: the two agree.
+        // The applications agree with the plan.
         let stored = &datasets(place.path())?["/plan"].bytes;
         let text = String::from_utf8_lossy(stored);
         let plan: serde_json::Value =
@@ -270,10 +271,10 @@ fn applications_stay_near_the_prototype() {
     });
 }
 
-/// However short the time and however small the tolerance: met, with an estimate that is right or
-/// marked as not reliable.
+/// For very short times and very small tolerances, the tolerance is met, and the error estimate is
+/// right or marked as unreliable.
 #[test]
-fn estimate_is_right_or_silent_at_the_edges() {
+fn estimates_at_extreme_settings_are_right_or_unreliable() {
     let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
     let gaussian = "solver.warp.profile=gaussian";
     let rows: [(&str, &[&str]); 9] = [
@@ -283,7 +284,8 @@ fn estimate_is_right_or_silent_at_the_edges() {
         ("example1.toml", &["solver.tolerance=2e-14"]),
         ("example1.toml", &["solver.tolerance=1e-12"]),
         ("slope_jump.toml", &["time.end=10", "solver.tolerance=0.1"]),
-        // The second reading shares the error, and shows what cut series leave instead.
+        // Both readings have the same error, and their difference shows that of the truncated
+        // series.
         ("inflow_barrier.toml", &["time.end=0.2", gaussian, "solver.tolerance=3e-12"]),
         ("inflow_barrier.toml", &["time.end=0.05", gaussian, "solver.tolerance=1e-11"]),
         ("example1.toml", &["time.end=0.05", gaussian, "solver.tolerance=6e-12"]),
@@ -297,11 +299,10 @@ fn estimate_is_right_or_silent_at_the_edges() {
     });
 }
 
-/// Thousands of stages of an inflow that depends on time round as one exponential does: tolerances
-/// are met down to 1e-11, every mode keeps its norm as far as its series does, and the estimate is
-/// right even where round-off might hide it.
+/// Thousands of stages of a time-dependent inflow have no more round-off than one exponential:
+/// tolerances are met down to 1e-11, and the error estimate is right.
 #[test]
-fn stages_of_time_round_as_one_exponential() {
+fn many_stages_in_time_do_not_add_round_off() {
     let wave = "inflow.value='0.5 + 0.5*cos(t*3)'";
     let [x, v, end] = ["axis.0.x.cells=24", "axis.0.v.cells=26", "time.end=4.8"];
     let rows: [(&[&str], f64); 4] = [
@@ -325,9 +326,9 @@ fn stages_of_time_round_as_one_exponential() {
     });
 }
 
-/// Without transport: no rate, no spectrum, and the field is unchanged.
+/// Without transport, the rate and the spectrum are zero, and the field does not change.
 #[test]
-fn standing_particles_stay() {
+fn particles_of_velocity_zero_do_not_move() {
     let rows = INTERFACES.map(|interface| format!("scheme.interface={interface}"));
     check_all(&rows, |interface| {
         let place = directory();
@@ -344,7 +345,7 @@ fn standing_particles_stay() {
     });
 }
 
-/// The smallest tolerance that a refusal names is accepted when it is set, and met.
+/// The smallest tolerance that a refusal names is accepted and met.
 #[test]
 fn smallest_tolerance_is_accepted_and_met() {
     let smallest = |name: &str, settings: &[&str]| -> Result<String, String> {
@@ -378,7 +379,8 @@ fn smallest_tolerance_is_accepted_and_met() {
     at_most(&summary.command, error, number.parse().unwrap()).unwrap();
 }
 
-/// Any number of cells, odd ones with a standing velocity among them, and boxes of a single cell.
+/// Tolerances are met for any number of cells: odd numbers, which have a velocity zero, and single
+/// cells.
 #[test]
 fn any_number_of_cells_is_solved() {
     let mut rows = Vec::new();
@@ -397,18 +399,18 @@ fn any_number_of_cells_is_solved() {
             "solver.verify=true",
         ]);
         let summary = job.solve(place.path())?;
-        // One row of cells may hold nothing at all.
+        // On few cells, f may be zero everywhere.
         if summary.number("mass_initial")? == 0.0 {
             let largest = summary.number("maximum")?;
-            return summary.require(largest == 0.0, || format!("maximum {largest} of nothing"));
+            return summary.require(largest == 0.0, || format!("maximum {largest} without mass"));
         }
         tolerance_is_met(&summary)
     });
 }
 
-/// Numbers of ranks that divide nothing.
+/// Tolerances are met on numbers of ranks that do not divide the numbers of cells.
 #[test]
-fn odd_numbers_of_ranks_run() {
+fn tolerances_are_met_on_5_to_7_ranks() {
     let mut rows = Vec::new();
     for name in ["step3d.toml", "well.toml", "inflow_barrier.toml"] {
         for ranks in [5, 6, 7] {
