@@ -3,7 +3,7 @@
 
 use crate::support::{
     Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
-    directory, near, run,
+    directory, near, on_results, run,
 };
 use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
@@ -85,8 +85,7 @@ fn estimate_rows() -> Vec<EstimateRow> {
 #[test]
 fn estimates_of_the_grid_error_have_its_size() {
     check_all(&estimate_rows(), |(name, settings, bounds)| {
-        let place = directory();
-        let summary = of_the_grid(name, settings).solve(place.path())?;
+        let summary = of_the_grid(name, settings).summary()?;
         let value = |key: &str| accuracy(&summary.value, key);
         let within = |what: &str, error: f64, estimate: f64, [least, most]: [f64; 2]| {
             let ratio = estimate / error;
@@ -123,7 +122,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     let summary = Summary::read(finished, place.path()).unwrap();
     let error = summary.number("error_semidiscrete").unwrap();
     assert_eq!(accuracy(&summary.value, "algorithm").unwrap(), error);
-    let shown = Job::new(["report", &place.path().display().to_string()]);
+    let shown = on_results("report", place.path());
     shown.succeed().unwrap();
     let report = std::fs::read_to_string(place.path().join("report.html")).unwrap();
     assert!(report.contains("UNDER-RESOLVED: error of the grid (measured, relative L2)"));
@@ -294,16 +293,14 @@ fn advice_matches_the_shortcomings_of_the_run() {
         ),
     ];
     check_all(&rows, |(name, settings, wording, never)| {
-        let place = directory();
-        let summary = run(name).set(settings).solve(place.path())?;
+        let summary = run(name).set(settings).summary()?;
         let advice = summary.value["accuracy"]["advice"].as_str().unwrap_or_default();
         let wording = wording.iter().all(|words| advice.contains(words));
         let is_right = wording && !never.iter().any(|words| advice.contains(words));
         summary.require(is_right, || format!("advice: {advice}"))
     });
-    let place = directory();
     // 1.3 times 34.
-    let summary = of_the_grid("smooth-beams.toml", &elements(2, 44)).solve(place.path()).unwrap();
+    let summary = of_the_grid("smooth-beams.toml", &elements(2, 44)).summary().unwrap();
     assert!(accuracy(&summary.value, "grid").unwrap() > 0.1);
 }
 
@@ -327,13 +324,11 @@ fn errors_of_the_grid_are_the_same_on_any_ranks() {
     check_all(&rows, |(name, settings)| {
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
         let job = |ranks: usize| run(name).set(&settings).on(ranks);
-        let alone = directory();
-        let expected = job(1).solve(alone.path())?;
+        let expected = job(1).summary()?;
         for (ranks, blocks) in [(2, "1"), (3, "3"), (4, "2")] {
-            let place = directory();
             let blocks = if *name == "quadrant2d.toml" { "1,2" } else { blocks };
             let ranks = if *name == "quadrant2d.toml" { 2 * (ranks / 2) } else { ranks };
-            let found = job(ranks).with(["--ranks-x", blocks]).solve(place.path())?;
+            let found = job(ranks).with(["--ranks-x", blocks]).summary()?;
             for key in ["accuracy", "error_l1", "error_density_l2_relative", "mass"] {
                 let (a, b) = (&found.value[key], &expected.value[key]);
                 found.require(a == b, || format!("{key}: {a}, on one rank {b}"))?;
@@ -356,9 +351,8 @@ fn smooth_beams_have_the_errors_of_a_separate_implementation() {
         (4, 26, "0.5", 0.027),
     ];
     check_all(&rows, |&(degree, count, flux, expected)| {
-        let place = directory();
         let job = of_the_grid("smooth-beams.toml", &elements(degree, count));
-        let summary = job.set(&[&format!("scheme.flux={flux}")]).solve(place.path())?;
+        let summary = job.set(&[&format!("scheme.flux={flux}")]).summary()?;
         let error = summary.number("error_l2_relative")?;
         summary.holds(near("error_l2_relative", error, expected, 0.15 * expected))
     });
@@ -369,9 +363,8 @@ fn smooth_beams_have_the_errors_of_a_separate_implementation() {
 #[test]
 fn errors_at_a_corner_fall_with_the_degree() {
     let errors = [1, 2, 3].map(|degree| {
-        let place = directory();
         let job = of_the_grid("quadrant2d.toml", &plane(degree, 4));
-        let summary = job.solve(place.path()).unwrap();
+        let summary = job.summary().unwrap();
         ["error_l2_relative", "error_density_l2_relative"].map(|key| summary.number(key).unwrap())
     });
     for (coarse, fine) in errors.iter().zip(&errors[1..]) {
@@ -390,10 +383,8 @@ fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
     let rows = [(1, 32, 0.19, 0.1), (2, 21, 0.028, 0.007), (3, 16, 0.0045, 0.0003)];
     check_all(&rows, |&(degree, count, of_f, of_density)| {
         // An even number of elements has a face on x = 0 and on v = 0.
-        let solve = |count: usize| {
-            let place = directory();
-            of_the_grid(REFLECTING, &elements(degree, count + count % 2)).solve(place.path())
-        };
+        let solve =
+            |count: usize| of_the_grid(REFLECTING, &elements(degree, count + count % 2)).summary();
         let (coarse, fine) = (solve(count)?, solve(2 * count)?);
         for (key, most) in [("error_l2_relative", of_f), ("error_density_l2_relative", of_density)]
         {
@@ -406,8 +397,7 @@ fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
         // A narrower beam, whose fastest part is slower than the end of the velocity box.
         let narrow = "initial.f=exp(-((x + 0.6)^2 + (v - 0.8)^2)/0.01)";
         let job = of_the_grid(REFLECTING, &elements(degree, 2 * count)).set(&[narrow]);
-        let place = directory();
-        let kept = job.solve(place.path())?;
+        let kept = job.summary()?;
         let (mass, initial) = (kept.number("mass")?, kept.number("mass_initial")?);
         kept.holds(near("mass", mass / initial, 1.0, 1e-12))
     });
@@ -420,8 +410,7 @@ fn partial_reflection_by_modes_has_the_exact_density() {
     let grid = elements(3, 26);
     let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
     let solve = |settings: &[&str]| {
-        let place = directory();
-        let job = run(REFLECTING).set(&grid).set(settings).on(3).solve(place.path());
+        let job = run(REFLECTING).set(&grid).set(settings).on(3).summary();
         job.unwrap()
     };
     let summary = solve(&["solver.verify=true", "solver.tolerance=1e-5"]);

@@ -3,7 +3,7 @@
 use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
 use crate::support::{
     Job, Summary, at_most, case, check_all, datasets, differences, directory, directory_on_disk,
-    distance, field, near, run,
+    distance, field, near, of_case, run,
 };
 use std::fs;
 use std::path::Path;
@@ -149,9 +149,7 @@ fn a_second_part_has_the_same_bits_on_any_ranks() {
     assert!(again.output.contains("the run is finished"), "{}", again.output);
 
     // A third part, which starts from the file of the second.
-    let third = directory();
-    let summary =
-        on(reference.path(), 0.8).set(&["solver.verify=true"]).solve(third.path()).unwrap();
+    let summary = on(reference.path(), 0.8).set(&["solver.verify=true"]).summary().unwrap();
     let total = inherited(&before, "error_total");
     assert!(total.is_some() && inherited(&summary, "error") == total, "{total:?}");
     assert!(inherited(&summary, "error_total") > inherited(&summary, "error_inherited"));
@@ -206,7 +204,7 @@ fn what_cannot_go_on_is_refused() {
     let file = format!("initial.field={}", path.join("result.h5").display());
     let go = |settings: &[&str]| on(path, 0.5).set(settings).into(place.path());
     let given = |command: &str, settings: &[&str]| {
-        Job::new([command, &case("example1.toml")]).set(&small).set(&[&file]).set(settings)
+        of_case(command, "example1.toml").set(&small).set(&[&file]).set(settings)
     };
     let start = "time.start=0.2";
     let rows: [(Job, &[&str]); 21] = [

@@ -5,8 +5,8 @@
 
 use crate::checkpoint::{OFTEN, Result, random};
 use crate::support::{
-    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk,
-    number_from_environment,
+    Finished, Job, Stored, check_all, datasets, differences, directory_on_disk,
+    number_from_environment, of_case, on_results,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -45,7 +45,7 @@ const KINDS: [&[&str]; 5] = [
 
 fn job(kind: usize) -> Job {
     let small = ["axis.0.x.cells=60", "axis.0.v.cells=50", "time.end=0.3"];
-    Job::new(["run", &case("example1.toml")]).set(&small).set(KINDS[kind])
+    of_case("run", "example1.toml").set(&small).set(KINDS[kind])
 }
 
 /// A mounted disk, unmounted when the value is dropped.
@@ -192,7 +192,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     if let Some(name) = half_written(&results) {
         return Err(finished.report(&format!("{name} is not removed")));
     }
-    Job::new(["check-result", &results.display().to_string()]).succeed().map(drop)
+    on_results("check-result", results).succeed().map(drop)
 }
 
 fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {

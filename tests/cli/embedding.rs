@@ -23,8 +23,7 @@ fn tolerances_are_met_with_every_embedding() {
     check_all(&rows, |([name, x, v], settings)| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
         set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
-        let place = directory();
-        meets_its_tolerance(&run(name).on(2).set(&set).solve(place.path())?)
+        meets_its_tolerance(&run(name).on(2).set(&set).summary()?)
     });
 }
 
@@ -53,9 +52,8 @@ fn inflows_that_no_embedding_can_treat_are_refused() {
         let place = directory();
         refused(&run(name).on(2).set(settings).into(place.path()).run()?, wording)
     });
-    let place = directory();
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.delta=2"];
-    let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
+    let summary = run("example1.toml").set(&grid).summary().unwrap();
     let warnings = summary.warnings();
     assert!(warnings.contains("delta has no effect"), "{warnings}");
 }

@@ -60,8 +60,7 @@ fn the_estimated_outflow_is_the_loss_of_the_grid() {
         loss("periodic2d.toml", vec![&["time.end=3", CLASSICAL, CONSERVATIVE]], right, 0.1),
     ];
     check_all(rows, |Loss { case, settings, axis, ends, by }| {
-        let place = directory();
-        let summary = run(case).set(&settings.concat()).on(2).solve(place.path())?;
+        let summary = run(case).set(&settings.concat()).on(2).summary()?;
         let mass = |key: &str| number(&summary, "mass", key);
         let all = mass("absolute")?;
         near("formula", mass("formula")? / all, mass("initial")? / all, 0.005)?;
@@ -92,9 +91,8 @@ fn inflow_stays_in_the_box_without_outflow() {
         ("pulsed_inflow.toml", &["solver.method=classical"]),
     ];
     check_all(rows, |(name, settings)| {
-        let place = directory();
         let short = ["time.end=0.2", "solver.tolerance=1e-8", CONSERVATIVE];
-        let summary = run(name).set(&short).set(settings).on(3).solve(place.path())?;
+        let summary = run(name).set(&short).set(settings).on(3).summary()?;
         let (entered, lost) =
             (number(&summary, "mass", "entered")?, number(&summary, "mass", "lost")?);
         require_positive(&summary, entered)?;
@@ -119,16 +117,15 @@ fn the_ledger_does_not_depend_on_ranks() {
     ];
     check_all(rows, |(name, settings)| {
         let ledger = |ranks: usize| -> Result<Value, String> {
-            let place = directory();
             let job = run(name).set(settings).set(&["solver.tolerance=1e-3"]).on(ranks);
-            Ok(job.solve(place.path())?.value["ledger"].clone())
+            Ok(job.summary()?.value["ledger"].clone())
         };
         let one = ledger(1)?;
         let known = one["mass"]["formula"].is_f64() && one["energy"]["potential"].is_f64();
         if !known {
             return Err(format!("{name}: {one}"));
         }
-        for ranks in [2, 3, 5] {
+        for ranks in [3, 4] {
             let other = ledger(ranks)?;
             if one != other {
                 return Err(format!("{name} on {ranks} ranks: {other}\non one: {one}"));
@@ -271,10 +268,9 @@ fn unbalanced_mass_is_reported() {
         words.map(|words| warnings.contains(words))
     };
     check_all(&cases(), |name| {
-        let place = directory();
         let unitary = name.starts_with("unitary");
         let method: &[&str] = if unitary { &[] } else { &[CLASSICAL] };
-        let summary = run(name).set(method).on(2).solve(place.path())?;
+        let summary = run(name).set(method).on(2).summary()?;
         // The coarse grids of these cases smear 4 % of the mass over the ends of the box.
         let smeared = ["barrier2d.toml", "step3d.toml"].contains(&name.as_str());
         summary.require(off(&summary) == [smeared, false], || summary.warnings())
@@ -285,7 +281,7 @@ fn unbalanced_mass_is_reported() {
     let pulse = |value: &'static str| [pulse, &[value, "solver.tolerance=1e-3"]].concat();
     let seen = "inflow.value=exp(-((t - 0.5)/0.0004)^2) if x < -1 && v > 0.5 else 0";
     let missed = "inflow.value=1 if t > 0.7345 && t < 0.7357 && x < -1 && v > 0.5 else 0";
-    let seen = run("step_up.toml").set(&pulse(seen)).solve(directory().path()).unwrap();
+    let seen = run("step_up.toml").set(&pulse(seen)).summary().unwrap();
     assert_eq!(off(&seen), [false; 2], "{}", seen.warnings());
     let rows = [("step_up.toml", bump), ("step_up.toml", pulse(missed))];
     check_all(&rows, |(name, settings)| {
@@ -312,10 +308,9 @@ fn unbalanced_mass_is_reported() {
 /// The total energy is kept if V is smooth and the elements resolve it.
 #[test]
 fn the_total_energy_is_kept() {
-    let place = directory();
     let settings = ["solver.method=classical", "axis.0.x.cells=32", "axis.0.v.cells=28"];
     let job = run("harmonic_step.toml").set(&settings).set(&["scheme.degree=3"]).on(2);
-    let summary = job.solve(place.path()).unwrap();
+    let summary = job.summary().unwrap();
     let energy = |key: &str| number(&summary, "energy", key).unwrap();
     let before = energy("kinetic_initial") + energy("potential_initial");
     let after = energy("kinetic") + energy("potential");
@@ -327,9 +322,8 @@ fn the_total_energy_is_kept() {
 /// For measure-valued data, the masses are known, but not the inflow into the grid.
 #[test]
 fn measure_valued_data_have_a_ledger() {
-    let place = directory();
     let settings = ["axis.0.x.cells=48", "axis.0.v.cells=48", "solver.tolerance=1e-4"];
-    let summary = run("example2.toml").set(&settings).on(2).solve(place.path()).unwrap();
+    let summary = run("example2.toml").set(&settings).on(2).summary().unwrap();
     let mass = &summary.value["ledger"]["mass"];
     assert!(mass["entered"].is_null() && mass["lost"].is_null(), "{mass}");
     let number = |key: &str| mass[key].as_f64().unwrap();

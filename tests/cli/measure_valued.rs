@@ -1,8 +1,8 @@
 //! Measure-valued data: the level-set fields and their moments.
 
 use crate::support::{
-    INTERFACES, Job, Mistake, all_refused, case, check, check_all, datasets, directory, distance,
-    run,
+    INTERFACES, Job, Mistake, Summary, all_refused, case, check, check_all, datasets, directory,
+    distance, run,
 };
 
 /// The fields `phi` and `psi_x` of one run, with one matrix and one pass over the modes, equal
@@ -52,22 +52,21 @@ fn fields_of_one_run_equal_those_of_separate_runs() {
     }
 }
 
+/// Example 2 by the classical method, with an interface or a degree and this number of cells or
+/// elements along both axes.
+fn classical_example_2(scheme: &str, cells: usize) -> Summary {
+    let grid = ["x", "v"].map(|axis| format!("axis.0.{axis}.cells={cells}"));
+    let grid = grid.each_ref().map(String::as_str);
+    run("example2.toml").set(&["solver.method=classical", scheme]).set(&grid).summary().unwrap()
+}
+
 /// Example 2: the errors of density, mean velocity and mass fall as the number of cells grows. The
 /// exact mass is 4 + 2 · 0.9 · 1.8.
 #[test]
 fn error_of_example_2_against_the_exact_moments() {
     for interface in INTERFACES {
         let rows = [64, 256].map(|cells| {
-            let place = directory();
-            let summary = run("example2.toml")
-                .set(&[
-                    "solver.method=classical",
-                    &format!("scheme.interface={interface}"),
-                    &format!("axis.0.x.cells={cells}"),
-                    &format!("axis.0.v.cells={cells}"),
-                ])
-                .solve(place.path())
-                .unwrap();
+            let summary = classical_example_2(&format!("scheme.interface={interface}"), cells);
             let number = |key: &str| summary.number(key).unwrap();
             assert!((number("mass_exact") - 7.24).abs() < 1e-6);
             let mass = (number("mass") - number("mass_exact")).abs();
@@ -159,18 +158,9 @@ fn mistakes_in_measure_valued_data_are_refused() {
 /// unknowns.
 #[test]
 fn elements_of_example_2_are_more_accurate_than_the_delta_function() {
-    let [cells, elements] = [(0, 64), (1, 32)].map(|(degree, elements)| {
-        let place = directory();
-        let summary = run("example2.toml")
-            .set(&[
-                "solver.method=classical",
-                &format!("scheme.degree={degree}"),
-                &format!("axis.0.x.cells={elements}"),
-                &format!("axis.0.v.cells={elements}"),
-            ])
-            .on(2)
-            .solve(place.path())
-            .unwrap();
+    let rows = [("scheme.interface=hat", 64), ("scheme.degree=1", 32)];
+    let [cells, elements] = rows.map(|(scheme, count)| {
+        let summary = classical_example_2(scheme, count);
         let number = |key: &str| summary.number(key).unwrap();
         assert!((number("mass_exact") - 7.24).abs() < 1e-6);
         ["error_density_l1", "error_velocity_l1"].map(number)
@@ -206,12 +196,11 @@ fn moments_of_elements_have_the_same_bits_on_any_ranks() {
 /// In two dimensions, elements of example 3 have the exact mass.
 #[test]
 fn elements_of_example_3_have_the_exact_mass() {
-    let place = directory();
     let summary = run("example3.toml")
         .set(&["scheme.degree=1", "axis.0.x.cells=4", "axis.1.x.cells=4"])
         .set(&["axis.0.v.cells=4", "axis.1.v.cells=4", "solver.method=classical"])
         .on(2)
-        .solve(place.path())
+        .summary()
         .unwrap();
     let number = |key: &str| summary.number(key).unwrap();
     assert!((number("mass_exact") - 0.1564).abs() < 1e-4);

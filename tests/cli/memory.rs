@@ -1,6 +1,6 @@
 //! The planned memory compared with the measured peak.
 
-use crate::support::{SLOPES, check_all, directory, run};
+use crate::support::{SLOPES, check_all, run};
 use phasewarp::plan::memory::program_file_bytes;
 
 /// A case, its size, other settings, the number of ranks, and the relative error that a plan may
@@ -68,9 +68,8 @@ fn runs_take_the_planned_memory() {
         ("example1.toml", &elements, &["solver.method=classical"], 1, CLOSE),
     ];
     check_all(rows, |(name, size, settings, ranks, allowed)| {
-        let place = directory();
         let job = run(name).set(size).set(settings).on(*ranks).with_plugins();
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
         let peak = anonymous + program_file_bytes(*ranks) as f64;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
@@ -93,9 +92,8 @@ fn runs_take_the_planned_memory() {
 /// times as much.
 #[test]
 fn factors_take_no_more_memory_than_planned() {
-    let place = directory();
     let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
-    let base = tiny.on(1).with_plugins().solve(place.path()).unwrap();
+    let base = tiny.on(1).with_plugins().summary().unwrap();
     let base = base.number("memory_anonymous_bytes_per_rank").unwrap();
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
@@ -113,11 +111,10 @@ fn factors_take_no_more_memory_than_planned() {
         ("barrier2d.toml", &sloped, 2),
     ];
     check_all(rows, |(name, size, ranks)| {
-        let place = directory();
         let job = run(name).set(size).set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
         let job = job.with_plugins();
         let job = if *ranks > 1 { job.with(["--ranks-x", "2"]) } else { job };
-        let summary = job.on(*ranks).solve(place.path())?;
+        let summary = job.on(*ranks).summary()?;
         let peak = summary.number("memory_anonymous_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let planned = planned - program_file_bytes(*ranks) as f64;
@@ -135,11 +132,10 @@ fn factors_take_no_more_memory_than_planned() {
 #[test]
 fn memory_does_not_grow_with_the_modes() {
     let peak = |tolerance: &str| {
-        let place = directory();
         let summary = run("example1.toml")
             .set(&["axis.0.x.cells=256", "axis.0.v.cells=256", "time.end=0.05"])
             .set(&[&format!("solver.tolerance={tolerance}")])
-            .solve(place.path())
+            .summary()
             .unwrap();
         let anonymous = summary.number("memory_anonymous_bytes_per_rank").unwrap();
         (summary.number("modes").unwrap(), anonymous + program_file_bytes(1) as f64)

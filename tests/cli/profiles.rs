@@ -17,8 +17,9 @@ fn with_profile(job: Job, profile: &str) -> Job {
     }
 }
 
-/// Every profile by every reading, on cases that differ: steps, trapped particles, inflow, two
-/// dimensions.
+/// Every profile with every reading meets its tolerance on two of four cases, one of them with
+/// sampled coefficients: steps, trapped particles, inflow, and two dimensions. Every profile is
+/// tested on every case.
 #[test]
 fn every_profile_and_reading_meets_its_tolerance() {
     const PROFILES: [(&str, &[&str]); 10] = [
@@ -43,22 +44,21 @@ fn every_profile_and_reading_meets_its_tolerance() {
         ),
     ];
     let mut rows = Vec::new();
-    for (case, size) in CASES {
-        for (profile, tolerances) in PROFILES {
-            for tolerance in tolerances {
-                for method in ["point", "integral", "least-squares"] {
-                    // A designed series is no function to take samples of.
-                    let coefficients = match profile {
-                        "designed" => "analytic",
-                        _ => ["analytic", "sampled"][rows.len() % 2],
-                    };
-                    rows.push((case, size, profile, *tolerance, method, coefficients));
-                }
+    let pairs = PROFILES.iter().flat_map(|(profile, all)| all.iter().map(move |t| (*profile, *t)));
+    for (p, (profile, tolerance)) in pairs.enumerate() {
+        for (m, method) in ["point", "integral", "least-squares"].into_iter().enumerate() {
+            for half in 0..2 {
+                let (case, size) = CASES[2 * half + (p + m) % 2];
+                // A designed series is no function of which samples can be taken.
+                let coefficients = match profile {
+                    "designed" => "analytic",
+                    _ => ["analytic", "sampled"][(half + p) % 2],
+                };
+                rows.push((case, size, profile, tolerance, method, coefficients));
             }
         }
     }
     check_all(&rows, |(case, size, profile, tolerance, method, coefficients)| {
-        let place = directory();
         let job = run(case).set(size).set(&[
             "solver.verify=true",
             &format!("solver.tolerance={tolerance}"),
@@ -66,7 +66,7 @@ fn every_profile_and_reading_meets_its_tolerance() {
             &format!("solver.warp.coefficients={coefficients}"),
         ]);
         let job = with_profile(job, profile);
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         let plain = *profile == "gaussian" && *method == "point";
         meets_its_tolerance_within(&summary, if plain { 3.0 } else { 6.0 })
     });
@@ -99,7 +99,6 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
         let shift = period / (3.0 * points as f64);
         let (lower, upper) = (-0.5 * period - shift, 0.5 * period - shift);
         let error = |points: usize| -> Result<f64, String> {
-            let place = directory();
             let job = run("example1.toml").set(&[
                 "axis.0.x.cells=16",
                 "axis.0.v.cells=16",
@@ -111,7 +110,7 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
                 &format!("solver.warp.recovery={recovery}"),
                 &format!("solver.warp.coefficients={coefficients}"),
             ]);
-            with_profile(job, profile).solve(place.path())?.number("error_semidiscrete")
+            with_profile(job, profile).summary()?.number("error_semidiscrete")
         };
         let (coarse, fine) = (error(points)?, error(4 * points)?);
         let order = (coarse / fine).log(4.0);
@@ -263,20 +262,18 @@ fn profiles_meet_tolerances_with_propagators_and_shifts() {
         ("acl", "3e-2"),
     ];
     let mut rows = Vec::new();
-    for (profile, tolerance) in profiles {
+    for (k, (profile, tolerance)) in profiles.into_iter().enumerate() {
         for more in [
             ["solver.propagator.method=krylov", ""],
             ["solver.propagator.method=crank-nicolson", "solver.propagator.step=0.01"],
             ["solver.propagator.method=backward-euler", "solver.propagator.step=0.01"],
             ["solver.warp.shift=2", ""],
-            ["solver.warp.shift=-3", ""],
-            ["solver.warp.shift=-8", ""],
+            [["solver.warp.shift=-3", "solver.warp.shift=-8"][k % 2], ""],
         ] {
             rows.push((profile, tolerance, more));
         }
     }
     check_all(&rows, |(profile, tolerance, more)| {
-        let place = directory();
         let set: Vec<&str> = more.iter().copied().filter(|s| !s.is_empty()).collect();
         let job = run("slope_jump.toml").set(&[
             "axis.0.x.cells=12",
@@ -286,7 +283,7 @@ fn profiles_meet_tolerances_with_propagators_and_shifts() {
             "solver.verify=true",
             &format!("solver.tolerance={tolerance}"),
         ]);
-        let summary = with_profile(job, profile).set(&set).solve(place.path())?;
+        let summary = with_profile(job, profile).set(&set).summary()?;
         let (error, tolerance) =
             (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
         let reliable = summary.boolean("error_estimate_reliable")?;
@@ -360,9 +357,8 @@ fn set_ups_of_the_paper_run_as_given() {
         ),
     ];
     check_all(&rows, |(name, settings, warned, limit)| {
-        let place = directory();
         let job = run(name).set(settings).set(&["solver.verify=true", "exact={}"]).on(2);
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         let steps = summary.number("solves")?;
         summary.require(steps > 0.0, || "no implicit steps".to_owned())?;
         let error = summary.number("error_semidiscrete")?;

@@ -4,7 +4,7 @@
 //! `PHASEWARP_READERS=required`, which `.ci/run` sets after the installation, it fails.
 //! `make readers` installs them.
 
-use crate::support::{Job, case, check_all, directory, python};
+use crate::support::{check_all, directory, of_case, python};
 use std::io::Write;
 use std::path::Path;
 
@@ -51,7 +51,7 @@ fn results_open_in_other_programs() {
     ];
     check_all(rows, |(name, ranks, settings)| {
         let place = directory();
-        let job = Job::new(["run", &case(name)]).set(&settings.concat()).on(*ranks);
+        let job = of_case("run", name).set(&settings.concat()).on(*ranks);
         let summary = job.solve(place.path())?;
         let path = place.path().display().to_string();
         let printed = read(&python, &[&path]);

@@ -1,6 +1,8 @@
 //! Reductions do not change the solution: they remove only unknowns that a case does not need.
 
-use crate::support::{Finished, Job, Mistake, all_refused, case, check_all, directory, field};
+use crate::support::{
+    Finished, Job, Mistake, all_refused, case, check_all, directory, field, of_case,
+};
 use crate::support::{datasets, differences, distance};
 
 /// A case, its settings, and the number of ranks.
@@ -97,7 +99,7 @@ const ROWS: &[Row] = &[
 
 /// A run of a row with results on the whole grid.
 fn run((name, settings, ranks): &Row, more: &[&str]) -> Job {
-    Job::new(["run", &case(name)])
+    of_case("run", name)
         .set(settings)
         .set(&["solver.tolerance=1e-7", "output.expand=true"])
         .set(&["output.field_times=[0.2]", "output.moment_times=[0.3]"])
@@ -192,7 +194,7 @@ fn bits_do_not_depend_on_ranks() {
 }
 
 fn check(name: &str, settings: &[&str]) -> Result<Finished, String> {
-    Job::new(["check", &case(name)]).set(settings).succeed()
+    of_case("check", name).set(settings).succeed()
 }
 
 /// An axis is kept if data vary along it or an output needs it. `check` gives the reason if the

@@ -59,12 +59,17 @@ fn formulas_for_alpha_that_make_no_profile_are_refused() {
         ("50 + 51", &["between 0.01 and 100"]),
         ("true", &["a formula in quotes expected"]),
     ];
+    // `run` on two ranks refuses them, too: one that is not finite, and one without a profile.
+    let by_run = ["ln(p)", "-1 + 0*p"];
     check_all(&rows, |(formula, wording)| {
         let alpha = format!("solver.warp.alpha={formula}");
         let settings = ["solver.warp.profile=exponential", &alpha];
         let wording: Vec<&str> =
             ["solver.warp.alpha", *formula].into_iter().chain(wording.iter().copied()).collect();
         check("example1.toml").set(&settings).is_refused(&wording)?;
+        if !by_run.contains(formula) {
+            return Ok(());
+        }
         let place = directory();
         run("example1.toml").set(&settings).into(place.path()).on(2).is_refused(&wording)
     });

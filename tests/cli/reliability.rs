@@ -3,7 +3,8 @@
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
-    Finished, Job, case, check_all, datasets, differences, directory, directory_on_disk,
+    Finished, Job, case, check_all, datasets, differences, directory, directory_on_disk, of_case,
+    on_results,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ const SMALL: [&str; 4] =
     ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
 
 fn run() -> Job {
-    Job::new(["run", &case("example1.toml")]).set(&SMALL)
+    of_case("run", "example1.toml").set(&SMALL)
 }
 
 fn reports_finished(finished: &Finished) -> bool {
@@ -81,7 +82,7 @@ fn damaged_results_do_not_count_as_finished() {
         damage(path);
         if printed.contains("dataset") {
             for command in ["check-result", "plot", "report"] {
-                let drawn = Job::new([command, &path.display().to_string()]).run()?;
+                let drawn = on_results(command, path).run()?;
                 drawn.ended(1, &[printed])?;
             }
         }
@@ -136,7 +137,7 @@ fn long_paths_are_accepted() {
         assert_eq!(path.as_os_str().len(), length);
         let settings = ["output.warped_field=true"];
         run().set(&settings).on(2).solve(&path)?;
-        Job::new(["check-result", &path.display().to_string()]).on(2).succeed()?;
+        on_results("check-result", &path).on(2).succeed()?;
         let again = run().set(&settings).into(&path).with(["--resume"]).on(2).succeed()?;
         if reports_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
     });
@@ -195,7 +196,7 @@ fn a_second_run_in_a_directory_is_refused() {
     let files =
         ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
     assert_eq!(names(path), files);
-    Job::new(["check-result", &path.display().to_string()]).on(2).succeed().unwrap();
+    on_results("check-result", &path).on(2).succeed().unwrap();
     // Leftovers of a killed run do not block another run.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");

@@ -4,7 +4,7 @@
 use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
-use crate::support::{Job, case, check_all, datasets_of, directory, field, require, run};
+use crate::support::{Job, case, check_all, datasets_of, directory, field, of_case, require, run};
 
 /// Sparsity, queries and qubits are consistent for all kinds of cases and in every format, and the
 /// same on any ranks. Unknown numbers are marked as such and are not zero.
@@ -119,7 +119,7 @@ fn resources_are_consistent_in_every_format() {
         let named = reasons.iter().filter_map(|why| why.as_str()).any(|why| why.contains(here));
         require(!named, &alone, || format!("{reasons:?}"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))?;
-        let text = Job::new(["resources", &case(name)]).succeed()?;
+        let text = of_case("resources", name).succeed()?;
         text.contains(&text.output, &["g exact (emitted gates)", "m model or estimate"])?;
         // Only these cases have a circuit.
         let compiles = ["example1.toml", "slope_jump.toml"].contains(&name);
@@ -142,7 +142,7 @@ fn resources_are_consistent_in_every_format() {
         ("example1.toml", "initial={warped='w.h5'}", "a file holds any"),
     ] {
         for more in [None, Some("--optimise")] {
-            let job = Job::new(["resources", &case(name)]).with(more);
+            let job = of_case("resources", name).with(more);
             let job = job.set(&[settings, "exact={f='0'}"]).on(2);
             job.is_refused(&[words]).unwrap();
         }
@@ -245,7 +245,7 @@ fn a_unitary_flow_has_no_register_for_p() {
     ];
     check_all(&rows, |(name, settings, more)| {
         let job = |words: &[&str]| {
-            let job = Job::new(["resources", &case(name)]).set(settings).set(more);
+            let job = of_case("resources", name).set(settings).set(more);
             job.with(words.iter().copied())
         };
         let found = job(&["--format", "json"]).succeed()?;
@@ -273,8 +273,7 @@ fn a_unitary_flow_has_no_register_for_p() {
         });
         require(!bare, &list, || "a choice without numbers, or a broken row".to_owned())?;
         if !by_hand {
-            let place = directory();
-            let summary = run(name).set(settings).set(more).solve(place.path())?;
+            let summary = run(name).set(settings).set(more).summary()?;
             let found = &summary.value["probabilities"];
             let all = &found["at_slice"]["all"];
             let one = found["points"] == 1 && all["value"] == 1.0 && all["label"] == "exact";
@@ -603,7 +602,7 @@ fn weights_of_modes_are_compared() {
         let ratio = alpha("rotated") / alpha("circuit");
         assert!(ratio > 0.4 && ratio < 1.0, "{ratio}");
     }
-    let job = Job::new(["resources", &case("example1.toml")]).set(&grid);
+    let job = of_case("resources", "example1.toml").set(&grid);
     let text = job.succeed().unwrap();
     text.contains(&text.printed, &["by rotations of each mode", "cheaper: sum"]).unwrap();
     for wrong in ["3", "3,x", "-1,4", "nan,4", "1,2,3"] {

@@ -107,9 +107,9 @@ fn same_bits_compressed_and_in_chunks() {
     const FEW: [&str; 2] = ["axis.0.x.cells=3", "axis.0.v.cells=6"];
     let scenes: [(&str, &[&str], &str, &[usize]); 4] = [
         ("example1.toml", &ODD, "[5,4]", &[1, 2, 3, 4]),
-        ("example1.toml", &FEW, "[2,5]", &[1, 2, 4, 7]),
+        ("example1.toml", &FEW, "[2,5]", &[2, 7]),
         ("example2.toml", &ODD, "[100,3]", &[2, 3]),
-        ("barrier2d.toml", &[], "[5,3,4,6]", &[1, 2, 3, 4]),
+        ("barrier2d.toml", &[], "[5,3,4,6]", &[2, 4]),
     ];
     for (name, settings, shape, ranks) in scenes {
         let plain = directory();

@@ -4,7 +4,7 @@
 //! `PHASEWARP_QISKIT=required`, which `.ci/run` sets after the installation, it fails.
 //! `make qiskit` installs it.
 
-use crate::support::{Job, case, check_all, directory, python};
+use crate::support::{Job, case, check_all, directory, of_case, python};
 use std::io::Write;
 use std::path::Path;
 
@@ -212,7 +212,7 @@ fn the_exported_state_contains_the_field() {
         let settings = settings.concat();
         export(name, &settings, exported.path()).succeed()?;
         // Both fields are within the tolerance of the exact one.
-        let job = Job::new(["run", &case(name)]).set(&settings);
+        let job = of_case("run", name).set(&settings);
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
         let expected = crate::support::field(solved.path())?;

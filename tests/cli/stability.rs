@@ -1,6 +1,6 @@
 //! `phasewarp stability`: the measured limits of stability agree with theory.
 
-use crate::support::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, of_case};
 use serde_json::Value;
 use std::path::Path;
 
@@ -327,7 +327,7 @@ fn every_case_has_panels_and_figures_within_its_budget() {
 fn runs_beyond_the_limits_are_refused_or_print_a_warning() {
     let small = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
     let place = directory();
-    let job = Job::new(["check", &case("example1.toml")]).set(&small);
+    let job = of_case("check", "example1.toml").set(&small);
     let printed = job.clone().set(&["solver.warp.weights=none"]).succeed().unwrap();
     for words in
         ["solver.warp.weights = \"none\"", "growth x time", "where 1 is much", "dissipative"]
@@ -335,11 +335,11 @@ fn runs_beyond_the_limits_are_refused_or_print_a_warning() {
         assert!(printed.output.contains(words), "{words}: {}", printed.output);
     }
     assert!(!job.succeed().unwrap().output.contains("growth x time"));
-    let inflow = Job::new(["check", &case("inflow_barrier.toml")]);
+    let inflow = of_case("check", "inflow_barrier.toml");
     let printed = inflow.set(&["solver.warp.delta=0.02"]).succeed();
     let printed = printed.map(|f| f.output).unwrap_or_else(|e| e);
     assert!(printed.contains("solver.warp.delta"), "{printed}");
     let cfl = ["solver.method=classical", "solver.classical.cfl=1.01"];
-    let job = Job::new(["run", &case("example1.toml")]).set(&cfl);
+    let job = of_case("run", "example1.toml").set(&cfl);
     job.into(place.path()).is_refused(&["cfl", "1.01"]).unwrap();
 }

@@ -1,12 +1,12 @@
 //! `phasewarp sweep`: one table of all combinations, finished and failed runs, and job arrays.
 
-use crate::support::{Finished, Job, case, check_all, directory};
+use crate::support::{Finished, Job, check_all, directory, of_case};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// A sweep of a small case over these values, with results in a directory.
 fn sweep(directory: &Path, vary: &[&str]) -> Job {
-    let job = Job::new(["sweep", &case("example1.toml")]).into(directory);
+    let job = of_case("sweep", "example1.toml").into(directory);
     let job = job.set(&["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.verify=true"]);
     vary.iter().fold(job, |job, vary| job.with(["--vary", vary]))
 }

@@ -2,7 +2,8 @@
 
 use crate::dense;
 use crate::support::{
-    Finished, Job, case, check_all, datasets, differences, directory, distance, field,
+    Finished, Job, case, check_all, datasets, differences, directory, distance, field, of_case,
+    on_results,
 };
 use phasewarp::problem::case::Case;
 use std::fmt::Write;
@@ -21,7 +22,7 @@ fn value(x: f64, v: f64) -> f64 {
 /// A run of a second with these initial data.
 fn run(initial: &str, settings: &[&str]) -> Job {
     let initial = format!("initial={{{initial}}}");
-    Job::new(["run", &case("example1.toml")])
+    of_case("run", "example1.toml")
         .set(&GRID)
         .set(&["solver.tolerance=1e-6", "time.end=0.4", "exact={f='0'}", ALL, &initial])
         .set(settings)
@@ -119,8 +120,7 @@ fn a_table_at_cell_centres_gives_the_same_bits_for_any_file_and_ranks() {
         }
     });
     // A result file is also a valid table.
-    let again = directory();
-    table(&first.path().join("result.h5"), &[]).on(2).solve(again.path()).unwrap();
+    table(&first.path().join("result.h5"), &[]).on(2).summary().unwrap();
 }
 
 /// A table is linear between its points: half the spacing gives a quarter of the error, for cells
@@ -148,14 +148,12 @@ fn tables_converge_with_order_2_to_the_formula() {
     });
     // The exact solution follows characteristics back to the table.
     let exact = "exact={kind='characteristics'}";
-    let errors = [formula(&[exact]), table(&place.path().join("75.csv"), &[exact])].map(|job| {
-        let to = directory();
-        job.on(2).solve(to.path()).unwrap().value["error_l1"].as_f64().expect("an error")
-    });
+    let errors = [formula(&[exact]), table(&place.path().join("75.csv"), &[exact])]
+        .map(|job| job.on(2).summary().unwrap().value["error_l1"].as_f64().expect("an error"));
     assert!((errors[0] / errors[1] - 1.0).abs() < 0.05, "{errors:?}");
 }
 
-/// Invalid tables are refused by name, by run, plan and check, on any ranks.
+/// Invalid tables are refused by name, by `run` on three ranks, and by `plan` and `check` alone.
 #[test]
 fn bad_tables_are_refused() {
     let place = directory();
@@ -197,16 +195,14 @@ fn bad_tables_are_refused() {
     ];
     let directory_of =
         |text: &str| text.replace("file='", &format!("file='{}/", place.path().display()));
-    check_all(&rows, |(text, wording)| {
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |(k, (text, wording))| {
         let given = format!("table={{{}}}", directory_of(text));
-        for ranks in [1, 3] {
-            run(&given, &[]).into(directory().path()).on(ranks).is_refused(wording)?;
-        }
+        run(&given, &[]).into(directory().path()).on(3).is_refused(wording)?;
         let given = format!("initial={{{given}}}");
-        for command in ["plan", "check"] {
-            Job::new([command, &case("example1.toml")]).set(&[&given]).is_refused(wording)?;
-        }
-        Ok(())
+        // The commands read tables in the same way, so each row has one more.
+        let command = ["plan", "check"][k % 2];
+        of_case(command, "example1.toml").set(&[&given]).is_refused(wording)
     });
     let table = format!("table={{file='{}', axes=['x']}}", place.path().join("flat.h5").display());
     for (beside, wording) in [
@@ -219,7 +215,7 @@ fn bad_tables_are_refused() {
     }
     // A table along one axis is enough if `axes` names it.
     let flat = run(&table, &["output.field_times=[0.2]"]);
-    flat.on(2).solve(directory().path()).unwrap();
+    flat.on(2).summary().unwrap();
 }
 
 /// A finished run is repeated if its table has changed. `plan` and `check` read the table, too.
@@ -235,7 +231,7 @@ fn a_run_with_a_changed_table_is_repeated() {
     let job = table(&path, &[]);
     for command in ["plan", "check"] {
         let initial = format!("initial={{table={{file='{}'}}}}", path.display());
-        let job = Job::new([command, &case("example1.toml")]).set(&[&initial]);
+        let job = of_case(command, "example1.toml").set(&[&initial]);
         let finished: Finished = job.on(2).succeed().unwrap();
         assert!(
             command == "plan" || finished.output.contains("(31 x 31 points)"),
@@ -348,7 +344,7 @@ fn a_table_of_the_potential_has_the_effect_of_a_formula() {
     let to = directory();
     let exact = beside.on(2).solve(to.path()).unwrap();
     assert!(exact.value["error_l1"].as_f64().is_some_and(|error| error > 0.0));
-    let plotted = Job::new(["plot", &to.path().display().to_string()]).succeed().unwrap();
+    let plotted = on_results("plot", to.path()).succeed().unwrap();
     assert!(!plotted.output.contains("warning"), "{}", plotted.report("plot"));
 }
 
@@ -362,7 +358,7 @@ fn a_table_of_the_potential_in_two_dimensions_has_the_effect_of_a_region() {
     let path = place.path().join("V.csv");
     write_grid(&path, &[("x", &x), ("y", &y)], "V", |p| value(p[0], p[1]));
     let of = |potential: &str| {
-        Job::new(["run", &case("barrier2d.toml")])
+        of_case("run", "barrier2d.toml")
             .set(&TWO)
             .set(&["solver.tolerance=1e-5", "time.end=0.2", ALL, "exact={f='0'}", potential])
     };
@@ -452,10 +448,8 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
         ),
     ];
     check_all(&rows, |(setting, wording)| {
-        for ranks in [1, 3] {
-            run("f='0'", &[setting]).into(directory().path()).on(ranks).is_refused(wording)?;
-        }
-        Job::new(["check", &case("example1.toml")]).set(&[setting]).is_refused(wording)
+        run("f='0'", &[setting]).into(directory().path()).on(3).is_refused(wording)?;
+        of_case("check", "example1.toml").set(&[setting]).is_refused(wording)
     });
 }
 
@@ -474,7 +468,7 @@ fn a_run_with_a_changed_table_of_the_potential_is_repeated() {
         };
     write(0.2);
     let potential = format!("potential=[{{{}}}]", given(&path, ""));
-    let checked = Job::new(["check", &case("example1.toml")]).set(&[&potential]);
+    let checked = of_case("check", "example1.toml").set(&[&potential]);
     let printed = checked.on(1).succeed().unwrap();
     assert!(
         printed.output.contains("(3 points, constant around each)"),
@@ -564,7 +558,7 @@ fn a_table_that_ends_inside_the_box_causes_a_warning() {
         write_grid(&path, &[("x", &points)], "V", |x| 0.1 * x[0]);
         let more = format!(", interpolation='{interpolation}'");
         let potential = format!("potential=[{{{}}}]", given(&path, &more));
-        let finished = Job::new(["check", &case("example1.toml")]).set(&[&potential]).succeed();
+        let finished = of_case("check", "example1.toml").set(&[&potential]).succeed();
         let finished = finished.unwrap();
         let found = finished.output.contains("it is constant over 50.00 % of the axis beyond");
         assert_eq!(found, printed, "{}", finished.report(interpolation));

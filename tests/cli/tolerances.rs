@@ -14,17 +14,15 @@ const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 fn tolerances_are_met_in_every_case() {
     let mut rows = Vec::new();
     let of_degree_0 = finite_volumes();
-    for name in dissipative() {
-        // Elements of a higher degree have no interface law to choose.
-        let laws = if of_degree_0.contains(&name) { &INTERFACES[..] } else { &INTERFACES[..1] };
-        for interface in laws {
-            for tolerance in TOLERANCES {
-                rows.push((name.clone(), interface, tolerance));
-            }
+    for (n, name) in dissipative().into_iter().enumerate() {
+        rows.extend(TOLERANCES.map(|tolerance| (name.clone(), INTERFACES[0], tolerance)));
+        // Only degree 0 has the other law. It is tested with half of the tolerances, by turns.
+        if of_degree_0.contains(&name) {
+            let half = TOLERANCES.into_iter().skip(n % 2).step_by(2);
+            rows.extend(half.map(|tolerance| (name.clone(), INTERFACES[1], tolerance)));
         }
     }
     check_all(&rows, |(name, interface, tolerance)| {
-        let place = directory();
         let mut job = run(name).set(shrunk(name)).set(&[
             "solver.verify=true",
             &format!("scheme.interface={interface}"),
@@ -34,7 +32,7 @@ fn tolerances_are_met_in_every_case() {
         if *tolerance == "1e-6" {
             job = job.on(2);
         }
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         meets_its_tolerance(&summary)
     });
 }
@@ -49,10 +47,9 @@ fn estimates_of_resolved_data_are_right() {
     let gaussian = gaussian.map(|tolerance| ("unitary_advection.toml", tolerance));
     let rows: Vec<(&str, &str)> = beams.into_iter().chain(gaussian).collect();
     check_all(&rows, |(name, tolerance)| {
-        let place = directory();
         let tolerance = format!("solver.tolerance={tolerance}");
         let set = ["solver.verify=true", "scheme.flux=0.5", &tolerance];
-        let summary = run(name).set(&set).solve(place.path())?;
+        let summary = run(name).set(&set).summary()?;
         let ratio = summary.number("error_estimate")? / summary.number("error_semidiscrete")?;
         let reliable = summary.value["error_estimate_reliable"] == true;
         summary.require(reliable && (1.0 / 3.0..3.0).contains(&ratio), || {
@@ -65,9 +62,8 @@ fn estimates_of_resolved_data_are_right() {
 #[test]
 fn a_unitary_flow_needs_one_mode() {
     check_all(&TOLERANCES, |tolerance| {
-        let place = directory();
         let set = ["solver.verify=true", &format!("solver.tolerance={tolerance}")];
-        let summary = run("unitary_advection.toml").set(&set).on(2).solve(place.path())?;
+        let summary = run("unitary_advection.toml").set(&set).on(2).summary()?;
         summary.require(summary.number("modes")? == 1.0, || "more than one mode".into())?;
         tolerance_is_met(&summary)
     });
@@ -79,12 +75,11 @@ fn a_unitary_flow_needs_one_mode() {
 #[test]
 fn the_unitary_scheme_has_order_2_at_a_step() {
     let error = |cells: usize, scheme: &[&str]| {
-        let place = directory();
         let grid = [format!("axis.0.x.cells={cells}"), format!("axis.0.v.cells={cells}")];
         let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
         let data = "initial.f='exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02)'";
         let job = run("smooth-beams.toml").set(&["scheme.degree=0", data]).set(&grid).set(scheme);
-        let summary = job.on(2).solve(place.path()).unwrap();
+        let summary = job.on(2).summary().unwrap();
         let modes = summary.number("modes").unwrap();
         (summary.number("error_l2_relative").unwrap(), modes)
     };
@@ -291,9 +286,8 @@ fn estimates_at_extreme_settings_are_right_or_unreliable() {
         ("example1.toml", &["time.end=0.05", gaussian, "solver.tolerance=6e-12"]),
     ];
     check_all(&rows, |(name, settings)| {
-        let place = directory();
         let job = run(name).set(&small).set(settings).set(&["solver.verify=true"]);
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         tolerance_is_met(&summary)?;
         estimate_is_right_or_silent(&summary, 3.0)
     });
@@ -312,9 +306,8 @@ fn many_stages_in_time_do_not_add_round_off() {
         (&["solver.tolerance=1e-8", "inflow.value='exp(-vx^2)*(1 + 0.2*sin(9*t))'"], 500.0),
     ];
     check_all(&rows, |(settings, steps)| {
-        let place = directory();
         let job = run("pulsed_inflow.toml").set(settings).set(&["solver.verify=true"]);
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         let found = summary.number("time_steps")?;
         summary.require(found > *steps, || format!("{found} steps"))?;
         tolerance_is_met(&summary)?;
@@ -368,12 +361,11 @@ fn smallest_tolerance_is_accepted_and_met() {
     });
     let small = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
     let number = smallest("slope_jump.toml", &small).unwrap();
-    let place = directory();
     let summary = run("slope_jump.toml")
         .set(&small)
         .set(&[&format!("solver.tolerance={number}"), "solver.verify=true"])
         .on(2)
-        .solve(place.path())
+        .summary()
         .unwrap();
     let error = summary.number("error_semidiscrete").unwrap();
     at_most(&summary.command, error, number.parse().unwrap()).unwrap();
@@ -384,21 +376,22 @@ fn smallest_tolerance_is_accepted_and_met() {
 #[test]
 fn any_number_of_cells_is_solved() {
     let mut rows = Vec::new();
-    for interface in INTERFACES {
-        for cells in [1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17] {
+    for (k, cells) in [1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17].into_iter().enumerate() {
+        for interface in INTERFACES {
             rows.push((interface, format!("axis.0.v.cells={cells}"), "axis.0.x.cells=20"));
-            rows.push((interface, format!("axis.0.x.cells={cells}"), "axis.0.v.cells=20"));
         }
+        // The interface law acts on velocities, so one is enough here.
+        let interface = INTERFACES[k % 2];
+        rows.push((interface, format!("axis.0.x.cells={cells}"), "axis.0.v.cells=20"));
     }
     check_all(&rows, |(interface, cells, others)| {
-        let place = directory();
         let job = run("step_up.toml").set(&[
             &format!("scheme.interface={interface}"),
             cells,
             others,
             "solver.verify=true",
         ]);
-        let summary = job.solve(place.path())?;
+        let summary = job.summary()?;
         // On few cells, f may be zero everywhere.
         if summary.number("mass_initial")? == 0.0 {
             let largest = summary.number("maximum")?;
@@ -418,8 +411,7 @@ fn tolerances_are_met_on_5_to_7_ranks() {
         }
     }
     check_all(&rows, |(name, ranks)| {
-        let place = directory();
-        let summary = run(name).on(*ranks).set(&["solver.verify=true"]).solve(place.path())?;
+        let summary = run(name).on(*ranks).set(&["solver.verify=true"]).summary()?;
         let found = summary.number("ranks")?;
         summary.require(found == *ranks as f64, || format!("ranks: {found}"))?;
         meets_its_tolerance(&summary)

@@ -4,7 +4,7 @@
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::support::{
     Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
-    number_from_environment,
+    number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -326,7 +326,7 @@ fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
     let mut names = names(path).into_iter();
     match names.find(|name| name.ends_with(".partial") || name == "checkpoint") {
         Some(name) => Err(format!("{name} is still there")),
-        None => Job::new(["check-result", &path.display().to_string()]).succeed().map(drop),
+        None => on_results("check-result", path).succeed().map(drop),
     }
 }
 

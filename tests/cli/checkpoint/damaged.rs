@@ -4,7 +4,7 @@ use super::{
     Fault, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, with_fault,
 };
 use crate::support::{
-    Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory,
+    Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory, of_case,
 };
 use phasewarp::matrix::kernel::{InstructionSet, VARIABLE};
 use std::fs;
@@ -189,7 +189,7 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     let start = files.path().join("start.h5");
     fs::copy(&written, &start).expect("a copy");
     let from = format!("initial={{warped='{}'}}", start.display());
-    let run = || Job::new(["run", &case("example1.toml")]).set(&grid).set(&[&from]);
+    let run = || of_case("run", "example1.toml").set(&grid).set(&[&from]);
     let cut = directory();
     let path = cut.path();
     let job = run().on(2).set(&[OFTEN]).into(path);

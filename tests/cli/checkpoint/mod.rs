@@ -5,7 +5,7 @@ mod damaged;
 mod stopped;
 
 use crate::support::{
-    Finished, Job, Stored, Summary, case, datasets, differences, directory_on_disk as directory,
+    Finished, Job, Stored, Summary, datasets, differences, directory_on_disk as directory, of_case,
 };
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -32,7 +32,7 @@ pub const OFTEN: &str = "checkpoint.minutes=0.00001";
 pub type Result<T> = std::result::Result<T, String>;
 
 pub fn run() -> Job {
-    Job::new(["run", &case("example1.toml")]).set(&LONG)
+    of_case("run", "example1.toml").set(&LONG)
 }
 
 /// The datasets of an undisturbed run and its number of applications of the matrix.

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::support::{
     Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
-    directory_on_disk as directory,
+    directory_on_disk as directory, of_case,
 };
 use std::fs;
 use std::path::PathBuf;
@@ -223,7 +223,7 @@ fn a_stopped_sweep_is_continued() {
     let rows = [(Some(2), "-USR1", 1), (None, "-TERM", 0)];
     check_all(&rows, |&(ranks, signal, number)| {
         let place = directory();
-        let sweep = Job::new(["sweep", &case("example1.toml")]).set(&LONG).into(place.path());
+        let sweep = of_case("sweep", "example1.toml").set(&LONG).into(place.path());
         let sweep = sweep.with(["--vary", "checkpoint.minutes=0.00001,0.00002"]);
         let list = sweep.clone().with(["--list"]).succeed()?;
         let runs = list.output.lines().filter_map(|line| line.rsplit('\t').next());
@@ -313,7 +313,7 @@ fn goes_on_in_stage(
 fn stages_that_are_finished_are_not_computed_again() {
     // Density and level set in two stages, with moments before the end, an implicit method and a
     // plateau.
-    let fields = Job::new(["run", &case("example2.toml")]).set(&[
+    let fields = of_case("run", "example2.toml").set(&[
         "axis.0.x.cells=32",
         "axis.0.v.cells=24",
         "solver.tolerance=1e-2",

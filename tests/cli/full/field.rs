@@ -4,7 +4,8 @@
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance,
+    Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance, of_case,
+    on_results,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
@@ -56,7 +57,7 @@ fn full_runs_recover_what_streamed_ones_do() {
         ),
     ];
     check_all(&rows, |(name, grid, settings, files)| {
-        let job = (Job::new(["run", &case(name)]).set(grid).set(settings)).set(&[ALL]);
+        let job = (of_case("run", name).set(grid).set(settings)).set(&[ALL]);
         let streamed = directory();
         let dropped = job.clone().on(2).with(["--ranks-x", "1"]).solve(streamed.path())?;
         let expected = datasets(streamed.path())?;
@@ -244,7 +245,7 @@ fn damage_to_a_warped_field_is_found() {
     let place = directory();
     let early = ["output.field_times=[0.5]", "output.warped_field=true"];
     small(&early).on(2).solve(place.path()).unwrap();
-    let check = || Job::new(["check-result", &place.path().display().to_string()]).on(2);
+    let check = || on_results("check-result", place.path()).on(2);
     let printed = check().succeed().unwrap().output;
     for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
         assert!(printed.contains(name), "{printed}");
@@ -292,7 +293,7 @@ fn stored_modes_are_planned() {
         // the free memory of this machine, which changes.
         let memory = ["--memory-per-rank", "4GiB"].map(|word| (command == "plan").then_some(word));
         let job = || {
-            let job = Job::new([command, &case("example1.toml")]).set(&settings[..1]);
+            let job = of_case(command, "example1.toml").set(&settings[..1]);
             job.with(memory.into_iter().flatten())
         };
         let option = job().with(["--mode", "full"]).succeed().unwrap();
@@ -321,14 +322,13 @@ fn stored_modes_are_planned() {
 fn stored_modes_take_the_planned_memory() {
     let rows = [(1, "2048"), (2, "4096")];
     check_all(&rows, |(ranks, points)| {
-        let place = directory();
         let summary = Job::new(["run", &case("example1.toml"), "--mode", "full"])
             .set(&["axis.0.x.cells=96", "axis.0.v.cells=96"])
             .set(&["exact={f='0'}", "time.end=0.001", "solver.tolerance=0.1"])
             .set(&["solver.warp.profile=exponential"])
             .set(&[&format!("solver.warp.points={points}")])
             .on(*ranks)
-            .solve(place.path())?;
+            .summary()?;
         let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
         let peak = anonymous + program_file_bytes(*ranks) as f64;
         let planned = summary.number("memory_planned_bytes_per_rank")?;

@@ -3,7 +3,7 @@
 mod field;
 mod start;
 
-use crate::support::{Job, case, datasets_of};
+use crate::support::{Job, datasets_of, of_case};
 use std::path::Path;
 
 /// The warped field of `directory/warped_NAME.h5` and its points in `p`.
@@ -27,7 +27,7 @@ pub const ALL: &str = "solver.reduce={axes=false, velocities=false}";
 
 /// A quick run of example 1 on its whole grid, without the exact solution.
 pub fn small(settings: &[&str]) -> Job {
-    Job::new(["run", &case("example1.toml")])
+    of_case("run", "example1.toml")
         .set(&["axis.0.x.cells=14", "axis.0.v.cells=11"])
         .set(&["exact={f='0'}", ALL])
         .set(settings)

@@ -2,7 +2,7 @@
 
 use super::{POINTS, small, warped};
 use crate::dense::{self};
-use crate::support::{Job, Summary, case, check_all, directory, distance, field};
+use crate::support::{Job, Summary, case, check_all, directory, distance, field, of_case};
 use phasewarp::problem::case::Case;
 use std::path::Path;
 
@@ -111,7 +111,7 @@ fn plans_of_runs_from_a_file_have_its_points() {
         (1, &["--calibrate", "--ranks", "2"]),
     ];
     check_all(&rows, |(ranks, options)| {
-        let plan = Job::new(["plan", &case("example1.toml")])
+        let plan = of_case("plan", "example1.toml")
             .set(&["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"])
             .set(&[&from, "output.warped_field=true"])
             .set(&end)
@@ -219,8 +219,7 @@ fn a_start_that_oscillates_between_its_points_is_refused() {
         let refused = start(points).set(&[&read]).into(directory().path()).on(2).run().unwrap();
         refused.ended(2, &["initial.warped", "e^p w varies by", varies]).unwrap();
     }
-    let good = directory();
-    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).solve(good.path()).unwrap();
+    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).summary().unwrap();
     assert!(!summary.warnings().contains("e^p w varies by"), "{}", summary.warnings());
 }
 
@@ -247,8 +246,7 @@ fn a_start_that_is_not_flat_is_refused() {
     // p < 0. Both print a warning.
     for (settings, most) in [(&[grows, "output.warped_field=true"][..], "e-1 of"), (&[], "e-3 of")]
     {
-        let asked = directory();
-        let summary = start(settings).solve(asked.path()).unwrap();
+        let summary = start(settings).summary().unwrap();
         let warnings = summary.warnings();
         assert!(warnings.contains("e^p w varies by") && warnings.contains(most), "{warnings}");
     }
@@ -276,13 +274,11 @@ fn starts_with_inconsistent_settings_are_refused() {
         (&[&from, "solver.warp.points=64"], &["solver.warp.points", "initial.warped"]),
         (&[&from, "solver.warp.recovery=250"], &["solver.warp.recovery", "250", "points"]),
     ];
-    check_all(&rows, |(settings, wording)| {
+    // Alone, and on two ranks.
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |(k, (settings, wording))| {
         let to = directory();
-        for ranks in [1, 2] {
-            let job = small(settings).into(to.path()).on(ranks);
-            job.is_refused(wording)?;
-        }
-        Ok(())
+        small(settings).into(to.path()).on(1 + k % 2).is_refused(wording)
     });
     // A relative path counts from the directory of the case file, not from the working directory.
     let home = directory();
@@ -297,7 +293,7 @@ fn starts_with_inconsistent_settings_are_refused() {
         .unwrap();
     // `check` and `plan` read the file as well.
     for command in ["plan", "check"] {
-        let job = Job::new([command, &case("example1.toml")]).set(&grid);
+        let job = of_case(command, "example1.toml").set(&grid);
         job.clone().set(&[&from]).succeed().unwrap();
         let job = job.set(&["initial={warped='no.h5'}"]);
         job.is_refused(&["initial.warped"]).unwrap();

@@ -4,7 +4,7 @@
 //! which `.ci/run` sets after the installation, it fails. `make browser` installs one.
 
 use super::{album, look_at};
-use crate::support::{Job, case, directory};
+use crate::support::{directory, of_case, on_results};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -79,9 +79,9 @@ fn a_browser_opens_the_report() {
     let marked =
         "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
     let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.fields_every=0.25", marked];
-    let job = Job::new(["run", &case("example1.toml")]).set(&settings).on(2);
+    let job = of_case("run", "example1.toml").set(&settings).on(2);
     job.solve(place.path()).unwrap();
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
+    on_results("report", place.path()).succeed().unwrap();
     let page = place.path().join("report.html");
     let pictures = album(place.path()).pictures.len();
     assert!(pictures >= 6);

@@ -3,7 +3,7 @@
 mod browser;
 mod movie;
 
-use crate::support::{Job, case, cases, check_all, datasets, directory, distance, shrunk};
+use crate::support::{Job, cases, check_all, datasets, directory, distance, of_case, shrunk};
 use phasewarp::results::figure::{Figure, Layer, Map};
 use phasewarp::results::pictures;
 use phasewarp::results::pictures::Album;
@@ -75,11 +75,7 @@ fn every_case_is_drawn() {
     check_all(&rows, |(name, ranks, settings)| {
         let place = directory();
         let path = place.path().display().to_string();
-        Job::new(["run", &case(name)])
-            .set(tiny(name))
-            .set(settings)
-            .on(*ranks)
-            .solve(place.path())?;
+        of_case("run", name).set(tiny(name)).set(settings).on(*ranks).solve(place.path())?;
         let done = Job::new(["plot", &path]).on(*ranks).succeed()?;
         let folder = place.path().join("plots");
         let drawn = names(&folder, ".svg");
@@ -169,8 +165,7 @@ fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
 #[test]
 fn drawn_numbers_are_those_of_the_file() {
     let place = directory();
-    let job =
-        Job::new(["run", &case("example1.toml")]).set(&["axis.0.x.cells=26", "axis.0.v.cells=23"]);
+    let job = of_case("run", "example1.toml").set(&["axis.0.x.cells=26", "axis.0.v.cells=23"]);
     let summary = job.on(2).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let album = album(place.path());
@@ -243,7 +238,7 @@ fn misleading_points_and_colours_are_not_drawn() {
     let place = directory();
     let settings =
         ["axis.0.x.cells=20", "axis.0.v.cells=16", "output.plateau={from=-1.0,to=1.0,points=5}"];
-    Job::new(["run", &case("example1.toml")]).set(&settings).solve(place.path()).unwrap();
+    of_case("run", "example1.toml").set(&settings).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let drawn = album(place.path());
     let found = curve(figure(&drawn, "plateau"), 0, "");
@@ -256,7 +251,7 @@ fn misleading_points_and_colours_are_not_drawn() {
     }
 
     let place = directory();
-    let job = Job::new(["run", &case("barrier2d.toml")]);
+    let job = of_case("run", "barrier2d.toml");
     job.set(&["solver.method=classical"]).solve(place.path()).unwrap();
     let drawn = album(place.path());
     let maps = maps(figure(&drawn, "velocity"));
@@ -279,7 +274,7 @@ fn planes_go_through_the_largest_density() {
         .into_iter()
         .map(|ranks| {
             let place = directory();
-            let job = Job::new(["run", &case("barrier2d.toml")]).set(&settings).on(ranks);
+            let job = of_case("run", "barrier2d.toml").set(&settings).on(ranks);
             job.solve(place.path()).unwrap();
             let run = untrusted::open(place.path()).unwrap();
             let cut = Cut::usual(&run, &[run.end()]);
@@ -310,7 +305,7 @@ fn planes_go_through_the_largest_density() {
     // The cloud is next to the barrier at x = -0.4; the plane is one cell further away from it.
     let place = directory();
     let cloud = "initial.f=exp(-((x + 0.5)^2 + y^2)/0.03 - ((vx + 0.5)^2 + vy^2)/0.1)";
-    let job = Job::new(["run", &case("barrier2d.toml")]).set(&settings[1..]).set(&[cloud]);
+    let job = of_case("run", "barrier2d.toml").set(&settings[1..]).set(&[cloud]);
     job.solve(place.path()).unwrap();
     let run = untrusted::open(place.path()).unwrap();
     assert_eq!(Cut::usual(&run, &[run.end()]).cells[0], 2);
@@ -321,7 +316,7 @@ fn planes_are_cut_at_the_given_positions() {
     let place = directory();
     // f = the exact solution after a negligible time: a polynomial that differs along every axis.
     let exact = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
-    let job = Job::new(["run", &case("barrier2d.toml")]).set(&[exact, "solver.tolerance=1e-2"]);
+    let job = of_case("run", "barrier2d.toml").set(&[exact, "solver.tolerance=1e-2"]);
     job.solve(place.path()).unwrap();
     let run = untrusted::open(place.path()).unwrap();
     let cut = Cut::parse(&run, "y=0.3, vx = -0.2,vy=0.1").unwrap();
@@ -361,7 +356,7 @@ fn missing_values_are_reported() {
     let [place, other, empty] = [directory(), directory(), directory()];
     let at = |place: &tempfile::TempDir| place.path().display().to_string();
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
-    let job = Job::new(["run", &case("example1.toml")]);
+    let job = of_case("run", "example1.toml");
     job.clone().set(&small).solve(place.path()).unwrap();
     job.clone().set(&["axis.0.x.cells=22", "axis.0.v.cells=12"]).solve(other.path()).unwrap();
     let nowhere = at(&empty) + "/none";
@@ -422,7 +417,7 @@ fn two_runs_are_drawn_with_their_difference() {
     for (place, method) in [(&place, "schrodingerized"), (&other, "classical")] {
         let method = format!("solver.method={method}");
         let settings = ["axis.0.x.cells=18", "axis.0.v.cells=16", "time.end=0.9", &method];
-        Job::new(["run", &case("example2.toml")]).set(&settings).solve(place.path()).unwrap();
+        of_case("run", "example2.toml").set(&settings).solve(place.path()).unwrap();
     }
     let [run, beside] = [&place, &other].map(|p| untrusted::open(p.path()).unwrap());
     let album = pictures::draw(&run, Some(&beside), &[]).unwrap();

@@ -2,7 +2,7 @@
 //! the numbers of the file.
 
 use super::{curve, maps};
-use crate::support::{Job, case, datasets, directory};
+use crate::support::{Job, datasets, directory, of_case, on_results};
 use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::pictures::film::Film;
 use phasewarp::results::untrusted;
@@ -13,7 +13,7 @@ use std::process::Command;
 /// Runs example 1 on a small grid with fields at 0, 0.25, … 1, and with `settings`.
 fn run(directory: &Path, settings: &[&str]) {
     let small = ["axis.0.x.cells=26", "axis.0.v.cells=24", "output.fields_every=0.25"];
-    Job::new(["run", &case("example1.toml")]).set(&small).set(settings).solve(directory).unwrap();
+    of_case("run", "example1.toml").set(&small).set(settings).solve(directory).unwrap();
 }
 
 /// A frame of a GIF as it is stored.
@@ -83,7 +83,7 @@ fn a_movie_has_a_frame_for_every_time() {
 
 fn run_again(directory: &Path) {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
-    let job = Job::new(["run", &case("example1.toml")]).set(&small).with(["--force"]);
+    let job = of_case("run", "example1.toml").set(&small).with(["--force"]);
     job.into(directory).succeed().unwrap();
     let at = directory.display().to_string();
     let refused = Job::new(["movie", &at]).on(2).run().unwrap();
@@ -175,7 +175,7 @@ fn in_two_dimensions_the_exact_density_is_beside_the_computed_one() {
         "output.field_times=[0.1]",
         "exact.kind=\"characteristics\"",
     ];
-    Job::new(["run", &case("barrier2d.toml")]).set(&settings).solve(place.path()).unwrap();
+    of_case("run", "barrier2d.toml").set(&settings).solve(place.path()).unwrap();
     let shown = place.path().display().to_string();
     let slices = ["movie", &shown, "--slice", "y=0.1", "--slice", "x=0"];
     Job::new(slices).succeed().unwrap();
@@ -202,7 +202,7 @@ fn in_two_dimensions_the_exact_density_is_beside_the_computed_one() {
 fn in_three_dimensions_the_exact_densities_are_below_the_computed_ones() {
     let place = directory();
     let settings = ["solver.method=classical", "output.field_times=[0.2]"];
-    Job::new(["run", &case("step3d.toml")]).set(&settings).on(2).solve(place.path()).unwrap();
+    of_case("run", "step3d.toml").set(&settings).on(2).solve(place.path()).unwrap();
     let open = untrusted::open(place.path()).unwrap();
     let cut = Cut::usual(&open, &open.snapshots().unwrap());
     assert_eq!(Cut::middle(&open).cells[0], 3);
@@ -230,7 +230,7 @@ fn in_three_dimensions_the_exact_densities_are_below_the_computed_ones() {
 fn a_report_steps_through_the_times() {
     let place = directory();
     run(place.path(), &["title=\"<script>alert(1)</script>\\u001b[2J \\\" onload=\\\"x\""]);
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
+    on_results("report", place.path()).succeed().unwrap();
     let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
     assert_eq!(page.matches("<input type=\"radio\" name=\"time\"").count(), 5);
     assert_eq!(page.matches("\" checked").count(), 1);
@@ -243,7 +243,7 @@ fn a_report_steps_through_the_times() {
     assert!(!page.contains("<script") && !page.contains('\u{1b}') && !page.contains(" onload=\"x"));
     // A run with one time has no controls to step through.
     run_again(place.path());
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
+    on_results("report", place.path()).succeed().unwrap();
     let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
     assert!(!page.contains("type=\"radio\"") && page.contains("id=\"trust\""));
 }

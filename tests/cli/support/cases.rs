@@ -107,14 +107,24 @@ pub const SLOPES: [&str; 2] = ["solver.method=classical", "solver.classical.inte
 /// Both interface laws.
 pub const INTERFACES: [&str; 2] = ["hat", "conservative"];
 
+/// A command of the program with a case of `cases/`.
+pub fn of_case(command: &str, name: &str) -> Job {
+    Job::new([command, &case(name)])
+}
+
 /// `phasewarp run` of a case of `cases/`.
 pub fn run(name: &str) -> Job {
-    Job::new(["run", &case(name)])
+    of_case("run", name)
 }
 
 /// `phasewarp check` of a case of `cases/`.
 pub fn check(name: &str) -> Job {
-    Job::new(["check", &case(name)])
+    of_case("check", name)
+}
+
+/// A command of the program with a directory of results.
+pub fn on_results(command: &str, results: impl AsRef<Path>) -> Job {
+    Job::new([command, &results.as_ref().display().to_string()])
 }
 
 /// `phasewarp plan` of a case of `cases/`, for `ranks` ranks.

@@ -8,6 +8,7 @@ mod launch;
 mod outcome;
 mod refusal;
 mod results;
+mod shared;
 
 pub use cases::*;
 pub use checks::*;
