@@ -124,8 +124,8 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
             Ok(_) if goes_on => None,
             Ok(None) if resume => None,
             Ok(None) => Some(format!(
-                "it holds the result of this case; --resume keeps it where it is finished and as \
-                 it was written, {instead}"
+                "it holds the result of this case; --resume keeps it if it is finished and \
+                 undamaged, {instead}"
             )),
             Ok(Some(what)) => Some(format!("it holds another result: {what}; {instead}")),
             Err(_) => Some(format!("it holds a result.h5 that is not phasewarp's; {instead}")),

@@ -257,7 +257,7 @@ impl Ledger {
             percent(share.abs()),
             match share > 0.0 {
                 true => "is gone that should still be in the box",
-                false => "is in the box that should have left or not have entered",
+                false => "is in the box that should have left, or should not have entered",
             },
             match self.mass.entered.is_some_and(|entered| entered != 0.0) {
                 true => ", or the run misses a pulse of the inflow",

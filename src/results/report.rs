@@ -46,9 +46,9 @@ const WARNINGS_SHOWN: usize = 3;
 
 /// Keys of `summary.json` and their labels: distances to the semi-discrete solution.
 const TO_SEMIDISCRETE: [(&str, &str); 6] = [
-    ("tolerance", "asked for: relative l2 distance to the exact semi-discrete solution"),
+    ("tolerance", "tolerance: relative l2 distance to the exact semi-discrete solution"),
     ("error_estimate", "estimate of that distance, by a second reading"),
-    ("error_estimate_reliable", "whether the estimate can be relied on"),
+    ("error_estimate_reliable", "whether the estimate is reliable"),
     ("error_semidiscrete", "that distance, measured"),
     ("step_error", "part of that from the steps of an implicit method"),
     ("time_error", "part of that from the steps of an inflow in time"),
@@ -70,7 +70,7 @@ const CONSERVED: [(&str, &str); 6] = [
     ("mass_exact", "exact mass"),
     ("kinetic_energy", "kinetic energy at the end"),
     ("potential_energy", "potential energy at the end"),
-    ("unitarity_defect", "largest change of a mode's norm, of what is allowed"),
+    ("unitarity_defect", "largest change of a mode's norm, relative to the allowed one"),
 ];
 
 /// Numbers of one field.
@@ -101,8 +101,8 @@ const COST: [(&str, &str); 13] = [
 
 /// Memory, in bytes.
 const MEMORY: [(&str, &str); 2] = [
-    ("memory_planned_bytes_per_rank", "memory a rank, planned"),
-    ("memory_peak_bytes_per_rank", "memory a rank, measured"),
+    ("memory_planned_bytes_per_rank", "memory per rank, planned"),
+    ("memory_peak_bytes_per_rank", "memory per rank, measured"),
 ];
 
 /// The chain of postselected conditions.
@@ -478,7 +478,7 @@ impl Report<'_> {
         rows.values(&[("points", "points N_p"), ("window", "window in p")], found);
         html! {
             @if !found.is_null() {
-                p { "With what probability a measurement would give the field." }
+                p { "The probability that a measurement gives the field." }
                 table {
                     tr {
                         th {}

@@ -184,7 +184,7 @@ impl Accuracy {
         let cells = match largest_order(case, degree).filter(|_| is_large) {
             Some(order) => {
                 let times = short((10.0 * ratio.powf(1.0 / order)).ceil() / 10.0);
-                format!("more cells (at least {times} times as many an axis for {wanted})")
+                format!("more cells (at least {times} times as many per axis for {wanted})")
             }
             None => "more cells".to_owned(),
         };
@@ -202,7 +202,7 @@ impl Accuracy {
         let is_start = case.start.is_none() && case.start_field.is_none();
         let then = if !is_large {
             let enough = rounded_down(self.worst() / DOMINANT);
-            format!("; with this grid solver.tolerance = {enough:e} would do")
+            format!("; with this grid solver.tolerance = {enough:e} would suffice")
         } else if is_start && self.goal.is_none() {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
         } else {

@@ -58,7 +58,6 @@ struct LegendEntry<'a> {
 }
 
 /// The entry of a layer, if it has one.
-
 fn entry(layer: &Layer) -> Option<LegendEntry<'_>> {
     let (label, style, joined) = match layer {
         Layer::Line { label, style, .. } => (label, style, true),

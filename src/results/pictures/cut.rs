@@ -94,7 +94,7 @@ impl Cut {
         let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))
-                .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, as x=0.1")))?;
+                .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, such as x=0.1")))?;
             let a = (names.iter().position(|n| *n == name.trim())).ok_or_else(|| {
                 wrong(format!("\"{}\" is no axis; {} are", name.trim(), names.join(", ")))
             })?;

@@ -32,7 +32,7 @@ pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
 /// the line.
 pub fn note_on_ends(run: &Stored, a: usize, jumps: &[f64]) -> String {
     match jumps.contains(&run.axis(a).lower) {
-        true => format!(" V jumps too where {} closes, at its ends.", run.names()[a]),
+        true => format!(" V also jumps at the ends of {}, which is periodic.", run.names()[a]),
         false => String::new(),
     }
 }

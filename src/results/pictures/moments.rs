@@ -120,7 +120,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         .columns(3)
         .frame(320.0, 240.0)
         .caption(format!(
-            "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
+            "Density ∫f dv, momentum ∫v f dv, and their ratio except in vacuum.{what}{}{}",
             if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
             note_on_ends(run, 0, &faces)
         )))
@@ -252,7 +252,7 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
         .collect();
     let mut rows = rows?;
     share_signed_colours(&mut rows);
-    let caption = "Momentum over density; grey where there is nothing.";
+    let caption = "Momentum over density; grey in vacuum.";
     Ok(figure(runs.run, "Mean velocity", rows, cut, caption))
 }
 

@@ -55,10 +55,10 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     lines += cut.sentence(run);
     lines += &undershoots(lowest);
     if run.case.is_err() {
-        lines += " The case file is not understood by this program: jumps of V are not shown.";
+        lines += " This program cannot read the case file: jumps of V are not shown.";
     }
     if (0..2 * n).any(|a| run.axis(a).elements() > FINEST) {
-        lines += " Finer grids than can be shown are averaged.";
+        lines += " Grids that are too fine to be shown are averaged.";
     }
     Ok(Figure::new(format!("{} at t = {}", run.title(), short(run.time)), panels)
         .columns(columns)

@@ -30,7 +30,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
         0 => String::new(),
         hidden => format!(
             " Left out: {hidden} estimates that may be off by more than {LARGEST_BOUND} times the \
-             largest value (where all are zero, that there could be)."
+             largest value (if all are zero, the largest possible value)."
         ),
     };
     let caption = "What a quantum computer would measure, with bounds. Those of density and \

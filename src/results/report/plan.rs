@@ -50,10 +50,10 @@ fn problem(rows: &mut ReportRows, plan: &Value) {
         Some(elements) => format!("{elements} elements with {unknowns} unknowns"),
         None => format!("{shape} = {unknowns} cells"),
     });
-    rows.text("grid that is computed on", grid);
+    rows.text("computed grid", grid);
     rows.text("fields", number(&plan["fields"]));
     rows.text("method", word(&plan["method"]));
-    rows.text("rows at jumps of V", word(&plan["interface"]));
+    rows.text("interface law at jumps of V", word(&plan["interface"]));
     rows.text("length T of the run", number(&plan["time"]));
     let holds = |key: &str| plan["bounds"][key].as_bool() == Some(true);
     let scene = SCENE.into_iter().filter(|(key, _)| holds(key));

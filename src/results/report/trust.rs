@@ -139,7 +139,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let what = sentence(OF_GRID);
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
-        let text = "neither measured nor estimated; a run on twice the cells shows it";
+        let text = "neither measured nor estimated; a run on twice as many cells would show it";
         let value = "not known".to_owned();
         return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
     };
@@ -185,7 +185,7 @@ pub fn main_warning(summary: &Value) -> Option<String> {
 fn conservation(ledger: Option<&Ledger>) -> Finding {
     let what = "Mass and energy".to_owned();
     let Some(ledger) = ledger else {
-        let (value, text) = ("not known".to_owned(), "the ledger was not kept".to_owned());
+        let (value, text) = ("not known".to_owned(), "there is no ledger".to_owned());
         return Finding { what, mark: Mark::Unknown, value, text };
     };
     let warnings = ledger.doubts();
