@@ -117,7 +117,7 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
 /// Collective.
 ///
 /// # Errors
-/// As [`advise`]; [`Error::Input`] if `--set` gives a key that is to be chosen, or if nothing is
+/// As [`advise`]; [`Error::Input`] if `--set` gives a key that `advise` chooses, or if nothing is
 /// advised.
 fn with_accuracy(
     world: &World,

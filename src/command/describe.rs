@@ -104,8 +104,8 @@ fn formulas(case: &Case) -> String {
     {
         let file = start.path.display();
         text += &format!(
-            "w(0) = {file}: {points} points in p from {lower}, {upper} is one period on; \
-             nothing enters\n"
+            "w(0) = {file}: {points} points in p, on one period from {lower} to {upper}; nothing \
+             enters\n"
         );
     }
     if let Some(start) = &case.start_field {
@@ -178,7 +178,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
     let parts = [
         ("dissipation of the flux between elements", causes.flux),
         ("the open ends of the box", causes.ends),
-        ("jumps of V to beyond the velocity box", causes.beyond),
+        ("jumps of V that lead beyond the velocity box", causes.beyond),
         ("the ends of the velocity box", causes.velocities),
         // With what goes beyond the velocity box there.
         ("partial reflection", causes.reflection),
@@ -202,7 +202,7 @@ pub(crate) fn errors(case: &Case) -> String {
         Method::Classical => "that of the time steps, not estimated".to_owned(),
     };
     let of_grid = match case.accuracy {
-        Some(goal) => format!("at most {goal:e} of the density, by trials (accuracy)"),
+        Some(goal) => format!("at most {goal:e} of the density, by trial runs (accuracy)"),
         None => "printed at the end of a run; phasewarp advise finds a grid for it".to_owned(),
     };
     format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))

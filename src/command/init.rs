@@ -6,7 +6,6 @@ use crate::base::text::quoted;
 use crate::command::cli::InitArgs;
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
-use std::fmt::Write;
 
 /// Grid of the written case, coarse enough for a run of seconds.
 struct StarterGrid {
@@ -52,28 +51,7 @@ pub fn text(n: usize) -> String {
          title = \"A cloud at a step\"\n\n",
         if n == 1 { "" } else { "s" }
     );
-    for a in 0..n {
-        let x = ["x", "y", "z"][a];
-        let [cells, velocities] = if a == 0 { first } else { others };
-        // Formatting cannot fail.
-        let _ = match a {
-            0 => write!(
-                text,
-                "[[axis]]                     # one table for each space dimension: x, y, z\n\
-                 # space: V may jump only at faces of cells, here at x = 0\n\
-                 x = {{ lower = -1, upper = 1, cells = {cells} }}\n\
-                 # velocity: wide enough for particles that the step slows down or reflects\n\
-                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
-            ),
-            _ => write!(
-                text,
-                "[[axis]]                     # {x}: particles that leave at one end enter at the \
-                 other\n\
-                 x = {{ lower = -1, upper = 1, cells = {cells}, boundary = \"periodic\" }}\n\
-                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
-            ),
-        };
-    }
+    (0..n).for_each(|a| text += &axis_text(a, if a == 0 { first } else { others }));
     let velocity = if n == 1 { "v" } else { "vx" };
     let mut square = format!("((x + 0.5)/0.2)^2 + (({velocity} - 0.7)/0.15)^2");
     for a in 1..n {
@@ -103,4 +81,25 @@ pub fn text(n: usize) -> String {
          [output]\n\
          moments_every = 0.25         # density and momentum also at these times\n"
     )
+}
+
+/// The table of axis `a` with these numbers of elements in space and in velocity. Only the first
+/// axis, along which `V` jumps, has ends.
+fn axis_text(a: usize, [cells, velocities]: [usize; 2]) -> String {
+    let x = ["x", "y", "z"][a];
+    match a {
+        0 => format!(
+            "[[axis]]                     # one table for each space dimension: x, y, z\n\
+             # space: V may jump only at faces of cells, here at x = 0\n\
+             x = {{ lower = -1, upper = 1, cells = {cells} }}\n\
+             # velocity: wide enough for particles that the step slows down or reflects\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+        ),
+        _ => format!(
+            "[[axis]]                     # {x}: particles that leave at one end enter at the \
+             other\n\
+             x = {{ lower = -1, upper = 1, cells = {cells}, boundary = \"periodic\" }}\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+        ),
+    }
 }

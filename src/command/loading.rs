@@ -81,7 +81,7 @@ pub fn load_continued(
         if found.tables.get(&key).is_some_and(|before| sum.as_ref() != Some(before)) {
             return Err(Error::Input(format!(
                 "--continue {}: {key}.file = \"{}\" has changed since the first part; \
-                 --set {key}.file=… takes other values on purpose",
+                 --set {key}.file=… takes the other values on purpose",
                 directory.display(),
                 file.path.display()
             )));
@@ -103,7 +103,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
     if !(until > time && until.is_finite()) {
-        let what = format!("--until {until}: its results are at t = {time}; a later time");
+        let what = format!("--until {until}: its results are at t = {time}; a later time expected");
         return Err(wrong(&what));
     }
     let own = overrides(changes);

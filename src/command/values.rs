@@ -45,7 +45,7 @@ pub fn ranks(text: &str) -> Result<RankNumbers, String> {
     let number = |word: &str| match word.trim().parse() {
         Ok(n @ 1..=MOST) => Ok(n),
         _ => Err(format!(
-            "'{}': a whole number in 1..={MOST} expected, or many: 1,2,4 or 1..64",
+            "'{}': a whole number in 1..={MOST} expected, or several: 1,2,4 or 1..64",
             word.trim()
         )),
     };

@@ -166,7 +166,7 @@ pub struct Case {
     pub cfl: f64,
     /// `[solver.reduce]`.
     pub reduce: Allowed,
-    /// What was left out of the computation, and what was kept.
+    /// The reductions: what was left out of the computation, and what could not be left out.
     pub reductions: Reductions,
     /// `[exact]`.
     pub exact: Option<Exact>,
@@ -459,9 +459,9 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// The reductions that were made and those that could not be made, one line each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
-    /// What was left out.
+    /// What was left out of the computation.
     pub dropped: Vec<String>,
-    /// What was kept, and why.
+    /// What could not be left out, and why.
     pub kept: Vec<String>,
     /// Whether auxiliary unknowns are kept although nothing enters.
     pub idle_unknowns: bool,

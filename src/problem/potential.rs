@@ -13,7 +13,7 @@
 mod edges;
 pub mod oblique;
 mod pieces;
-pub mod written;
+pub mod resolution;
 
 pub use crate::problem::potential::edges::{
     MOST_STRAY_EDGES, Overlooked, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,

@@ -6,7 +6,7 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
-use crate::problem::potential::written::{Unresolved, unresolved};
+use crate::problem::potential::resolution::{Unresolved, unresolved};
 use crate::run::ledger::MOST_SPACE_CELLS;
 
 /// Largest part of an axis beyond the end of a table, over which the table is constant, without a

@@ -146,7 +146,7 @@ fn deviations_are_reported_before_and_after() {
         ("step_up.toml", units, &["the largest jump along x, 0.2, is", "units"]),
         ("step_up.toml", units, &["80 cells of 25000"]),
         ("step_up.toml", narrow, &["mass: the grid holds", "more cells"]),
-        ("step_up.toml", wide, &["mass: the data do not end at the velocity box"]),
+        ("step_up.toml", wide, &["mass: the initial data go beyond the velocity box"]),
         ("step_up.toml", hat, &["\"hat\" changes it by an estimated", "conservative"]),
         ("step_up.toml", &["potential.0.value=0.6"], &["upper end of vx", "at jumps of V"]),
         (

@@ -94,7 +94,9 @@ fn extension(alpha: &Expression) -> std::result::Result<Piecewise, String> {
         match failure {
             Failure::Unbounded { at } => unbounded(alpha, at),
             Failure::Rough { at } => {
-                format!("changes too fast about p = {at:.6}; a smoother formula, or fewer jumps")
+                format!(
+                    "changes too fast about p = {at:.6}; give a smoother formula, or fewer jumps"
+                )
             }
         }
     })

@@ -83,7 +83,7 @@ fn checked_degree(file: &CaseFile<'_>, key: &str, degree: i64) -> Result<usize> 
 
 /// The key to name in the error about a grid that is too large: the last number of cells that
 /// `--set` gives, else `axis`.
-fn to_blame(file: &CaseFile<'_>, pairs: usize) -> String {
+fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
     let keys = (0..pairs).flat_map(|a| ["x", "v"].map(|axis| format!("axis.{a}.{axis}.cells")));
     let set = keys.filter_map(|key| Some((file.override_of(&key)?, key)));
     set.max().map_or_else(|| "axis".to_owned(), |(_, key)| key)
@@ -128,7 +128,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
         let message = format!(
             "{cells:.3e} phase-space cells; the state alone takes {bytes:.1e} bytes of memory"
         );
-        return file.refuse(&to_blame(file, pairs.len()), message);
+        return file.refuse(&key_of_grid_size(file, pairs.len()), message);
     }
     let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
     if points > MOST_SPACE_CELLS {
@@ -136,7 +136,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
             "{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and \
              time)"
         );
-        return file.refuse(&to_blame(file, pairs.len()), message);
+        return file.refuse(&key_of_grid_size(file, pairs.len()), message);
     }
     Ok(space)
 }

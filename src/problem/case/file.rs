@@ -7,7 +7,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::{KeyValue, Mistake, integer, joined, number_of, written};
+use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined, number_of};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -78,7 +78,7 @@ impl<'t> CaseFile<'t> {
         };
         // A value that is not TOML is text, so that a shell needs no second pair of quotes.
         let value = match DeValue::parse(value.trim()) {
-            Ok(value) => marked(value.into_inner(), &span),
+            Ok(value) => with_span(value.into_inner(), &span),
             Err(_) => Spanned::new(span.clone(), text_value(value.trim(), &span)),
         };
         let parts: Vec<&str> = path.split('.').map(str::trim).collect();
@@ -357,7 +357,7 @@ fn text_value<'t>(text: &'t str, span: &Range<usize>) -> DeValue<'t> {
     let entries = list.map(entries_of).filter(|entries| entries.iter().all(|e| !e.is_empty()));
     let Some(entries) = entries else { return DeValue::String(text.into()) };
     let entry = |text: &&'t str| match DeValue::parse(text) {
-        Ok(value) => marked(value.into_inner(), span),
+        Ok(value) => with_span(value.into_inner(), span),
         Err(_) => Spanned::new(span.clone(), DeValue::String((*text).into())),
     };
     DeValue::Array(entries.iter().map(entry).collect())
@@ -381,16 +381,16 @@ fn entries_of(list: &str) -> Vec<&str> {
 }
 
 /// `value` with `span` as the span of it and of everything in it.
-fn marked<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
+fn with_span<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
     let value = match value {
         DeValue::Array(list) => {
-            let items = list.into_iter().map(|item| marked(item.into_inner(), span));
+            let items = list.into_iter().map(|item| with_span(item.into_inner(), span));
             DeValue::Array(items.collect())
         }
         DeValue::Table(table) => {
             let entries = table.into_iter().map(|(key, value)| {
                 let key = Spanned::new(span.clone(), key.into_inner());
-                (key, marked(value.into_inner(), span))
+                (key, with_span(value.into_inner(), span))
             });
             DeValue::Table(entries.collect())
         }
@@ -445,7 +445,7 @@ fn json(value: &DeValue<'_>) -> Value {
 fn described(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("\"{}\"", shortened(text, MOST_SHOWN)),
-        DeValue::Integer(number) => shortened(&written(number), MOST_SHOWN),
+        DeValue::Integer(number) => shortened(&decimal(number), MOST_SHOWN),
         DeValue::Float(number) => shortened(number.as_str(), MOST_SHOWN),
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Boolean(b) => b.to_string(),

@@ -72,7 +72,7 @@ impl Storage {
             Some(chunks) => {
                 (chunks.iter().zip(space.axes())).map(|(c, axis)| axis.cells.div_ceil(*c)).product()
             }
-            // Planned chunks have at least CHUNK/2 cells, except those at the ends of an axis,
+            // Planned chunks have at least CHUNK/2 cells, except those at the ends of axes,
             // which are at most half of all.
             None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
             None => 0,

@@ -94,7 +94,7 @@ pub fn integer(number: &DeInteger<'_>) -> Option<i64> {
 }
 
 /// A whole number in decimal digits if it fits into 64 bits, else as it was given.
-pub fn written(number: &DeInteger<'_>) -> String {
+pub fn decimal(number: &DeInteger<'_>) -> String {
     integer(number).map_or_else(|| number.as_str().to_owned(), |number| number.to_string())
 }
 
@@ -159,7 +159,7 @@ impl<'t> KeyValue<'t> {
     fn formula(&self) -> Result<String, Mistake> {
         match self.value {
             DeValue::String(text) => Ok(text.to_string()),
-            DeValue::Integer(number) => Ok(written(number)),
+            DeValue::Integer(number) => Ok(decimal(number)),
             DeValue::Float(number) => Ok(number.as_str().to_owned()),
             _ => self.wrong("a formula in quotes"),
         }

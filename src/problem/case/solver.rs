@@ -125,7 +125,8 @@ impl TimeTable {
             return file.refuse("time.start", message);
         }
         if start > 0.0 && !file.has("initial.field") {
-            let message = "initial.f is f(0): initial.field, a file of f at that time, is missing";
+            let message = "initial.f is f(0); a later start needs initial.field, a file with f at \
+                           that time";
             return file.refuse("time.start", message);
         }
         Ok(start..end)

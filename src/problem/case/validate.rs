@@ -110,8 +110,8 @@ impl Case {
         if let Some(i) = reflects {
             return file.refuse(
                 &format!("potential.{i}.reflection"),
-                "initial.velocity gives level sets, and what is reflected in part has two \
-                 velocities where a level set has one value; give initial.f",
+                "initial.velocity gives level sets, which cannot represent the two velocities \
+                 behind a partial reflection; give initial.f",
             );
         }
         if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {

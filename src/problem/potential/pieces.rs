@@ -83,7 +83,7 @@ impl ElementLines {
         space_point(&self.axes, element)
     }
 
-    /// All elements; if there are more than `most`, about so many spread over the grid.
+    /// All elements; if there are more than `most`, that many, spread over the grid.
     pub(super) fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
         /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;

@@ -178,8 +178,8 @@ fn worst_on_line(
 mod tests {
     use super::*;
 
-    /// Of degree `k` the slopes of polynomials of degree `k + 1` are met, so these are taken as
-    /// they are; those of the next degree are not.
+    /// For degree `k` the approximation of polynomials of degree `k + 1` is exact, as their slopes
+    /// are met at the nodes; that of the next degree is not.
     #[test]
     fn polynomials_are_taken_as_they_are_up_to_a_degree() {
         for degree in 0..LARGEST_DEGREE {
