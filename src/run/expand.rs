@@ -28,15 +28,15 @@ pub struct Expanded {
     pub totals: Totals,
     /// The output times before the end.
     pub early: Vec<EarlyResult>,
-    /// Seconds of the distance to the exact solution.
+    /// Seconds that the distance to the exact solution took.
     pub exact_seconds: f64,
 }
 
-/// `solution` on the user's grid `result_grid`; its ranges, totals and errors go into `summary`.
-/// Collective.
+/// Expands `solution` to the user's grid `result_grid`, and puts its ranges, totals and errors into
+/// `summary`. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 pub(crate) fn expand(
     prepared: &Prepared,
     solution: SolvedFields,
@@ -98,7 +98,8 @@ pub(crate) fn expand(
     Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
 }
 
-/// Distances of the moments of measure-valued data to the exact ones, into `summary`. Collective.
+/// Puts the distances of the moments of measure-valued data to the exact ones into `summary`.
+/// Collective.
 fn set_moment_errors(
     world: &Group,
     volumes: &CellVolumes,
