@@ -176,13 +176,13 @@ impl fmt::Display for Advice {
                 bytes_text(self.largest_points_memory),
                 match self.memory_given {
                     true => "",
-                    false => " (what is free on this machine)",
+                    false => " (free on this machine)",
                 },
                 match self.takes_points {
                     true => "",
                     false =>
-                        " The profile of this case has an N_p of its own: for another one \
-                        give another solver.warp.profile and solver.warp.points.",
+                        " The profile of this case fixes N_p: to choose it, give another \
+                        solver.warp.profile and solver.warp.points.",
                 },
             )?;
         }

@@ -19,6 +19,11 @@ pub fn memory_per_rank(world: &Group) -> u64 {
 }
 
 impl Resources {
+    /// All ranks of `world`, without a limit on memory.
+    pub fn unlimited(world: &World) -> Self {
+        Self { ranks: world.group().size(), ..Self::default() }
+    }
+
     /// All ranks of `world` with the memory that they have on this machine. Collective.
     pub fn here(world: &World) -> Self {
         let all = world.group();

@@ -297,8 +297,8 @@ fn estimate(
     summary.norm_ratio_planned = Some(warp.ratio);
     if largest_ratio > RATIO_MARGIN * warp.ratio {
         warnings.push(format!(
-            "the field's norm fell by a factor {largest_ratio:.3e} where {:.3e} was planned for: \
-             the tolerance may be missed by as much",
+            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
+             the error may exceed the tolerance in proportion",
             warp.ratio
         ));
     }
@@ -350,7 +350,7 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     };
     let whole = summary.error_estimate.unwrap_or(found);
     let size = match summary.step_is_estimated {
-        true => format!("leaves {found:.1e} of it"),
+        true => format!("contributes {found:.1e}"),
         false => format!("is too long for its error to be estimated (leading term {found:.1e})"),
     };
     // This part of the error falls with a power of the step; the rest does not depend on it.
@@ -358,7 +358,7 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     let room = tolerance - (whole - found);
     let enough = match room > 0.0 {
         true => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
-        false => "the rest of it is above the tolerance at any step".to_owned(),
+        false => "the rest of the error is above the tolerance at any step".to_owned(),
     };
     (whole > tolerance).then(|| {
         format!(

@@ -148,7 +148,7 @@ impl AxisLines<'_> {
         });
     }
 
-    /// The local number of the cell beside `cell`; none behind a jump of `V` or an end of the box.
+    /// The local number of the cell next to `cell`; none behind a jump of `V` or an end of the box.
     fn beside(&self, cell: &Cell, above: bool) -> Option<usize> {
         let space = &self.case.space;
         let n = space.dimension();

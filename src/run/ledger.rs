@@ -88,7 +88,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
     Ok(ledger)
 }
 
-/// The widths of the regions that lie between others.
+/// The widths of the regions between other regions.
 fn regions(case: &Case) -> Vec<NarrowRegion> {
     let names = axis_names(case.space.dimension());
     let widths = region_widths(case).into_iter();

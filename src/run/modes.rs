@@ -59,7 +59,6 @@ pub(crate) fn by_modes(
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
     let mut progress = Progress::new(prints, "modes", left * fields / stages);
-
     let modes: Vec<Vec<usize>> = plan.layout.modes();
     let spread = Spread {
         communicator,

@@ -78,8 +78,7 @@ impl MeasuredCase {
             return Ok(Self { case, expected, bounds, ratio: ASSUMED_RATIO, at_start: None });
         }
         refuse_too_large_here(world, &case)?;
-        let here = Resources { ranks: all.size(), ..Resources::default() };
-        let mut prepared = Prepared::new(world, &case, &here)?;
+        let mut prepared = Prepared::new(world, &case, &Resources::unlimited(world))?;
         let ratio = prepared.probe();
         let at_start = at_start(&mut prepared).map(|found| found.totals);
         Ok(Self { case, expected, bounds: prepared.bounds, ratio, at_start })

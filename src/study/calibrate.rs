@@ -163,7 +163,7 @@ struct CalibratedCase<'a> {
 }
 
 impl CalibratedCase<'_> {
-    /// Whether the run has as many ranks as there are here.
+    /// Whether the run has as many ranks as the calibration.
     fn whole(&self) -> bool {
         self.provisional.layout.mesh.ranks() == self.world.group().size()
     }
