@@ -1,4 +1,4 @@
-//! Each type of `src/` has a name of its own.
+//! No two types of `src/` have the same name.
 
 use crate::size::files;
 use std::collections::BTreeMap;
