@@ -9,7 +9,7 @@ use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::{announce_look, refuse_too_large_here};
+use crate::plan::here::{announce_slow_steps, refuse_too_large_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::grid::axis_names;
@@ -88,7 +88,7 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
 fn check(world: &World, args: &CheckArgs) -> Result<()> {
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     refuse_too_large_here(world, &case)?;
-    announce_look(world, &case);
+    announce_slow_steps(world, &case);
     let bounds = Bounds::new(&case)?;
     let resources = Resources { ranks: world.group().size(), ..Resources::default() };
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances

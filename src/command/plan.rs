@@ -11,7 +11,7 @@ use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::advice::{Advice, MachineNode};
-use crate::plan::here::{announce_look, memory_per_rank};
+use crate::plan::here::{announce_slow_steps, memory_per_rank};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
@@ -37,7 +37,7 @@ struct PlanJson<'a> {
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
-    announce_look(world, &case);
+    announce_slow_steps(world, &case);
     let ranks = match &args.ranks {
         Some(RankNumbers::Many(numbers)) => {
             let needs = on_many(world, args, &case, numbers)?;

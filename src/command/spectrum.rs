@@ -10,7 +10,7 @@ use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::here::{announce_look, memory_per_rank, refuse_too_large_here};
+use crate::plan::here::{announce_slow_steps, memory_per_rank, refuse_too_large_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
@@ -141,7 +141,7 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     let mut classical = case.clone();
     classical.method = Method::Classical;
     refuse_too_large_here(world, &classical)?;
-    announce_look(world, case);
+    announce_slow_steps(world, case);
     let bounds = Bounds::new(case)?;
     let resources = Resources::here(world);
     let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;

@@ -126,7 +126,10 @@ impl<'a> Study<'a> {
         (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
         self.left_out = match self.case.varies() && !self.case.is_galerkin() {
             true => {
-                vec!["slopes (scheme.limiter): not with an inflow that depends on time".to_owned()]
+                vec![
+                    "slopes (scheme.limiter): not possible if the inflow depends on time"
+                        .to_owned(),
+                ]
             }
             false => Vec::new(),
         };

@@ -5,7 +5,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Group, World};
-use crate::plan::here::seconds_to_look;
+use crate::plan::here::seconds_to_evaluate;
 use crate::problem::case::Case;
 use std::time::Instant;
 
@@ -23,7 +23,7 @@ const MOST_MORE: f64 = 4.0;
 /// # Errors
 /// [`Error::Input`].
 pub fn refuse_slow_potential(world: &World, case: &Case, limit: f64) -> Result<()> {
-    world.group().on_first_rank(|| match seconds_to_look(case) {
+    world.group().on_first_rank(|| match seconds_to_evaluate(case) {
         seconds if seconds > limit => Err(Error::Input(format!(
             "{}: --budget {limit} s: to evaluate V once on {:.3e} cells of space takes about \
              {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",

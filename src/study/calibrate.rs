@@ -163,7 +163,7 @@ struct CalibratedCase<'a> {
 }
 
 impl CalibratedCase<'_> {
-    /// Whether the run has as many ranks as there are here.
+    /// Whether the run has as many ranks as the calibration.
     fn whole(&self) -> bool {
         self.provisional.layout.mesh.ranks() == self.world.group().size()
     }
@@ -202,7 +202,7 @@ impl CalibratedCase<'_> {
         }
         watch.lap("probe");
         if !self.whole() {
-            // The run's own are those of the whole box.
+            // Bounds and ratio of the whole box: measured if that is cheap, else assumed.
             let found = planning::plan(self.world, case, self.resources)?;
             ratio = found.warp.map_or(ratio, |w| w.ratio);
             bounds = found.bounds;

@@ -98,7 +98,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     Ok(chart)
 }
 
-/// Degrees that are compared, beside that of the case.
+/// Degrees that are compared with that of the case.
 const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 
 /// The case with elements of other degrees.

@@ -73,7 +73,7 @@ pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorM
     PROPAGATORS.into_iter().filter(|(_, method)| method.order() > 0)
 }
 
-/// The choices that the rows of `A` depend on, beside grid and potential.
+/// The choices that determine the rows of `A`, in addition to grid and potential.
 pub fn row_choices(case: &Case) -> String {
     let rows = CHOICES.iter().filter(|choice| choice.rows).map(|choice| (choice.value)(case));
     let degrees = case.space.axes().map(|axis| axis.nodes.degree.to_string());

@@ -232,7 +232,7 @@ impl CostModel {
         self.overhead(case, cells) + rate * work * cells
     }
 
-    /// Seconds of the overhead on so many cells.
+    /// Seconds of the overhead of a trial of `case` on `cells` cells.
     pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
         let key = OverheadKey::of(case);
         let differs = |of: &OverheadKey| {

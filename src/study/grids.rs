@@ -11,7 +11,7 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::{overlooked, region_edges};
 use std::cmp::Reverse;
 
-/// An edge this close to a face, in cells, lies on it.
+/// Largest distance from a face, in cells, of an edge that counts as on it.
 const ON_FACE: f64 = 1e-6;
 /// Numbers of elements are equally good if their mismatches ([`mismatch`]) differ by less than
 /// this.
@@ -372,8 +372,8 @@ mod tests {
         assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
     }
 
-    /// Edges within cells lie in coarser and finer grids as they do in the case's, within a few
-    /// hundredths of a cell; those on faces stay there.
+    /// On coarser and finer grids, edges within cells have the same positions within cells as on
+    /// the case's grid, to a few hundredths of a cell; edges on faces stay on faces.
     #[test]
     fn edges_within_cells_lie_alike() {
         let within = grids(&[0.313, 0.771]);

@@ -18,7 +18,7 @@ use std::fmt;
 
 /// A number of ranks is worth it if its efficiency is at least this, ...
 const LEAST_EFFICIENCY: f64 = 0.5;
-/// ... and it is at least so many times as fast as the last number that is.
+/// ... and it is at least this many times as fast as the last number that is worth it.
 const LEAST_GAIN: f64 = 1.1;
 
 /// Steps of a run that every mode group repeats on its blocks.
@@ -211,7 +211,7 @@ impl RankTable {
         let percent = 100.0 * LEAST_EFFICIENCY;
         let rule = format!(
             "an efficiency of at least {percent:.0} %,\n{:<16}and at least {LEAST_GAIN} times as \
-             fast as the number before that is",
+             fast as the last number that is worth it",
             ""
         );
         match best.ranks == most.ranks {

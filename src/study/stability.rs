@@ -83,11 +83,9 @@ const PANELS: [PanelSpec; 8] = [
 ];
 
 impl PanelSpec {
-    fn panel(&self, found: Findings) -> StabilityPanel {
-        let Findings { shape, curves, borders, verdict, notes } = found;
+    fn panel(&self, findings: Findings) -> StabilityPanel {
         let Self { name, title, .. } = *self;
-        let [x, y] = [self.x.clone(), self.y.clone()];
-        StabilityPanel { name, title, shape, x, y, curves, borders, verdict, notes }
+        StabilityPanel { name, title, x: self.x.clone(), y: self.y.clone(), findings }
     }
 }
 
@@ -141,7 +139,7 @@ mod tests {
     use super::*;
     use crate::results::draw::text::width;
 
-    /// Labels stay beside their frames of 360 by 260 points.
+    /// Labels are no longer than the sides of a frame of 360 by 260 points.
     #[test]
     fn labels_are_no_longer_than_their_axes() {
         for panel in &PANELS {

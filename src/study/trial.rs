@@ -5,7 +5,6 @@ use crate::base::memory;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
@@ -90,9 +89,4 @@ pub fn plan_series(case: &mut Case) {
 /// A propagator that takes `steps` equal steps to `T`, or none.
 pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
     Propagation { method, step: steps.map(|n| case.duration() / n as f64) }
-}
-
-/// The ranks of `world` on any mesh.
-pub fn ranks(world: &World) -> Resources {
-    Resources { ranks: world.group().size(), ..Resources::default() }
 }

@@ -4,10 +4,6 @@ use crate::size::files;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Names that two types share, with the reason.
-const SHARED_NAMES: [(&str, &str); 1] =
-    [("Panel", "a private interval of quadrature beside the panels of figures")];
-
 #[test]
 fn no_type_name_is_defined_twice() {
     let mut defined: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -21,9 +17,6 @@ fn no_type_name_is_defined_twice() {
     }
     assert!(defined.len() > 300, "only {} types are found", defined.len());
     defined.retain(|_, files| files.len() > 1);
-    for (name, reason) in SHARED_NAMES {
-        assert!(defined.remove(name).is_some(), "{name} ({reason}) is not shared: remove it here");
-    }
     assert!(defined.is_empty(), "names of more than one type: {defined:#?}");
 }
 

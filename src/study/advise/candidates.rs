@@ -126,7 +126,7 @@ impl Study<'_> {
             entry.refused = Some(why);
             return None;
         }
-        match planning::plan(self.world, target, &Resources::here(self.world)) {
+        match self.planned(target) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
                 entry.computed_cells = plan.cells as f64;
@@ -142,6 +142,11 @@ impl Study<'_> {
                 None
             }
         }
+    }
+
+    /// The plan of `case` on all ranks. Collective.
+    fn planned(&self, case: &Case) -> Result<Plan> {
+        planning::plan(self.world, case, &Resources::here(self.world))
     }
 
     /// Adds the classical set-up of `scheme`. Collective.
@@ -200,7 +205,7 @@ impl Study<'_> {
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = planning::plan(self.world, &target, &Resources::here(self.world))?;
+            let plan = self.planned(&target)?;
             let updates = mode_updates(&target, &plan);
             if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
                 break;
@@ -378,8 +383,7 @@ impl Study<'_> {
     ) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
-        let updates = planning::plan(self.world, &own, &Resources::here(self.world))
-            .map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
+        let updates = self.planned(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
         if !self.trials.budget.allows(updates, 1.0) {
             return None;
         }

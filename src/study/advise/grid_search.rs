@@ -429,8 +429,8 @@ impl GridSearch<'_, '_> {
         Ok(())
     }
 
-    /// The case's own grid in the place of `found`, if it was tried and reaches the wanted error,
-    /// and has fewer cells or `found` does not reach it. Collective.
+    /// Replaces `found` by the case's own grid, if that was tried and reaches the wanted error, and
+    /// has fewer cells or `found` does not reach the error. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
         let Goal { scheme, own, .. } = self.goal;
         let better = found.error > self.wanted || cells(own) < cells(&found.shape);

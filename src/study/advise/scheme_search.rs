@@ -133,7 +133,7 @@ impl Study<'_> {
                 SearchResult::Found(grid) => grids.push((scheme, grid)),
                 SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
-                    self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
+                    self.left_out.push(format!("{name}: the budget does not hold a run on {grid}"));
                 }
                 SearchResult::Failed(error) => {
                     self.left_out.push(format!("{name}: {error}"));

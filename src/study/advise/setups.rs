@@ -112,7 +112,7 @@ impl SetupReport {
     /// settled: a longer budget may find a smaller grid. Empty otherwise.
     pub fn not_settled_yet(&self) -> &'static str {
         match self.known == Evidence::Extrapolated && !self.order.settled {
-            true => "not settled yet, a longer --budget may settle it; by the orders so far ",
+            true => "not settled yet, a longer --budget may settle it; by the orders found so far ",
             false => "",
         }
     }
@@ -218,7 +218,7 @@ impl AdviceReport {
 mod tests {
     use super::*;
 
-    /// A set-up of so many applications, extrapolated by orders that are settled or not.
+    /// A set-up of `applications` applications, extrapolated by an order that is `settled` or not.
     fn entry(applications: f64, settled: bool) -> SetupReport {
         let order = Order { pairs: vec![0.6, 1.1], order: 0.85, counted_on: 0.6, settled };
         SetupReport {

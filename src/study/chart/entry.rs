@@ -12,6 +12,9 @@ use serde::Serialize;
 /// The name in place of a profile, for the unitary scheme, which has none.
 const UNITARY: &str = "unitary";
 
+/// A point of an entry: its cost and its error, or other coordinates; none if a number is unknown.
+pub type PointOf = fn(&ChartEntry) -> Option<[f64; 2]>;
+
 /// The result of a setting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]

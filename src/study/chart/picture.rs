@@ -9,14 +9,11 @@ use crate::problem::case::{DEFAULT_CFL, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
-use crate::study::chart::entry::ChartEntry;
+use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::ends;
 use crate::study::treatment::Treatment;
-
-/// Coordinates of an entry in a panel.
-type PointOf = fn(&ChartEntry) -> Option<[f64; 2]>;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
 const APPLICATIONS: &str = "applications of the matrix";
@@ -135,7 +132,8 @@ fn profiles(entries: &[&ChartEntry]) -> Vec<String> {
     found
 }
 
-/// Applications, probability and their quotient against the error; tolerances against errors.
+/// Panels by profile: error against applications, against the tolerance, and against applications
+/// over probability; and the probability against applications.
 fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
     let profiles = profiles(entries);
     let plot = |title: &str, axes: [&str; 2], point: PointOf| {
@@ -145,11 +143,12 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
     let applications = plot("Applications, by profile", [APPLICATIONS, SEMIDISCRETE], |e| {
         Some([e.applications? as f64, e.error_semidiscrete?])
     });
-    let asked = plot("Asked for and reached, by profile", ["tolerance", SEMIDISCRETE], |e| {
-        Some([e.tolerance?, e.error_semidiscrete?])
-    });
+    let tolerances =
+        plot("Error against tolerance, by profile", ["tolerance", SEMIDISCRETE], |e| {
+            Some([e.tolerance?, e.error_semidiscrete?])
+        });
     let probability = plot(
-        "Probability of finding the field: in the window whole, in the slice dashed",
+        "Probability of finding the field: window solid, slice dashed",
         [APPLICATIONS, "probability"],
         |e| Some([e.applications? as f64, e.probability_window?]),
     );
@@ -157,14 +156,14 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
     let probability = Plot { point: slice, ..probability };
     let probability = probability.profiles(&profiles, ", slice", |of| of.hollow().dashed(1));
     let until = plot(
-        "Until it is measured (window or slice, the likelier), by profile",
+        "Cost until measured (window or slice, the likelier), by profile",
         ["applications / probability", SEMIDISCRETE],
         |e| Some([e.until_measured?, e.error_semidiscrete?]),
     );
     let front = "front, all by modes";
     [
         applications.front(front, |e| e.front_applications && planned(e)),
-        asked.line("as asked for", Style::theory(), diagonal(entries)),
+        tolerances.line("error = tolerance", Style::theory(), diagonal(entries)),
         probability,
         until.front(front, |e| e.front_until_measured),
     ]
@@ -204,7 +203,7 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
 
 /// Each treatment of growth, for two profiles.
 fn by_treatment(entries: &[&ChartEntry], grid: &str) -> Panel {
-    let title = format!("Against growth at a jump ({grid})");
+    let title = format!("Treatments of growth at a jump ({grid})");
     let axes = [APPLICATIONS, SEMIDISCRETE].map(PlotAxis::log);
     let point: PointOf = |e| Some([e.applications? as f64, e.error_semidiscrete?]);
     let mut plot = Plot::new(title, axes, entries, point);

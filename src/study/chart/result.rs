@@ -1,7 +1,7 @@
 //! The result of a chart: its entries, and the Pareto fronts among them.
 
 use crate::problem::case::Method;
-use crate::study::chart::entry::ChartEntry;
+use crate::study::chart::entry::{ChartEntry, PointOf};
 use serde::Serialize;
 
 /// All trials of a case.
@@ -35,13 +35,10 @@ pub struct Chart {
     pub entries: Vec<ChartEntry>,
 }
 
-/// Cost and error of an entry.
-type CostAndError = fn(&ChartEntry) -> Option<[f64; 2]>;
-
 /// Marks the entries that no other of their kind beats; errors to the semi-discrete solution are
 /// compared only on the same grid.
 pub fn mark_fronts(entries: &mut [ChartEntry]) {
-    let semidiscrete: [CostAndError; 3] = [
+    let semidiscrete: [PointOf; 3] = [
         |e| Some([e.seconds?, e.error_semidiscrete?]),
         |e| Some([e.applications? as f64, e.error_semidiscrete?]),
         |e| Some([e.until_measured?, e.error_semidiscrete?]),
@@ -75,7 +72,7 @@ pub fn mark_fronts(entries: &mut [ChartEntry]) {
 fn front_of(
     entries: &[ChartEntry],
     belong: impl Fn(&ChartEntry) -> bool,
-    of: CostAndError,
+    of: PointOf,
 ) -> Vec<bool> {
     let points: Vec<_> = (entries.iter()).map(|e| belong(e).then(|| of(e)).flatten()).collect();
     front(&points)

@@ -41,7 +41,7 @@ pub enum Setup {
     },
     /// Schrödingerization by modes.
     Modes(Modes),
-    /// The unitary scheme in the place of the upwind one, of degree 0: one mode.
+    /// The unitary scheme instead of the upwind one, of degree 0. It has one mode.
     Unitary {
         /// Requested relative error.
         tolerance: f64,

@@ -1,4 +1,4 @@
-//! Fronts, sentences and files of trials that were made up.
+//! Fronts, sentences and files from made-up trials.
 
 use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
@@ -76,7 +76,7 @@ fn the_cheapest_wins_at_each_accuracy() {
     let entries = [
         made_up(true, [3.0, 1e-9], 300),
         made_up(true, [1.0, 5e-3], 100),
-        // Dearer than the first, and worse.
+        // More expensive than the first, and less accurate.
         made_up(true, [4.0, 1e-5], 200),
         made_up(true, [0.5, 0.5], 50),
     ];
@@ -87,7 +87,7 @@ fn the_cheapest_wins_at_each_accuracy() {
     let found: Vec<(f64, f64)> =
         (found.iter()).map(|(within, e)| (*within, e.seconds.unwrap())).collect();
     assert_eq!(found, [(1e-2, 1.0), (1e-8, 3.0)]);
-    // By applications the third is worth its place.
+    // By applications the third entry is the cheapest at one accuracy.
     let point = |e: &ChartEntry| Some([e.applications? as f64, e.error_semidiscrete?]);
     let (found, _) = winners(&all, &[1e-2, 1e-4, 1e-6], point);
     let cost: Vec<usize> = found.iter().map(|(_, e)| e.applications.unwrap()).collect();
@@ -237,7 +237,7 @@ fn settings_make_the_cases_they_name() {
     assert!((lower + 35.0).abs() < 1e-12 && (upper - 5.6).abs() < 1e-12);
     assert!(made.verify && !made.warp.weights);
     assert!((made.propagator.step.unwrap() * 50.0 - case.end).abs() < 1e-12);
-    // The paper's scheme is the upwind one, whatever that of the case is.
+    // The paper's scheme is the upwind one for any scheme of the case.
     let central = Case { flux: 0.5, ..case.clone() };
     assert!(paper.apply(&central, &central.space, Some(&bounds)).flux >= 1.0);
     let slopes = Setup::classical(Integrator::SspRk3, Limiter::Minmod);

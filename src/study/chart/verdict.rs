@@ -2,7 +2,7 @@
 
 use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence, time_text};
 use crate::problem::case::Method;
-use crate::study::chart::entry::{ChartEntry, Status};
+use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
 
 /// Accuracies of the sentences on the error to the exact solution, loose to tight.
@@ -49,7 +49,7 @@ struct CheapestByAccuracy<'a> {
     entries: &'a [&'a ChartEntry],
     accuracies: &'a [f64],
     /// Cost and error.
-    point: fn(&ChartEntry) -> Option<[f64; 2]>,
+    point: PointOf,
     name: fn(&ChartEntry) -> String,
     cost: fn(&ChartEntry) -> String,
     /// Text on entries left out that could be closer than the given closest one.

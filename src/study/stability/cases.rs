@@ -2,12 +2,13 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::problem::potential::overlooked;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
-use crate::study::trial::{final_fields_only, ranks};
+use crate::study::trial::final_fields_only;
 
 /// Most Lanczos steps.
 pub const LANCZOS: usize = 4000;
@@ -59,12 +60,12 @@ pub fn refuse_elements(case: &Case) -> Result<()> {
     }
 }
 
-/// `case` assembled on the ranks there are. Collective.
+/// `case` assembled on all ranks. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
 pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
-    Prepared::new(world, case, &ranks(world))
+    Prepared::new(world, case, &Resources::unlimited(world))
 }
 
 /// `λ⁺` of an assembled case. Collective.

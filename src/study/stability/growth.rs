@@ -107,7 +107,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     refuse_elements(task.case)?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
-        let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
+        let why = "V does not jump: S has no positive eigenvalues on any grid without weights";
         return Err(Error::input(why));
     }
     let treatments = Treatment::all();

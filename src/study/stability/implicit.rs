@@ -120,13 +120,13 @@ impl ImplicitSteps {
                  {long:.2e} and {short:.2e}. "
             ),
             None => {
-                format!("{name}: no two steps whose error is that of the step show an order. ")
+                format!("{name}: no order, as too few errors are those of the step. ")
             }
         };
         if let (Some(k), Some(shortest)) = (stalled(points), points.first()) {
             let from = points[k];
             verdict += &format!(
-                "From a step of {:.2e} on its error no longer falls: {:.1e} there, {:.1e} at the \
+                "Below a step of {:.2e} its error no longer falls: {:.1e} there, {:.1e} at the \
                  shortest, {:.2e}. ",
                 from.x, from.measured, shortest.measured, shortest.x
             );
@@ -164,7 +164,8 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }));
     notes.extend(refused);
     let verdicts: String = all.iter().map(ImplicitSteps::verdict).collect();
-    let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
+    let last =
+        "Runs warn if the error of the step exceeds the tolerance, and name a step that meets it.";
     Ok(Findings {
         shape: case.space.elements(),
         borders: all.iter().flat_map(ImplicitSteps::borders).collect(),

@@ -196,10 +196,10 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         None => "; from which L on was not located.".to_owned(),
     };
     let verdict = format!(
-        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field wraps \
-         around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The bounds \
-         hold for any data; a case's may do with shorter intervals. Runs refuse what is too short \
-         for their own profile{refused}",
+        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field \
+         wraps around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The \
+         bounds hold for any data; for a case shorter intervals may suffice. Runs refuse what \
+         is too short for their own profile{refused}",
         number(left),
         number(left_theory),
         number(right),

@@ -2,11 +2,12 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
+use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::run::planning;
 use crate::study::budget::Budget;
 use crate::study::cost::planned_updates;
-use crate::study::trial::{Trial, ranks, trial};
+use crate::study::trial::{Trial, trial};
 use serde::Serialize;
 
 /// The task of measuring a panel.
@@ -25,6 +26,7 @@ pub fn nothing_tried() -> Error {
 }
 
 /// The contents of a panel. Its name, title and axes are in the table of panels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Findings {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
@@ -59,7 +61,7 @@ impl PanelTask<'_> {
         if self.budget.is_over() {
             return None;
         }
-        match planning::plan(self.world, case, &ranks(self.world)) {
+        match planning::plan(self.world, case, &Resources::unlimited(self.world)) {
             Err(Error::Modes { .. }) => None,
             Err(error) => Some(Err(error)),
             Ok(plan) => (self.budget)
@@ -180,20 +182,13 @@ pub struct StabilityPanel {
     pub name: PanelName,
     /// Its title.
     pub title: &'static str,
-    /// Elements along each axis of the grid that it was measured on.
-    pub shape: Vec<usize>,
     /// The axis of the varied quantity.
     pub x: AxisScale,
     /// The axis of the measured quantity.
     pub y: AxisScale,
-    /// The curves.
-    pub curves: Vec<Curve>,
-    /// The borders.
-    pub borders: Vec<Border>,
-    /// Conclusions, in a sentence or two.
-    pub verdict: String,
-    /// What was left out or changed, and why.
-    pub notes: Vec<String>,
+    /// Its contents.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 /// Names of the panels.

@@ -46,7 +46,8 @@ impl Stability {
     pub fn table(&self) -> String {
         let mut text =
             format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
-        let names = self.panels.iter().flat_map(|p| &p.borders).map(|b| b.name.chars().count());
+        let names =
+            self.panels.iter().flat_map(|p| &p.findings.borders).map(|b| b.name.chars().count());
         let width = names.max().unwrap_or(0).min(WIDEST_NAME);
         let _ = writeln!(
             text,
@@ -59,9 +60,9 @@ impl Stability {
                 "{} ({}, {})",
                 word(panel.name),
                 panel.title,
-                self.grid_text(&panel.shape)
+                self.grid_text(&panel.findings.shape)
             );
-            for Border { name, measured, theory, ratio, bound, .. } in &panel.borders {
+            for Border { name, measured, theory, ratio, bound, .. } in &panel.findings.borders {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
                 let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
@@ -72,8 +73,8 @@ impl Stability {
                 };
                 let _ = writeln!(text, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}");
             }
-            let _ = writeln!(text, "    {}", panel.verdict);
-            for note in &panel.notes {
+            let _ = writeln!(text, "    {}", panel.findings.verdict);
+            for note in &panel.findings.notes {
                 let _ = writeln!(text, "    ({note})");
             }
         }
@@ -91,8 +92,8 @@ impl Stability {
         let field = |x: f64| {
             if x.is_finite() { format!("{x:e}") } else { String::new() }
         };
-        for StabilityPanel { name, curves, .. } in &self.panels {
-            for curve in curves {
+        for StabilityPanel { name, findings, .. } in &self.panels {
+            for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
                     let (name, kind) = (word(*name), kind(curve.bound));
@@ -148,13 +149,13 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
         let drawn = |y: f64| y.is_finite() && (!panel.y.logarithmic || y > 0.0);
         curve.points.iter().any(|point| drawn(point.measured))
     };
-    for (k, curve) in panel.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
+    for (k, curve) in panel.findings.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
     // Theory is drawn last, as the markers would hide it.
     let mut labels = [kind(false), kind(true)];
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
-    for curve in &panel.curves {
+    for curve in &panel.findings.curves {
         let theory = line(curve, |p| p.theory);
         if theory.iter().any(|p| p[1].is_finite()) && !before.contains(&theory) {
             let label = std::mem::take(&mut labels[usize::from(curve.bound)]);
@@ -162,7 +163,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
             before.push(theory);
         }
     }
-    for border in &panel.borders {
+    for border in &panel.findings.borders {
         if let (Some(label), Some(at)) = (&border.line, border.theory) {
             out = out.vertical(&**label, at);
         }
@@ -173,6 +174,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::stability::panel::Findings;
 
     /// A curve without a measured value is not in the legend.
     #[test]
@@ -183,13 +185,15 @@ mod tests {
         let panel = StabilityPanel {
             name: PanelName::Step,
             title: "steps",
-            shape: vec![4, 4],
             x: AxisScale::log("step"),
             y: AxisScale::log("error"),
-            curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
-            borders: Vec::new(),
-            verdict: String::new(),
-            notes: Vec::new(),
+            findings: Findings {
+                shape: vec![4, 4],
+                curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
+                borders: Vec::new(),
+                verdict: String::new(),
+                notes: Vec::new(),
+            },
         };
         let labels: Vec<String> = (drawn(&panel).layers.into_iter())
             .filter_map(|layer| match layer {

@@ -3,6 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::plan::ASSUMED_RATIO;
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -12,7 +13,7 @@ use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::trial::{Trial, plan_series, propagation, ranks};
+use crate::study::trial::{Trial, plan_series, propagation};
 
 /// Largest number of cells.
 const CELLS: usize = 1024;
@@ -42,7 +43,8 @@ impl ToleranceErrors {
     fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
         case.tolerance = BELOW_ALL_ERRORS;
-        found.smallest = match planning::plan(task.world, &case, &ranks(task.world)) {
+        found.smallest = match planning::plan(task.world, &case, &Resources::unlimited(task.world))
+        {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(BELOW_ALL_ERRORS),
             Err(error) => {
@@ -135,7 +137,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
     if let Some((smallest, name)) = smallest {
         let name = name.split(':').next().unwrap_or_default();
         verdict += &format!(
-            "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse less."
+            "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse smaller ones."
         );
     }
     verdict

@@ -58,7 +58,7 @@ impl SweepRow {
         found.cloned().unwrap_or_default()
     }
 
-    /// All warnings as one text; null where there are none.
+    /// All warnings as one text; null if there are none.
     fn warnings(&self) -> Value {
         let list = self.summary["warnings"].as_array().map_or(&[][..], Vec::as_slice);
         let list: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
