@@ -24,9 +24,9 @@ pub struct Trial {
     pub seconds: f64,
     /// This rank's space cells, one range an x-axis; may be empty.
     pub share: Vec<Range<usize>>,
-    /// Every field at `T` on them, velocities fastest.
+    /// Every field at `T` on these cells, velocities fastest.
     pub fields: Vec<Vec<f64>>,
-    /// Moments there.
+    /// Moments on these cells.
     pub moments: Moments,
 }
 
@@ -37,7 +37,7 @@ pub struct Trial {
 pub fn trial(world: &World, case: &Case) -> Result<Trial> {
     memory::reset_peak();
     let case = Case {
-        // Comparisons need all of the grid.
+        // Comparisons need the values on the whole grid.
         expand: true,
         ..case.clone()
     };
@@ -79,7 +79,7 @@ pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
     }
 }
 
-/// Removes what the case file fixes of the series in `p`: interval, points, recovery point, sampled
+/// Removes the settings of the series in `p`, so that interval, points, recovery point,
 /// coefficients and the scale of the inflow are planned.
 pub fn plan_series(case: &mut Case) {
     let warp = &mut case.warp;

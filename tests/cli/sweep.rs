@@ -1,24 +1,24 @@
-//! `phasewarp sweep`: one table of all combinations, kept and failed runs, job arrays.
+//! `phasewarp sweep`: one table of all combinations, finished and failed runs, and job arrays.
 
-use crate::support::{Finished, Job, case, check_all, directory};
+use crate::support::{Finished, Job, check_all, directory, of_case};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A small case with these values, into a directory.
+/// A sweep of a small case over these values, with results in a directory.
 fn sweep(directory: &Path, vary: &[&str]) -> Job {
-    let job = Job::new(["sweep", &case("example1.toml")]).into(directory);
+    let job = of_case("sweep", "example1.toml").into(directory);
     let job = job.set(&["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.verify=true"]);
     vary.iter().fold(job, |job, vary| job.with(["--vary", vary]))
 }
 
-/// The directories of the runs.
+/// The directories of the runs of a sweep.
 fn runs(sweep: &Job) -> Result<Vec<PathBuf>, String> {
     let list = sweep.clone().with(["--list"]).succeed()?;
     let last = list.output.lines().filter_map(|line| line.rsplit('\t').next());
     Ok(last.map(PathBuf::from).collect())
 }
 
-/// The lines of a CSV file without quotes, as fields by the names of the first line.
+/// A CSV file: the names in its first line and the fields of the other lines.
 struct Table {
     names: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -40,7 +40,7 @@ impl Table {
     }
 }
 
-/// The fields of a line, of which some may be in quotes.
+/// The fields of a line; some may be in quotes.
 fn fields(line: &str) -> Vec<String> {
     let mut fields = vec![String::new()];
     let mut quoted = false;
@@ -64,8 +64,8 @@ fn fits(finished: &Finished) -> Result<(), String> {
     if widest > 100 { Err(finished.report(&format!("a line of {widest}"))) } else { Ok(()) }
 }
 
-/// Every combination has its row, with the numbers of its own `summary.json`; finished runs are
-/// kept when the sweep grows.
+/// Every combination has a row with the numbers of its `summary.json`. A larger sweep keeps the
+/// finished runs.
 #[test]
 fn a_table_has_a_row_for_each_combination() {
     let place = directory();
@@ -98,7 +98,7 @@ fn a_table_has_a_row_for_each_combination() {
     let tex = std::fs::read_to_string(place.path().join("table.tex")).expect("table.tex");
     assert_eq!(tex.matches(" \\\\\n").count(), 5, "{tex}");
     assert!(tex.contains("scheme.degree & solver.tolerance & cells & modes"), "{tex}");
-    // Another value, other ranks.
+    // One more value, on other ranks.
     let written =
         |run: &PathBuf| std::fs::metadata(run.join("result.h5")).and_then(|m| m.modified());
     let before: Vec<_> = runs_before.iter().map(|run| written(run).expect("a result")).collect();
@@ -110,9 +110,10 @@ fn a_table_has_a_row_for_each_combination() {
     assert_eq!(Table::read(place.path()).unwrap().rows.len(), 6);
 }
 
-/// Arrays, formulas with commas and words are values; a directory has no special characters.
+/// Values can be arrays, formulas with commas and words, as in `--set`. Names of directories have
+/// no special characters.
 #[test]
-fn values_are_those_of_set() {
+fn values_can_be_arrays_and_formulas() {
     let place = directory();
     let path = place.path().join("a b; c");
     let vary = [
@@ -135,9 +136,9 @@ fn values_are_those_of_set() {
     }
 }
 
-/// A case that is refused is a row with its message; the others are run.
+/// A refused case has a row with its message, and the other cases are run.
 #[test]
-fn a_failure_is_a_row() {
+fn a_refused_case_has_a_row() {
     check_all(&[1, 3], |&ranks| {
         let place = directory();
         let job = sweep(place.path(), &["solver.tolerance=5,1e-2", "time.end=0.1"]);
@@ -155,15 +156,15 @@ fn a_failure_is_a_row() {
         let tex = std::fs::read_to_string(place.path().join("table.tex"));
         let tex = tex.map_err(|e| e.to_string())?;
         finished.contains(&tex, &["% --set solver.tolerance=5"])?;
-        // Alone it is refused as a run is.
+        // With `--index`, it is refused like a run.
         job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
     });
 }
 
-/// Invalid sweeps are refused before any run. A run that misses its tolerance has failed where
-/// `solver.strict` says so, whenever it was solved; its numbers are there.
+/// A run that misses its tolerance counts as failed with `solver.strict`, also if it was finished
+/// before. Its row has its numbers.
 #[test]
-fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
+fn a_missed_tolerance_is_a_failure_with_strict() {
     let place = directory();
     let job = sweep(place.path(), &["solver.strict=true,false", "solver.tolerance=1e-6"]);
     let job = job.set(&["solver.propagator={method='crank-nicolson',step=0.05}"]);
@@ -179,8 +180,9 @@ fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
     }
 }
 
+/// Invalid sweeps are refused before any run.
 #[test]
-fn mistakes_are_refused_before_anything_runs() {
+fn mistakes_are_refused_before_any_run() {
     let place = directory();
     let path = place.path().join("none");
     let rows: [(&[&str], &[&str]); 8] = [
@@ -206,7 +208,7 @@ fn mistakes_are_refused_before_anything_runs() {
     assert_eq!(left, 0, "files in {}", path.display());
 }
 
-/// Run by run, as a job array does it; then the table.
+/// A job array solves the runs one by one and then writes the table.
 #[test]
 fn an_array_solves_run_by_run() {
     let place = directory();
@@ -229,7 +231,7 @@ fn an_array_solves_run_by_run() {
     assert!(!runs[0].exists(), "--table solves nothing");
     let found = Table::read(place.path()).unwrap();
     assert_eq!([found.get(0, "error"), found.get(1, "error")], ["not finished", ""]);
-    // Other ranks, the same results; again it is kept.
+    // The first run on other ranks; the second time it is finished.
     for printed in [" s", "finished before"] {
         let first = job.clone().with(["--index", "1"]).on(3).succeed().unwrap();
         first.contains(&first.errors, &["[1/2] ", printed]).unwrap();

@@ -1,4 +1,4 @@
-//! The keys that a case file may have, found by deserializing from a source that accepts every key.
+//! The keys that a case file may have, found by deserializing from a source that has every key.
 //!
 //! The tables of the sections are the only list of keys. A [`Deserializer`] that returns a value of
 //! the requested kind for every key records which keys exist and what kind each expects.
@@ -44,7 +44,7 @@ pub enum ValueKind {
 /// The keys of `T`.
 pub fn of<T: DeserializeOwned>() -> ValueKind {
     let kind = RefCell::default();
-    // The values that are read are placeholders.
+    // The values that are read are placeholders, and are dropped.
     let read = T::deserialize(Question { answer: &kind });
     debug_assert!(read.is_ok());
     kind.into_inner()
@@ -218,7 +218,7 @@ impl<'de> MapAccess<'de> for Entries<'_> {
 mod tests {
     use super::*;
 
-    /// Every kind by its key, `N` for the numbers of lists.
+    /// Adds the kind of every key to `found`; `N` stands for the index in a list.
     fn flat(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
         match kind {
             ValueKind::Table(entries) | ValueKind::Switches(entries) => {

@@ -19,7 +19,7 @@ pub struct PanelTask<'a> {
     pub budget: &'a Budget,
 }
 
-/// The reason that the budget ended before anything was tried.
+/// The error of a budget that ended before anything was tried.
 pub fn nothing_tried() -> Error {
     Error::input("nothing could be tried within the budget")
 }
@@ -38,11 +38,11 @@ pub struct Findings {
     pub notes: Vec<String>,
 }
 
-/// The contents of a panel, or why a case does not have it.
+/// The contents of a panel, or why the case does not have it.
 pub type PanelResult = Result<Findings>;
 
 impl PanelTask<'_> {
-    /// Whether the time of the panel is over: `notes` then say so. Collective.
+    /// Whether the time of the panel is over; a note then says so. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
         let over = self.budget.is_over();
         if over {
@@ -51,7 +51,7 @@ impl PanelTask<'_> {
         over
     }
 
-    /// A trial of `case`; none where the budget does not hold it. Collective.
+    /// A trial of `case`; none if the budget does not hold it. Collective.
     ///
     /// # Errors
     /// As [`planning::plan`] and [`trial`].
@@ -76,7 +76,7 @@ pub struct CurvePoint {
     pub x: f64,
     /// The measured value.
     pub measured: f64,
-    /// The value by theory, or a bound by theory.
+    /// The value, or a bound on it, by theory.
     pub theory: f64,
 }
 
@@ -136,7 +136,7 @@ impl Border {
         }
     }
 
-    /// A border at a place that may be about zero, so that its ratio to theory means nothing.
+    /// A border without a ratio, as its value may be about zero.
     pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         Self { ratio: None, ..Self::new(name, measured, theory) }
     }
@@ -180,7 +180,7 @@ pub struct StabilityPanel {
     pub name: PanelName,
     /// Its title.
     pub title: &'static str,
-    /// Cells along each axis that it was measured on.
+    /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
     /// The axis of the varied quantity.
     pub x: AxisScale,
@@ -234,11 +234,11 @@ pub struct Stability {
     pub title: String,
     /// Degree of the elements.
     pub degree: usize,
-    /// Cells of the case along each axis.
+    /// Elements of the case along each axis.
     pub shape: Vec<usize>,
     /// The final time.
     pub time: f64,
-    /// Ranks that measured.
+    /// Number of ranks.
     pub ranks: usize,
     /// The panels.
     pub panels: Vec<StabilityPanel>,

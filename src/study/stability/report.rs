@@ -28,7 +28,7 @@ fn number(x: Option<f64>) -> String {
     }
 }
 
-/// Whether theory has the number itself or only a bound.
+/// The word for a value by theory: the value itself, or only a bound on it.
 fn kind(bound: bool) -> &'static str {
     if bound { "bound" } else { "theory" }
 }
@@ -65,7 +65,7 @@ impl Stability {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
                 let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
-                // A longer name has a line of its own.
+                // A longer name is on a line of its own.
                 let name = match name.chars().count() > width {
                     true => format!("{name}\n  {:width$}", ""),
                     false => format!("{name:<width$}"),
@@ -84,8 +84,8 @@ impl Stability {
         text
     }
 
-    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a
-    /// `bound`; an empty field where there is no number.
+    /// One line a point: panel, series, x, measured, theory, and whether the latter is the value
+    /// (`theory`) or a `bound`. A missing number is an empty field.
     pub fn csv(&self) -> String {
         let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
         let field = |x: f64| {
@@ -112,7 +112,7 @@ impl Stability {
         StudyFiles { name: "stability", found: self, table, figure }.write(directory)
     }
 
-    /// A frame a panel: what was measured with markers, theory dashed.
+    /// One frame a panel, with markers for measured values and dashes for theory.
     pub fn figure(&self) -> Figure {
         let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
         let columns = if panels.len() > 4 { 3 } else { panels.len().clamp(1, 2) };
@@ -138,7 +138,7 @@ fn axis(scale: &AxisScale) -> PlotAxis {
     if scale.logarithmic { PlotAxis::log(scale.label) } else { PlotAxis::linear(scale.label) }
 }
 
-/// A panel as it is drawn.
+/// A panel of the figure.
 fn drawn(panel: &StabilityPanel) -> figure::Panel {
     let line = |curve: &Curve, of: fn(&CurvePoint) -> f64| -> Vec<[f64; 2]> {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
@@ -151,7 +151,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
     for (k, curve) in panel.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
-    // Theory is drawn above the markers, which would hide it.
+    // Theory is drawn last, as the markers would hide it.
     let mut labels = [kind(false), kind(true)];
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
     for curve in &panel.curves {
@@ -174,7 +174,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 mod tests {
     use super::*;
 
-    /// A method of which nothing could be measured has no place in the legend.
+    /// A curve without a measured value is not in the legend.
     #[test]
     fn curves_without_points_are_not_in_the_legend() {
         let curve = |name: &str, measured: f64| {

@@ -1,10 +1,10 @@
 //! A browser opens the report.
 //!
-//! Skipped, and said so, where there is none; `make browser` installs one. A failure where
-//! `PHASEWARP_BROWSER=required`, as `.ci/run` sets it once it is installed.
+//! If there is no browser, the test is skipped with a message; with `PHASEWARP_BROWSER=required`,
+//! which `.ci/run` sets after the installation, it fails. `make browser` installs one.
 
 use super::{album, look_at};
-use crate::support::{Job, case, directory};
+use crate::support::{directory, of_case, on_results};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -17,7 +17,7 @@ fn browser() -> Option<PathBuf> {
     all.into_iter().find(|p| p.is_file())
 }
 
-/// Runs the browser on a page, in a window of this width, with `more` options; what it prints.
+/// Opens a page in a window of this width, with `more` options. Returns what the browser prints.
 fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<String, String> {
     let profile = directory();
     let mut command = Command::new(browser);
@@ -52,7 +52,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Network requests of pages, not of the browser itself, by the browser's log.
+/// The network requests of pages in the browser's log, without those of the browser itself.
 fn requests(log: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(log).unwrap();
     let beyond = |line: &&str| {
@@ -79,14 +79,14 @@ fn a_browser_opens_the_report() {
     let marked =
         "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
     let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.fields_every=0.25", marked];
-    let job = Job::new(["run", &case("example1.toml")]).set(&settings).on(2);
+    let job = of_case("run", "example1.toml").set(&settings).on(2);
     job.solve(place.path()).unwrap();
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
+    on_results("report", place.path()).succeed().unwrap();
     let page = place.path().join("report.html");
     let pictures = album(place.path()).pictures.len();
     assert!(pictures >= 6);
 
-    // It is not blank, and makes no requests.
+    // The page is not blank and makes no requests.
     let (shot, log) = (place.path().join("shot.png"), place.path().join("net.json"));
     let log_to = |log: &Path| format!("--log-net-log={}", log.display());
     let options = [format!("--screenshot={}", shot.display()), log_to(&log)];
@@ -94,7 +94,7 @@ fn a_browser_opens_the_report() {
     let (width, height) = look_at(&shot).unwrap();
     assert_eq!((width, height), (1200, 2400));
     assert_eq!(requests(&log), Vec::<String>::new());
-    // Control: a page that does is noticed.
+    // Control: the request of a page is found.
     let requesting = place.path().join("asking.html");
     std::fs::write(&requesting, "<img src=http://127.0.0.1:9/a.png>").unwrap();
     open(&browser, &requesting, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();

@@ -1,5 +1,4 @@
-//! Common parts of the tests of the command line: cases, starting the program, checks, and reading
-//! results.
+//! Common parts of the tests of the program: cases, jobs, checks, and reading of results.
 
 pub mod python;
 
@@ -9,6 +8,7 @@ mod launch;
 mod outcome;
 mod refusal;
 mod results;
+mod shared;
 
 pub use cases::*;
 pub use checks::*;

@@ -1,4 +1,4 @@
-//! The cases of a sweep, and their growth.
+//! The cases that panels measure, and their growth.
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
@@ -13,7 +13,7 @@ use crate::study::trial::{final_fields_only, ranks};
 pub const LANCZOS: usize = 4000;
 
 /// `case` by modes, with no output but the fields at its end, and without comparisons.
-pub fn of(case: &Case) -> Case {
+pub fn by_modes(case: &Case) -> Case {
     Case {
         verify: false,
         exact: None,
@@ -24,7 +24,7 @@ pub fn of(case: &Case) -> Case {
 }
 
 /// Notes of a panel that was measured on the grid of `used` instead of that of `case`.
-pub fn notes(case: &Case, used: &Case) -> Vec<String> {
+pub fn grid_notes(case: &Case, used: &Case) -> Vec<String> {
     let [shape, coarse] = [case, used].map(|case| grid_name(&case.space));
     let mut notes = Vec::new();
     if shape != coarse {
@@ -48,7 +48,7 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
 /// Refuses a case whose growth at jumps is zero by construction.
 ///
 /// # Errors
-/// Of elements, and with partial reflection.
+/// With elements, and with partial reflection.
 pub fn refuse_elements(case: &Case) -> Result<()> {
     match case.is_galerkin() {
         true => Err(Error::input(
