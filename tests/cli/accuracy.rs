@@ -3,7 +3,7 @@
 
 use crate::support::{
     Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
-    directory, near, on_results, run,
+    directory, json_of, near, on_results, run, text_of,
 };
 use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
@@ -124,7 +124,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     assert_eq!(accuracy(&summary.value, "algorithm").unwrap(), error);
     let shown = on_results("report", place.path());
     shown.succeed().unwrap();
-    let report = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let report = text_of(place.path().join("report.html")).unwrap();
     assert!(report.contains("UNDER-RESOLVED: error of the grid (measured, relative L2)"));
 
     let empty = beams().set(&["initial.f=0"]).with(["--force"]).into(place.path());
@@ -225,7 +225,7 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
         let place = directory();
         // Without the table [exact], a case has no exact solution.
         let path = place.path().join("case.toml");
-        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let text = text_of(case(name))?;
         let without = settings.contains(&"exact=none");
         let kept = if without { text.split("[exact]").next().unwrap_or_default() } else { &text };
         std::fs::write(&path, kept).map_err(|e| e.to_string())?;
@@ -236,9 +236,7 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
         let finished = job.into(&results).succeed()?;
         let last = finished.output.lines().last();
         let line = last.filter(|line| line.starts_with("UNDER-RESOLVED"));
-        let text = std::fs::read_to_string(results.join("summary.json"));
-        let text = text.map_err(|e| finished.report(&e.to_string()))?;
-        let summary: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let summary = json_of(results.join("summary.json")).map_err(|e| finished.report(&e))?;
         let found = &summary["accuracy"];
         let fails = |what: &str| Err(finished.report(&format!("{what}; accuracy: {found}")));
         if found["under_resolved"] != line.is_some() || line.is_some() != wording.is_some() {

@@ -1,7 +1,7 @@
 //! `phasewarp advise`: an advised run reaches the accuracy, and a run on half the cells does not.
 
-use crate::support::datasets;
 use crate::support::{Job, case, check_all, directory};
+use crate::support::{datasets, json_of};
 use serde_json::Value;
 use std::path::Path;
 
@@ -205,9 +205,7 @@ fn accuracies_are_reached_without_an_exact_solution() {
         let finished = job.into(place.path()).succeed()?;
         finished.contains(&finished.errors, &["(estimated"])?;
         // The chosen set-up with an exact solution, which measures its error.
-        let choice = std::fs::read_to_string(place.path().join("accuracy.json"));
-        let choice: Value =
-            serde_json::from_str(&choice.map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
+        let choice = json_of(place.path().join("accuracy.json"))?;
         let chosen = choice["settings"].as_array().into_iter().flatten();
         let chosen: Vec<&str> = chosen.filter_map(Value::as_str).collect();
         let exact = ["exact={kind='characteristics'}"];

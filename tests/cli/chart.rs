@@ -1,7 +1,7 @@
 //! `phasewarp chart`: charts of every case, alone and under mpirun, within their budgets, and the
 //! contents of their files.
 
-use crate::support::{Job, case, check_all, directory, finite_volumes, shrunk};
+use crate::support::{Job, case, check_all, directory, finite_volumes, json_of, shrunk, text_of};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::LazyLock;
@@ -10,10 +10,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Seconds that a chart may take beyond its budget on a busy machine, to finish the last trial and
 /// to start and stop under mpirun.
 const LATE: f64 = 10.0;
-
-fn read(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
-}
 
 /// Budget in seconds of a chart of which only the form is checked.
 const BUDGET: f64 = 2.5;
@@ -35,8 +31,7 @@ fn chart(
     // The clock decides which trials are made, and how accurate they are.
     let job = if budget > BUDGET { job.undisturbed() } else { job };
     let finished = job.succeed()?;
-    let found: Value = serde_json::from_str(&read(&place.join("chart.json"))?)
-        .map_err(|e| finished.report(&e.to_string()))?;
+    let found = json_of(place.join("chart.json")).map_err(|e| finished.report(&e))?;
     let sentences = found["sentences"].as_array().map_or(&[][..], Vec::as_slice);
     for sentence in sentences.iter().filter_map(Value::as_str) {
         if !finished.output.contains(sentence) {
@@ -128,11 +123,11 @@ fn every_case_has_a_chart_within_its_budget() {
         }
         both.fetch_add(usize::from(done("schrodingerized")), Ordering::Relaxed);
         // One line per trial and one line of names.
-        let csv = read(&place.path().join("chart.csv"))?;
+        let csv = text_of(place.path().join("chart.csv"))?;
         if csv.lines().count() != entries(&found).len() + 1 {
             return Err(format!("{name}: chart.csv has {} lines", csv.lines().count()));
         }
-        is_well_formed(&read(&place.path().join("chart.svg"))?)
+        is_well_formed(&text_of(place.path().join("chart.svg"))?)
             .map_err(|e| format!("{name}: {e}"))?;
         let [width, height] = png_size(&place.path().join("chart.png"))?;
         match width >= 800 && height >= 600 {

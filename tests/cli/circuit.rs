@@ -1,7 +1,7 @@
 //! `phasewarp export-circuit`: the circuit that it writes is simulated here by independent code.
 //! Its block is the matrix `H` of `export-quantum`.
 
-use crate::support::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, json_of, text_of};
 use num_complex::Complex64;
 use serde_json::Value;
 use std::collections::HashMap;
@@ -85,10 +85,6 @@ const CLOSED: &[&str] = &["scheme.flux=0", "scheme.ends=closed", "solver.toleran
 fn export(command: &str, name: &str, settings: &[&str], place: &Path) -> Job {
     let place = place.display().to_string();
     Job::new([command, &case(name), "-o", &place]).set(settings)
-}
-
-fn read(place: &Path, name: &str) -> Result<String, String> {
-    std::fs::read_to_string(place.join(name)).map_err(|e| format!("{name}: {e}"))
 }
 
 /// A gate of a circuit: name, angle, qubits.
@@ -260,10 +256,9 @@ fn the_block_is_the_exported_hamiltonian() {
         export("export-quantum", name, &settings, matrix.path()).succeed()?;
         let job = export("export-circuit", name, &settings, circuit.path());
         job.with(options.iter().copied()).succeed()?;
-        let h = hermitian(&read(matrix.path(), "hamiltonian.mtx")?)?;
-        let (gates, system) = parse(&read(circuit.path(), "interface.qasm")?)?;
-        let about: Value = serde_json::from_str(&read(circuit.path(), "circuit.json")?)
-            .map_err(|e| e.to_string())?;
+        let h = hermitian(&text_of(matrix.path().join("hamiltonian.mtx"))?)?;
+        let (gates, system) = parse(&text_of(circuit.path().join("interface.qasm"))?)?;
+        let about = json_of(circuit.path().join("circuit.json"))?;
         let about = &about["description"];
         let alpha = about["alpha"].as_f64().ok_or("no alpha")?;
         if h.len() != 1 << system {
@@ -321,8 +316,7 @@ fn columns_are_checked_on_any_grid() {
         let place = directory();
         let job = export("export-circuit", name, settings, place.path());
         let printed = job.with(options.iter().copied().chain(["--check", "25"])).succeed()?.output;
-        let about: Value = serde_json::from_str(&read(place.path(), "circuit.json")?)
-            .map_err(|e| e.to_string())?;
+        let about = json_of(place.path().join("circuit.json"))?;
         let about = &about["description"];
         let difference = about["check"]["difference"].as_f64().ok_or("no check")?;
         let axes = about["transport"]["axes"].as_array().ok_or("no axes")?;
@@ -352,8 +346,7 @@ fn rounded_jumps_change_the_matrix_by_no_more_than_the_bound() {
         let place = directory();
         let job = export("export-circuit", "barriers.toml", &settings, place.path());
         job.with(["--sub-bins", bins, "--wavenumber", "1", "--check", "600"]).succeed().unwrap();
-        let about: Value =
-            serde_json::from_str(&read(place.path(), "circuit.json").unwrap()).unwrap();
+        let about = json_of(place.path().join("circuit.json")).unwrap();
         let number = |key: &str| about["description"][key].as_f64().unwrap();
         let found = about["description"]["check"]["difference"].as_f64().unwrap();
         // |H| of this mode is at most √2 (1 + 1)/2 times that of A.
@@ -374,7 +367,7 @@ fn exports_are_the_same_on_any_ranks() {
         let job = export("export-circuit", "example1.toml", &settings, place.path());
         job.on(ranks).succeed().unwrap();
         ["interface.qasm", "circuit.json", "azure.json", "qref.json"]
-            .map(|name| read(place.path(), name).unwrap())
+            .map(|name| text_of(place.path().join(name)).unwrap())
     };
     assert_eq!(files(1), files(3));
 }

@@ -1,6 +1,8 @@
 //! All ranks refuse a wrong command line, and one of them prints the message. Help is printed once.
 
-use crate::support::{Finished, Job, case, check_all, directory, plan, refused, require, run};
+use crate::support::{
+    Finished, Job, case, check_all, directory, plan, refused, require, run, text_of,
+};
 use phasewarp::base::text::COLUMNS;
 use std::path::{Path, PathBuf};
 
@@ -222,7 +224,7 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
     check_all(&rows, |path| {
         run("example1.toml").into(path).on(2).is_refused(&["output", &path.display().to_string()])
     });
-    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+    assert_eq!(text_of(&file).unwrap(), "kept");
 }
 
 /// A full disk behind the standard output is an error. A pipe closed by its reader is not.

@@ -5,7 +5,7 @@
 
 use crate::checkpoint::{OFTEN, Result, random};
 use crate::support::{
-    Finished, Job, Stored, check_all, datasets, differences, directory_on_disk,
+    Finished, Job, Stored, check_all, datasets, differences, directory_on_disk, names_in,
     number_from_environment, of_case, on_results,
 };
 use std::collections::BTreeMap;
@@ -136,11 +136,6 @@ fn whole(kind: usize) -> Result<&'static BTreeMap<String, Stored>> {
     WHOLES[kind].get_or_init(run).as_ref().map_err(String::clone)
 }
 
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).into_iter().flatten();
-    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
-}
-
 /// For each event and file system, the number of trials and of those that ended with an error.
 type Tally = Mutex<[[[usize; 2]; SYSTEMS.len()]; EVENTS.len()]>;
 
@@ -165,7 +160,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let mut happened = None;
     let run = job(kind).on(1 + (3.0 * draw(5)) as usize).into(&results).within(LIMIT);
     let finished = run.closely().run_while(|_, since| {
-        if begun.is_none() && names(&results).iter().any(|name| name.contains(awaited)) {
+        if begun.is_none() && names_in(&results).iter().any(|name| name.contains(awaited)) {
             begun = Some(since);
         }
         if happened.is_none() && begun.is_some_and(|begun| since >= begun + delay) {
@@ -213,7 +208,7 @@ fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {
 }
 
 fn half_written(results: &Path) -> Option<String> {
-    names(results).into_iter().find(|name| name.ends_with(".partial"))
+    names_in(results).into_iter().find(|name| name.ends_with(".partial"))
 }
 
 /// Checks that a run succeeded, or ended with a message and left no incomplete file that it could
@@ -223,7 +218,9 @@ fn ended_well(event: Event, finished: &Finished, results: &Path) -> Result<()> {
     match finished.code {
         Some(0) => Ok(()),
         Some(1 | 2) if finished.errors.contains("error: ") && left.is_none() => Ok(()),
-        _ => Err(finished.report(&format!("{event:?}: ended so, and left {:?}", names(results)))),
+        _ => {
+            Err(finished.report(&format!("{event:?}: ended so, and left {:?}", names_in(results))))
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The first commands of a user: `init`, `check --json`, `schema`, `completions`, `man`.
 
-use crate::support::{Job, case, cases, check, check_all, directory, plan};
+use crate::support::{Job, case, cases, check, check_all, directory, plan, text_of};
 
 /// The case that `init` writes passes `check` without a warning in each dimension. In one dimension
 /// its grid is fine enough for its tolerance.
@@ -11,7 +11,7 @@ fn init_writes_a_case_without_warnings() {
         let file = place.path().join(format!("{dimension}.toml")).display().to_string();
         let init = Job::new(["init", &file, "--dimension", dimension]).on(2);
         init.succeed()?;
-        let written = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let written = text_of(&file)?;
         init.is_refused(&[&file, "--force"])?;
         init.with(["--force"]).succeed()?;
         if std::fs::read_to_string(&file).ok().as_deref() != Some(&written) {
@@ -94,7 +94,7 @@ fn a_refused_case_is_reported_as_json() {
     // A mistake in a file is reported with its line and column.
     let place = directory();
     let path = place.path().join("mine.toml");
-    let text = std::fs::read_to_string(&example).expect("a case");
+    let text = text_of(&example).unwrap();
     std::fs::write(&path, text.replacen("cells = 128", "cells = 0", 1)).expect("a file");
     let file = path.display().to_string();
     let finished = Job::new(["check", &file, "--json"]).run().expect("an end");
@@ -165,7 +165,7 @@ fn schema_completions_and_manual_pages_are_complete() {
     let man = Job::new(["man", &pages.display().to_string()]).on(2);
     man.succeed().unwrap();
     for (page, wording) in [("phasewarp.1", "stability"), ("phasewarp-run.1", "walltime")] {
-        let text = std::fs::read_to_string(pages.join(page)).unwrap();
+        let text = text_of(pages.join(page)).unwrap();
         assert!(text.contains(wording), "{page}");
     }
 }

@@ -2,8 +2,8 @@
 //! too fine to evaluate. Each job ends soon, with one message.
 
 use crate::support::{
-    Finished, Job, SECONDS_TO_REFUSE, case, check_all, directory, number_from_environment, of_case,
-    on_results, require,
+    Finished, Job, SECONDS_TO_REFUSE, case, check_all, copy, directory, number_from_environment,
+    of_case, on_results, require, text_of,
 };
 use hdf5::plist::dataset_create::Layout;
 use phasewarp::base::checksum::of_run;
@@ -33,12 +33,9 @@ static RESULTS: LazyLock<TempDir> = LazyLock::new(|| {
 });
 
 /// A copy of these results.
-fn copy() -> TempDir {
+fn copied() -> TempDir {
     let place = directory();
-    for entry in fs::read_dir(RESULTS.path()).expect("a directory") {
-        let entry = entry.expect("an entry");
-        fs::copy(entry.path(), place.path().join(entry.file_name())).expect("a copy");
-    }
+    copy(RESULTS.path(), place.path()).expect("a copy");
     place
 }
 
@@ -139,7 +136,7 @@ const HARMS: [Harm; 12] = [
 fn hostile_results_are_refused() {
     let rows: Vec<(usize, &Harm)> = HARMS.iter().enumerate().collect();
     check_all(&rows, |(k, (what, harm, wording))| {
-        let place = copy();
+        let place = copied();
         let path = place.path();
         fs::write(path.join("summary.json"), "{}").map_err(|e| e.to_string())?;
         change(&path.join("result.h5"), *harm).map_err(|e| format!("{what}: {e}"))?;
@@ -155,7 +152,7 @@ fn hostile_results_are_refused() {
 /// the attempt.
 #[test]
 fn a_file_that_hdf5_never_finishes_reading_is_refused() {
-    let place = copy();
+    let place = copied();
     let path = place.path();
     let mut bytes = fs::read(path.join("result.h5")).expect("a file");
     bytes[2284..2796].fill(0);
@@ -177,7 +174,7 @@ fn changed_words_of_results_are_refused_or_drawn() {
     let whole = fs::read(RESULTS.path().join("result.h5")).expect("a file");
     let drawn = AtomicU64::new(0);
     check_all(&trials, |&trial| {
-        let place = copy();
+        let place = copied();
         let mut random = ChaCha8Rng::seed_from_u64(trial);
         let mut below = |n: usize| (random.next_u64() % n as u64) as usize;
         let mut bytes = whole.clone();
@@ -214,7 +211,7 @@ fn every_changed_byte_is_found() {
         rows.extend((0..EACH).map(|k| (name, k)));
     }
     check_all(&rows, |&(name, k)| {
-        let place = copy();
+        let place = copied();
         let path = place.path().join(name);
         let mut bytes = fs::read(&path).map_err(|e| e.to_string())?;
         // One change is near the beginning of the file. White space of the summary has no meaning.
@@ -249,7 +246,7 @@ fn hostile_warped_fields_are_refused() {
         ("a virtual dataset", |file| elsewhere(file, "w"), "in another file"),
     ];
     check_all(&HARMS, |(what, harm, wording)| {
-        let place = copy();
+        let place = copied();
         let start = place.path().join("warped_f.h5");
         change(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
         let from = format!("initial={{warped='{}'}}", start.display());
@@ -283,7 +280,7 @@ fn control_characters_of_a_case_are_not_printed() {
             let name = entry.expect("an entry").path();
             let ending = name.extension().and_then(|e| e.to_str()).unwrap_or_default();
             if ["html", "svg", "xdmf", "json", "csv"].contains(&ending) {
-                none(&name.display().to_string(), &fs::read_to_string(&name).expect("a text"));
+                none(&name.display().to_string(), &text_of(&name).unwrap());
                 texts += 1;
             }
         }
@@ -316,7 +313,7 @@ fn evaluating_a_fine_grid_is_limited_by_the_budget() {
 /// A pipe with the name of a result file is refused; the program does not wait for its data.
 #[test]
 fn a_pipe_in_the_place_of_a_file_is_refused() {
-    let place = copy();
+    let place = copied();
     let summary = place.path().join("summary.json");
     fs::remove_file(&summary).expect("a file");
     let made = std::process::Command::new("mkfifo").arg(&summary).status();

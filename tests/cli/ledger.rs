@@ -2,7 +2,8 @@
 //! reported.
 
 use crate::support::{
-    Job, Stored, Summary, at_most, cases, check, check_all, datasets, directory, near, require, run,
+    Job, Stored, Summary, at_most, cases, check, check_all, datasets, directory, near, require,
+    run, text_of,
 };
 use serde_json::Value;
 
@@ -292,7 +293,7 @@ fn unbalanced_mass_is_reported() {
         let [from, to] = [place.path(), &page].map(|path| path.display().to_string());
         Job::new(["report", &from, "-o", &to]).succeed()?;
         let page = page.join("report.html");
-        let page = std::fs::read_to_string(page).map_err(|e| e.to_string())?;
+        let page = text_of(page)?;
         // The page shows each warning once.
         let first = page.matches("by the particles of the exact flow").count()
             + page.matches("enters the grid, the formula").count();

@@ -2,7 +2,7 @@
 //! python/tests/test_matrices.py checks that they are the system of a run.
 
 use crate::simulator::vector;
-use crate::support::{Job, case, check_all, directory, near};
+use crate::support::{Job, case, check_all, directory, near, text_of};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub type Entries = BTreeMap<(usize, usize), f64>;
 
 /// Reads all entries of a file in the Matrix Market format.
 pub fn matrix(path: &Path) -> Result<Entries, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = text_of(path)?;
     let (head, lines) = text.split_once('\n').ok_or("empty")?;
     let mirrored = match head.rsplit(' ').next() {
         Some("general") => None,

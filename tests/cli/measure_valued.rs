@@ -2,7 +2,7 @@
 
 use crate::support::{
     INTERFACES, Job, Mistake, Summary, all_refused, case, check, check_all, datasets, directory,
-    distance, run,
+    distance, run, text_of,
 };
 
 /// The fields `phi` and `psi_x` of one run, with one matrix and one pass over the modes, equal
@@ -11,7 +11,7 @@ use crate::support::{
 #[test]
 fn fields_of_one_run_equal_those_of_separate_runs() {
     let size = ["axis.0.x.cells=38", "axis.0.v.cells=30", "time.end=0.9"];
-    let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
+    let measure: String = text_of(case("example2.toml")).unwrap();
     let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 \
              else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
     let (before, after) = (measure.find("[initial]").unwrap(), measure.find("[time]").unwrap());

@@ -2,7 +2,7 @@
 
 use crate::support::{
     Finished, Job, case, cases, check, check_all, directory, near, of_case, parsed, plan, require,
-    run, shrunk,
+    run, shrunk, text_of,
 };
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
@@ -12,7 +12,7 @@ use std::path::Path;
 fn check_describes_every_case() {
     check_all(&cases(), |name| {
         let finished = check(name).succeed()?;
-        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let text = text_of(case(name))?;
         let value: toml::Value = toml::from_str(&text).map_err(|e| format!("{name}: {e}"))?;
         let title = value["title"].as_str().unwrap_or_default();
         let mut wording = vec![title.to_owned()];
@@ -361,7 +361,7 @@ fn job_scripts_are_written() {
     };
     job(&["--ranks", "1,2,4096", "--ranks-per-node", "16"]).succeed().unwrap();
     job(&[]).is_refused(&["my job.sbatch", "--force"]).unwrap();
-    let script = std::fs::read_to_string(at("my job.sbatch")).unwrap();
+    let script = text_of(at("my job.sbatch")).unwrap();
     let header: Vec<&str> = script.lines().filter(|line| line.starts_with("#SBATCH")).collect();
     assert_eq!(
         header[..3],
@@ -418,7 +418,7 @@ fn job_scripts_are_written() {
     // puts them.
     let job = Job::new(["plan", NAME, "--sbatch", "timed", "--calibrate"]).inside(&real);
     job.succeed().unwrap();
-    let script = std::fs::read_to_string(at("timed")).unwrap();
+    let script = text_of(at("timed")).unwrap();
     assert!(script.contains("#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=1\n"), "{script}");
     assert!(script.contains("#SBATCH --time=00:0"), "{script}");
     let results = format!("results/{}", NAME.trim_end_matches(".toml"));
@@ -457,7 +457,7 @@ fn bash(place: &Path, words: &[&str], variables: &[(&str, &str)]) -> Started {
 
 #[test]
 fn every_case_is_in_the_readme() {
-    let readme = std::fs::read_to_string(case("README.md")).unwrap();
+    let readme = text_of(case("README.md")).unwrap();
     let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
     let all: Vec<String> = (cases().into_iter()).chain(papers.map(str::to_owned)).collect();
     check_all(&all, |name| {

@@ -4,8 +4,7 @@
 //! `PHASEWARP_READERS=required`, which `.ci/run` sets after the installation, it fails.
 //! `make readers` installs them.
 
-use crate::support::{check_all, directory, of_case, python};
-use std::io::Write;
+use crate::support::{check_all, directory, of_case, python, skipped, text_of};
 use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
@@ -20,11 +19,7 @@ fn results_open_in_other_programs() {
     let Some(python) = python::with_packages("readers", SCRIPT) else {
         let why = "no Python with h5py, h5netcdf, xarray, meshio and vtk; `make readers` installs \
                    them";
-        let required = std::env::var("PHASEWARP_READERS").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/readers.rs: {why}");
-        return;
+        return skipped("PHASEWARP_READERS", "tests/cli/readers.rs", why);
     };
     const ODD: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];
     const LINE: &str = "exact={ f = \"1 + x + 10*v\" }";
@@ -72,7 +67,7 @@ fn results_open_in_other_programs() {
             return Ok(());
         }
         let xdmf = place.path().join("fields.xdmf");
-        let text = std::fs::read_to_string(&xdmf).map_err(|e| e.to_string())?;
+        let text = text_of(&xdmf)?;
         for (old, new) in [("density</", "velocity</"), ("ORIGIN_DXDYDZ\">\n", "")] {
             let (before, after) = text.split_once(old).ok_or("no such text in fields.xdmf")?;
             let after = match new {
@@ -91,7 +86,7 @@ fn results_open_in_other_programs() {
             ("plane_x.xdmf", "Time Value=\"", "Time Value=\"1"),
         ] {
             let file = place.path().join(file);
-            let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+            let text = text_of(&file)?;
             summary.require(text.contains(old), || format!("no {old} in {text}"))?;
             std::fs::write(&file, text.replacen(old, new, 1)).map_err(|e| e.to_string())?;
             let noticed = read(&python, &[&path]).is_err();

@@ -1,6 +1,6 @@
 //! `[readout]`: observables of some cells as a quantum computer would measure them.
 
-use crate::support::{Job, Mistake, all_refused, check_all, directory, of_case};
+use crate::support::{Job, Mistake, all_refused, check_all, directory, of_case, text_of};
 use crate::support::{datasets, differences, near};
 use serde_json::Value;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn run(settings: &[&[&str]]) -> Job {
 }
 
 fn csv(place: &Path) -> Result<String, String> {
-    std::fs::read_to_string(place.join("readout.csv")).map_err(|e| e.to_string())
+    text_of(place.join("readout.csv"))
 }
 
 #[test]

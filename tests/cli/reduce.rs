@@ -1,7 +1,7 @@
 //! Reductions do not change the solution: they remove only unknowns that a case does not need.
 
 use crate::support::{
-    Finished, Job, Mistake, all_refused, case, check_all, directory, field, of_case,
+    Finished, Job, Mistake, all_refused, case, check_all, directory, field, of_case, text_of,
 };
 use crate::support::{datasets, differences, distance};
 
@@ -253,7 +253,7 @@ fn results_have_the_velocities_of_the_case() {
     // The report describes the reduced case.
     let place = here.path().display().to_string();
     let finished = Job::new(["report", &place]).succeed().expect("a report");
-    let html = std::fs::read_to_string(here.path().join("report.html")).expect("a page");
+    let html = text_of(here.path().join("report.html")).unwrap();
     let known =
         html.contains("nothing varies along it") && !html.contains("cannot read the case file");
     assert!(known, "{}", finished.report("the case is not that of the result"));

@@ -1,6 +1,8 @@
 //! Formulas that are not finite, and files that are not cases, are refused with a short message.
 
-use crate::support::{Job, Mistake, all_refused, case, check, check_all, directory, refused, run};
+use crate::support::{
+    Job, Mistake, all_refused, case, check, check_all, directory, refused, run, text_of,
+};
 
 /// The largest length of a message in characters.
 const LONGEST_MESSAGE: usize = 2000;
@@ -101,7 +103,7 @@ fn files_that_are_not_cases_are_refused() {
     let deep = |open: &str, middle: &str, close: &str| {
         format!("a = {}{middle}{}\n", open.repeat(20_000), close.repeat(20_000))
     };
-    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let text = text_of(case("example1.toml")).unwrap();
     let formula = |f: String| text.replace("value = \"0.2\"", &format!("value = \"{f}\""));
     let rows: Vec<(&str, Vec<u8>, &[&str])> = vec![
         ("empty", b"".to_vec(), &["axis", "1 to 3"]),

@@ -4,7 +4,9 @@
 use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
-use crate::support::{Job, case, check_all, datasets_of, directory, field, of_case, require, run};
+use crate::support::{
+    Job, case, check_all, datasets_of, directory, field, json_of, of_case, require, run, text_of,
+};
 
 /// Sparsity, queries and qubits are consistent for all kinds of cases and in every format, and the
 /// same on any ranks. Unknown numbers are marked as such and are not zero.
@@ -188,8 +190,8 @@ fn counts_agree_with_the_emitted_circuit() {
             let columns = if exact { "64" } else { "0" };
             let job = job.with(["--levels", levels, "--check", columns, "--sub-bins", &bins]);
             job.succeed().unwrap();
-            let text = std::fs::read_to_string(place.path().join("circuit.json")).unwrap();
-            is_the_emitted_circuit(&found, &serde_json::from_str(&text).unwrap(), levels);
+            let circuit = json_of(place.path().join("circuit.json")).unwrap();
+            is_the_emitted_circuit(&found, &circuit, levels);
         }
         let rounding = &found["unitary"]["rounding"];
         assert_eq!(rounding["rounded"] == 0.0, exact, "{rounding}");
@@ -648,7 +650,7 @@ fn tau_counts_modes_with_nonzero_coefficients() {
     let job = Job::new(["export-matrix", &case("example1.toml"), "-o", &path]).set(&grid);
     job.succeed().unwrap();
     let entries = |name: &str| -> Vec<(String, f64)> {
-        let text = std::fs::read_to_string(files.path().join(name)).unwrap();
+        let text = text_of(files.path().join(name)).unwrap();
         let lines = text.lines().filter(|line| !line.starts_with('%')).skip(1);
         let entry = |line: &str| {
             let (place, value) = line.rsplit_once(' ').unwrap();

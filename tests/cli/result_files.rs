@@ -1,9 +1,9 @@
 //! Result files: replacement, storage, attributes, checksums and the default directory.
 
 use crate::support::{
-    Job, Mistake, case, check_all, datasets, differences, directory, near, refused, run,
+    Job, Mistake, RESULT_FILES, case, check_all, contents, datasets, differences, directory, near,
+    refused, run, text_of,
 };
-use std::collections::BTreeMap;
 
 /// A refused run does not change older results; a successful one replaces them.
 #[test]
@@ -13,25 +13,16 @@ fn refused_runs_do_not_change_older_results() {
     let solve = |settings: &[&str]| {
         run("example1.toml").set(&small).set(settings).into(place.path()).with(["--force"])
     };
-    let contents = || -> BTreeMap<String, Vec<u8>> {
-        std::fs::read_dir(place.path())
-            .unwrap()
-            .map(|e| e.unwrap())
-            .map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap()))
-            .collect()
-    };
     solve(&[]).on(2).succeed().unwrap();
-    let before = contents();
-    let files =
-        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
-    assert_eq!(before.keys().collect::<Vec<_>>(), files);
+    let before = contents(place.path());
+    assert_eq!(before.keys().collect::<Vec<_>>(), RESULT_FILES.each_ref());
     for bad in ["solver.tolerance=1e-15", "initial.f=sqrt(-x)", "axis.0.x.cells=0"] {
         let finished = solve(&[bad]).on(2).run().unwrap();
         refused(&finished, &[]).unwrap();
-        assert!(contents() == before, "{}", finished.report("older results changed"));
+        assert!(contents(place.path()) == before, "{}", finished.report("older results changed"));
     }
     solve(&["time.end=0.5"]).on(2).succeed().unwrap();
-    let after = contents();
+    let after = contents(place.path());
     assert_eq!(after.keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>());
     assert!(after["result.h5"] != before["result.h5"], "result.h5 was not replaced");
 }
@@ -290,7 +281,7 @@ fn nodes_weights_and_averages() {
     near("mass of the mean densities", total / mass, 1.0, 1e-12).unwrap();
     assert_eq!(list("axis/element_vx")[3], 0.25);
     // The width of a cell in ParaView is the weight of its node.
-    let shown = std::fs::read_to_string(one.path().join("fields.xdmf")).unwrap();
+    let shown = text_of(one.path().join("fields.xdmf")).unwrap();
     assert_eq!(shown.matches("3DRectMesh").count(), 2, "{shown}");
     let faces = shown.lines().find(|line| line.contains("Dimensions=\"28\"")).unwrap();
     let faces = faces.split(['<', '>']).nth(2).unwrap().split(' ');

@@ -7,7 +7,7 @@
 
 use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, fuzz};
-use crate::support::{case, directory, run};
+use crate::support::{case, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
 use phasewarp::parallel::communicator::{Group, World};
@@ -370,7 +370,7 @@ impl Reader for Files {
             Original::read(&place.path().join(file)).expect("a file of it")
         });
         let texts = ["example1", "example2", "smooth-beams", "quadrant2d"]
-            .map(|name| fs::read_to_string(case(&format!("{name}.toml"))).expect("a case"));
+            .map(|name| text_of(case(&format!("{name}.toml"))).unwrap());
         Self {
             originals: originals.into(),
             texts: Corpus::new(texts.into()),

@@ -4,8 +4,9 @@
 //! `PHASEWARP_QISKIT=required`, which `.ci/run` sets after the installation, it fails.
 //! `make qiskit` installs it.
 
-use crate::support::{Job, case, check_all, directory, of_case, python};
-use std::io::Write;
+use crate::support::{
+    Job, case, check_all, contents, directory, json_of, of_case, python, skipped, text_of,
+};
 use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/simulator.py");
@@ -131,11 +132,7 @@ fn qiskit_finds_the_same_amplitudes() {
     let Some(python) = python::with_packages("qiskit", SCRIPT) else {
         let why =
             "no Python with qiskit, qiskit-qasm3-import and scipy; `make qiskit` installs them";
-        let required = std::env::var("PHASEWARP_QISKIT").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/simulator.rs: {why}");
-        return;
+        return skipped("PHASEWARP_QISKIT", "tests/cli/simulator.rs", why);
     };
     check_all(EXPORTS, |(name, settings)| {
         let place = directory();
@@ -152,7 +149,7 @@ fn qiskit_finds_the_same_amplitudes() {
             return Ok(());
         }
         let file = place.path().join("description.json");
-        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let text = text_of(&file)?;
         let time = text.replace("\"time\": 0.", "\"time\": 1.");
         std::fs::write(&file, &time).map_err(|e| e.to_string())?;
         match simulate(&python, &[&path]) {
@@ -180,9 +177,7 @@ fn complete_circuits_find_the_field_and_a_moment() {
         }
         // Control: a hundredth of the bound does not hold.
         let file = place.path().join("complete.json");
-        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
-        let mut whole: serde_json::Value =
-            serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let mut whole = json_of(&file)?;
         let bound = whole["description"]["bound"].as_f64().ok_or("no bound")?;
         whole["description"]["bound"] = (0.01 * bound).into();
         std::fs::write(&file, whole.to_string()).map_err(|e| e.to_string())?;
@@ -222,11 +217,7 @@ fn the_exported_state_contains_the_field() {
             .require(apart <= 2.0 * tolerance, || format!("{apart:e} from the field of a run"))?;
         // The probability of the slice is that of the run, corrected for the number of points and
         // for the position of the slice.
-        let text = std::fs::read_to_string(exported.path().join("description.json"));
-        let about: serde_json::Value = text
-            .ok()
-            .and_then(|text| serde_json::from_str(&text).ok())
-            .ok_or("no description.json")?;
+        let about = json_of(exported.path().join("description.json"))?;
         let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
         let probabilities = &summary.value["probabilities"];
         let of_run =
@@ -256,25 +247,14 @@ fn exports_are_the_same_on_any_ranks() {
     export(name, &settings, one.path()).succeed().unwrap();
     let three = directory();
     export(name, &settings, three.path()).on(3).succeed().unwrap();
-    let files = |place: &Path| -> Vec<(String, Vec<u8>)> {
-        let mut files: Vec<_> = std::fs::read_dir(place)
-            .unwrap()
-            .map(|entry| {
-                let entry = entry.unwrap();
-                (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())
-            })
-            .collect();
-        files.sort();
-        files
-    };
-    let found = files(one.path());
+    let found = contents(one.path());
     assert_eq!(found.len(), 10);
-    assert!(found == files(three.path()));
+    assert!(found == contents(three.path()));
     // Control: another state gives another file.
     let other = directory();
     let changed = [&settings[..], &["time.end=0.11"]].concat();
     export(name, &changed, other.path()).succeed().unwrap();
-    assert!(found != files(other.path()));
+    assert!(found != contents(other.path()));
 }
 
 #[test]

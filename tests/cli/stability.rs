@@ -1,8 +1,7 @@
 //! `phasewarp stability`: the measured limits of stability agree with theory.
 
-use crate::support::{Job, case, check_all, directory, of_case};
+use crate::support::{Job, case, check_all, directory, json_of, of_case, text_of};
 use serde_json::Value;
-use std::path::Path;
 
 /// The panels `only` of a case, with a budget that does not limit them.
 fn stability(name: &str, only: &str) -> Job {
@@ -13,12 +12,7 @@ fn stability(name: &str, only: &str) -> Job {
 fn found(job: &Job) -> Result<Value, String> {
     let place = directory();
     job.clone().into(place.path()).succeed()?;
-    read(place.path())
-}
-
-fn read(place: &Path) -> Result<Value, String> {
-    let text = std::fs::read_to_string(place.join("stability.json")).map_err(|e| e.to_string())?;
-    serde_json::from_str(&text).map_err(|e| e.to_string())
+    json_of(place.path().join("stability.json"))
 }
 
 fn panel<'a>(all: &'a Value, name: &str) -> Result<&'a Value, String> {
@@ -285,7 +279,7 @@ fn the_same_numbers_on_any_ranks() {
         let place = directory();
         let job = stability("step_up.toml", only).set(&grid);
         job.on(ranks).into(place.path()).succeed()?;
-        std::fs::read_to_string(place.path().join("stability.csv")).map_err(|e| e.to_string())
+        text_of(place.path().join("stability.csv"))
     };
     let reference = csv(1).unwrap();
     for line in reference.lines().skip(1) {
@@ -308,11 +302,10 @@ fn every_case_has_panels_and_figures_within_its_budget() {
         let place = directory();
         let job = Job::new(["stability", &case(name), "--budget", "4s"]).on(2).into(place.path());
         job.succeed()?;
-        let all = read(place.path())?;
+        let all = json_of(place.path().join("stability.json"))?;
         let count = |key: &str| all[key].as_array().map_or(0, Vec::len);
         expect(count("panels") + count("left_out") == 8, || format!("{name}: {all}"))?;
-        let svg = std::fs::read_to_string(place.path().join("stability.svg"));
-        let svg = svg.map_err(|e| e.to_string())?;
+        let svg = text_of(place.path().join("stability.svg"))?;
         expect(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), || {
             format!("{name}: no SVG")
         })?;

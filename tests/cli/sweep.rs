@@ -1,7 +1,7 @@
 //! `phasewarp sweep`: one table of all combinations, finished and failed runs, and job arrays.
 
-use crate::support::{Finished, Job, check_all, directory, of_case};
-use serde_json::Value;
+use crate::support::{Finished, Job, check_all, directory, json_of, of_case, text_of};
+use phasewarp::base::text::csv_records;
 use std::path::{Path, PathBuf};
 
 /// A sweep of a small case over these values, with results in a directory.
@@ -26,10 +26,7 @@ struct Table {
 
 impl Table {
     fn read(directory: &Path) -> Result<Self, String> {
-        let path = directory.join("table.csv");
-        let text =
-            std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        let mut rows = text.lines().map(fields);
+        let mut rows = csv_records(&text_of(directory.join("table.csv"))?).into_iter();
         let names = rows.next().ok_or("no line of names")?;
         Ok(Self { names, rows: rows.collect() })
     }
@@ -38,25 +35,6 @@ impl Table {
         let column = self.names.iter().position(|n| n == name);
         column.and_then(|column| self.rows[row].get(column)).map_or("", String::as_str)
     }
-}
-
-/// The fields of a line; some may be in quotes.
-fn fields(line: &str) -> Vec<String> {
-    let mut fields = vec![String::new()];
-    let mut quoted = false;
-    for c in line.chars() {
-        match c {
-            '"' => quoted = !quoted,
-            ',' if !quoted => fields.push(String::new()),
-            c => fields.last_mut().expect("a field").push(c),
-        }
-    }
-    fields
-}
-
-fn summary(directory: &Path) -> Result<Value, String> {
-    let text = std::fs::read_to_string(directory.join("summary.json"));
-    serde_json::from_str(&text.map_err(|e| e.to_string())?).map_err(|e| e.to_string())
 }
 
 fn fits(finished: &Finished) -> Result<(), String> {
@@ -81,7 +59,7 @@ fn a_table_has_a_row_for_each_combination() {
     let runs_before = runs(&job).unwrap();
     assert_eq!(table.rows.len(), 4);
     for (i, run) in runs_before.iter().enumerate() {
-        let found = summary(run).unwrap();
+        let found = json_of(run.join("summary.json")).unwrap();
         for key in keys {
             let number: f64 = table.get(i, key).parse().unwrap_or(f64::NAN);
             assert_eq!(Some(number), found[key].as_f64(), "{key} of {}", run.display());
@@ -95,7 +73,7 @@ fn a_table_has_a_row_for_each_combination() {
         assert_eq!(table.get(i, "directory"), run.display().to_string());
         assert_eq!(table.get(i, "error"), "");
     }
-    let tex = std::fs::read_to_string(place.path().join("table.tex")).expect("table.tex");
+    let tex = text_of(place.path().join("table.tex")).unwrap();
     assert_eq!(tex.matches(" \\\\\n").count(), 5, "{tex}");
     assert!(tex.contains("scheme.degree & solver.tolerance & cells & modes"), "{tex}");
     // One more value, on other ranks.
@@ -153,8 +131,7 @@ fn a_refused_case_has_a_row() {
         if right != [true; 3] || table.get(1, "mass").is_empty() {
             return Err(finished.report(&format!("{:?}", table.rows)));
         }
-        let tex = std::fs::read_to_string(place.path().join("table.tex"));
-        let tex = tex.map_err(|e| e.to_string())?;
+        let tex = text_of(place.path().join("table.tex"))?;
         finished.contains(&tex, &["% --set solver.tolerance=5"])?;
         // With `--index`, it is refused like a run.
         job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])

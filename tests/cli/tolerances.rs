@@ -1,9 +1,9 @@
 //! Tolerances are met, and the error estimate is right or marked as unreliable.
 
 use crate::support::{
-    INTERFACES, at_most, check_all, datasets, directory, dissipative, distance,
-    estimate_is_right_or_silent, field, finite_volumes, meets_its_tolerance, near, parsed, plan,
-    refused, require, run, shrunk, tolerance_is_met,
+    INTERFACES, at_most, check_all, directory, dissipative, distance, estimate_is_right_or_silent,
+    field, finite_volumes, meets_its_tolerance, near, parsed, plan, refused, require, run, shrunk,
+    stored_plan, tolerance_is_met,
 };
 
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
@@ -255,10 +255,7 @@ fn applications_are_at_most_those_of_the_prototype() {
         let done = summary.number("matvecs")?;
         summary.holds(at_most("matvecs", done, prototype))?;
         // The applications agree with the plan.
-        let stored = &datasets(place.path())?["/plan"].bytes;
-        let text = String::from_utf8_lossy(stored);
-        let plan: serde_json::Value =
-            serde_json::from_str(text.trim_end_matches('\0')).map_err(|e| format!("/plan: {e}"))?;
+        let plan = stored_plan(place.path().join("result.h5"))?;
         let planned = plan["warp"]["applications"].as_f64();
         summary.require(planned == Some(done), || {
             format!("matvecs {done}, but /plan in result.h5 says {planned:?}")

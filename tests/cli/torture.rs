@@ -3,11 +3,10 @@
 
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
+    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory, names_in,
     number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -219,13 +218,13 @@ impl Moment {
     /// Whether a run into `path`, which started from the checkpoint `before`, has reached the
     /// moment.
     fn has_come(self, path: &Path, before: Option<&Path>) -> bool {
-        let holds = |ending: &str| names(path).iter().any(|name| name.ends_with(ending));
+        let holds = |ending: &str| names_in(path).iter().any(|name| name.ends_with(ending));
         match self {
             Self::AnyTime => true,
             Self::SetUp => newest(path).as_deref() == before,
             Self::Modes => newest(path).is_some_and(|newest| Some(&*newest) != before),
             Self::Checkpoint => {
-                let begun = names(&path.join("checkpoint")).into_iter().max();
+                let begun = names_in(&path.join("checkpoint")).into_iter().max();
                 let begun = begun.map(|name| path.join("checkpoint").join(name));
                 begun.is_some_and(|begun| !begun.join("manifest.json").exists())
             }
@@ -233,11 +232,6 @@ impl Moment {
             Self::Summary => holds("result.h5") && !holds("summary.json"),
         }
     }
-}
-
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).into_iter().flatten();
-    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
 }
 
 /// Counts of faults.
@@ -323,7 +317,7 @@ fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
     if !differing.is_empty() {
         return Err(format!("differs from the whole run in {differing:?}"));
     }
-    let mut names = names(path).into_iter();
+    let mut names = names_in(path).into_iter();
     match names.find(|name| name.ends_with(".partial") || name == "checkpoint") {
         Some(name) => Err(format!("{name} is still there")),
         None => on_results("check-result", path).succeed().map(drop),

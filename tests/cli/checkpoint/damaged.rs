@@ -1,10 +1,11 @@
 //! Checkpoints that are damaged, missing, from another run, or cannot be written.
 
 use super::{
-    Fault, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, with_fault,
+    Fault, OFTEN, WHOLE, count, generations, io, manifest, run, same, stopped, with_fault,
 };
 use crate::support::{
-    Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory, of_case,
+    Job, Summary, case, check_all, copy, datasets, differences, directory_on_disk as directory,
+    of_case,
 };
 use phasewarp::matrix::kernel::{InstructionSet, VARIABLE};
 use std::fs;

@@ -5,7 +5,8 @@ mod damaged;
 mod stopped;
 
 use crate::support::{
-    Finished, Job, Stored, Summary, datasets, differences, directory_on_disk as directory, of_case,
+    Finished, Job, Stored, Summary, datasets, differences, directory_on_disk as directory, json_of,
+    of_case,
 };
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -100,9 +101,7 @@ pub fn newest(directory: &Path) -> Option<PathBuf> {
 }
 
 pub fn manifest(generation: &Path) -> Result<Value> {
-    let text = io(fs::read_to_string(generation.join("manifest.json")))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
-    Ok(value["manifest"].clone())
+    Ok(json_of(generation.join("manifest.json"))?["manifest"].clone())
 }
 
 /// A pseudo-random number in [0, 1) that depends on `seed` only.
@@ -236,19 +235,4 @@ pub fn stopped(ranks: usize) -> Result<TempDir> {
     } else {
         Err(finished.report("exit code 75 and the option --resume expected"))
     }
-}
-
-/// Copies the contents of a directory.
-pub fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
-    fs::create_dir_all(to)?;
-    for entry in fs::read_dir(from)? {
-        let entry = entry?;
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target)?;
-        } else {
-            fs::copy(entry.path(), target)?;
-        }
-    }
-    Ok(())
 }

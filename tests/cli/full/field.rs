@@ -5,7 +5,7 @@ use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
     Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance, of_case,
-    on_results,
+    on_results, stored_plan,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
@@ -158,8 +158,7 @@ fn the_warped_field_is_the_sum_of_dense_exponentials() {
         // The errors of the Chebyshev series are far below the limit of the comparison.
         job.with(["--mode", "full"]).on(2).solve(place.path()).unwrap();
         let file = datasets_of(&place.path().join("warped_f.h5")).unwrap();
-        let plan = String::from_utf8(file["/plan"].bytes.clone()).unwrap();
-        let plan: serde_json::Value = serde_json::from_str(&plan).unwrap();
+        let plan = stored_plan(place.path().join("warped_f.h5")).unwrap();
         let series = &plan["warp"]["series"];
         let period = series["period"].as_f64().unwrap();
         let coefficients: Vec<Complex64> = (series["coefficients"].as_array().unwrap().iter())

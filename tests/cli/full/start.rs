@@ -2,7 +2,7 @@
 
 use super::{POINTS, small, warped};
 use crate::dense::{self};
-use crate::support::{Job, Summary, case, check_all, directory, distance, field, of_case};
+use crate::support::{Job, Summary, case, check_all, directory, distance, field, of_case, text_of};
 use phasewarp::problem::case::Case;
 use std::path::Path;
 
@@ -282,7 +282,7 @@ fn starts_with_inconsistent_settings_are_refused() {
     });
     // A relative path counts from the directory of the case file, not from the working directory.
     let home = directory();
-    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let text = text_of(case("example1.toml")).unwrap();
     std::fs::write(home.path().join("case.toml"), text).unwrap();
     std::fs::copy(&file, home.path().join("start.h5")).unwrap();
     let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);

@@ -4,8 +4,7 @@
 //! which `.ci/run` sets after the installation, it fails. `make browser` installs one.
 
 use super::{album, look_at};
-use crate::support::{directory, of_case, on_results};
-use std::io::Write;
+use crate::support::{directory, of_case, on_results, skipped, text_of};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -54,7 +53,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
 
 /// The network requests of pages in the browser's log, without those of the browser itself.
 fn requests(log: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(log).unwrap();
+    let text = text_of(log).unwrap();
     let beyond = |line: &&str| {
         line.contains("\"initiator\":\"")
             && !line.contains("\"initiator\":\"not an origin\"")
@@ -69,11 +68,7 @@ fn requests(log: &Path) -> Vec<String> {
 fn a_browser_opens_the_report() {
     let Some(browser) = browser() else {
         let why = "no chromium, chromium-browser or google-chrome; `make browser` installs one";
-        let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/pictures/browser.rs: {why}");
-        return;
+        return skipped("PHASEWARP_BROWSER", "tests/cli/pictures/browser.rs", why);
     };
     let place = directory();
     let marked =
@@ -102,7 +97,7 @@ fn a_browser_opens_the_report() {
 
     // Every picture is placed and not cut, and no content overflows sideways. A script measures
     // this in a copy of the page, as the page itself forbids scripts.
-    let text = std::fs::read_to_string(&page).unwrap();
+    let text = text_of(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
     // Each button of the track shows its own picture alone.
     let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;\

@@ -3,13 +3,15 @@
 mod browser;
 mod movie;
 
-use crate::support::{Job, cases, check_all, datasets, directory, distance, of_case, shrunk};
+use crate::support::{
+    Job, cases, check_all, datasets, directory, distance, json_of, of_case, shrunk, stored_plan,
+    text_of,
+};
 use phasewarp::results::figure::{Figure, Layer, Map};
 use phasewarp::results::pictures;
 use phasewarp::results::pictures::Album;
 use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::untrusted;
-use serde_json::Value;
 use std::path::Path;
 
 /// Settings for grids that are solved and drawn in a moment, in addition to those of [`shrunk`].
@@ -42,7 +44,7 @@ fn look_at(path: &Path) -> Result<(u32, u32), String> {
 
 /// The words of an SVG, which must be well-formed XML.
 fn read_svg(path: &Path) -> Result<String, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = text_of(path)?;
     let document =
         roxmltree::Document::parse(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let words = document.descendants().filter_map(|n| n.text());
@@ -243,8 +245,7 @@ fn misleading_points_and_colours_are_not_drawn() {
     let drawn = album(place.path());
     let found = curve(figure(&drawn, "plateau"), 0, "");
     assert_eq!(found.len(), stored["/plateau/p"].numbers().len());
-    let plan = String::from_utf8(stored["/plan"].bytes.clone()).unwrap();
-    let plan: Value = serde_json::from_str(plan.trim_end_matches('\0')).unwrap();
+    let plan = stored_plan(place.path().join("result.h5")).unwrap();
     let read_at = plan["warp"]["readings"][0]["point"].as_f64().unwrap();
     for place in found {
         assert_eq!(place[1].is_nan(), (place[0] - read_at).abs() < 1e-9, "{place:?}");
@@ -380,7 +381,7 @@ fn missing_values_are_reported() {
 
     // Results of an older program: without checksums and without some datasets.
     let summary = place.path().join("summary.json");
-    let mut older: Value = serde_json::from_slice(&std::fs::read(&summary).unwrap()).unwrap();
+    let mut older = json_of(&summary).unwrap();
     for key in ["files", "checksum"] {
         older.as_object_mut().unwrap().remove(key);
     }
@@ -399,7 +400,7 @@ fn missing_values_are_reported() {
     // With an empty summary, a report names the missing values in the page and on the terminal.
     std::fs::write(place.path().join("summary.json"), "{}").unwrap();
     let done = Job::new(["report", &at(&place)]).on(2).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     for text in ["no wall_seconds", "no error_estimate", "no probabilities"] {
         assert!(done.output.contains(text) && page.contains(text), "{text}");
     }

@@ -2,7 +2,7 @@
 //! the numbers of the file.
 
 use super::{curve, maps};
-use crate::support::{Job, datasets, directory, of_case, on_results};
+use crate::support::{Job, datasets, directory, of_case, on_results, text_of};
 use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::pictures::film::Film;
 use phasewarp::results::untrusted;
@@ -115,7 +115,7 @@ fn a_video_has_all_frames() {
     let printed = call("for last; do :; done; wc -c > \"$last\"");
     let video = place.path().join("plots/movie.webm");
     assert!(printed.contains("movie.webm") && !printed.contains("left out"), "{printed}");
-    let bytes: usize = std::fs::read_to_string(&video).unwrap().trim().parse().unwrap();
+    let bytes: usize = text_of(&video).unwrap().trim().parse().unwrap();
     let found = frames(&place.path().join("plots/movie.gif"));
     let pixels = found[0].size.map(usize::from);
     assert_eq!(bytes, 3 * found.len() * pixels[0] * pixels[1]);
@@ -231,7 +231,7 @@ fn a_report_steps_through_the_times() {
     let place = directory();
     run(place.path(), &["title=\"<script>alert(1)</script>\\u001b[2J \\\" onload=\\\"x\""]);
     on_results("report", place.path()).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     assert_eq!(page.matches("<input type=\"radio\" name=\"time\"").count(), 5);
     assert_eq!(page.matches("\" checked").count(), 1);
     for k in 0..5 {
@@ -244,6 +244,6 @@ fn a_report_steps_through_the_times() {
     // A run with one time has no controls to step through.
     run_again(place.path());
     on_results("report", place.path()).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     assert!(!page.contains("type=\"radio\"") && page.contains("id=\"trust\""));
 }

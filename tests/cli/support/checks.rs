@@ -3,6 +3,7 @@
 use super::launch::SLOTS;
 use super::outcome::{Finished, Summary};
 use super::refusal::refused;
+use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -121,4 +122,13 @@ pub fn solved_or_refused(
             value["error_semidiscrete"], value["maximum"]
         )
     })
+}
+
+/// Reports that the tests in `file` are skipped, and why. If the environment variable is
+/// `required`, this is a failure.
+pub fn skipped(variable: &str, file: &str, why: &str) {
+    let required = std::env::var(variable).is_ok_and(|v| v == "required");
+    assert!(!required, "{why}");
+    // Not through the test's own output, which is shown of failures only.
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {file}: {why}");
 }

@@ -4,6 +4,7 @@ pub mod python;
 
 mod cases;
 mod checks;
+mod files;
 mod launch;
 mod outcome;
 mod refusal;
@@ -12,6 +13,7 @@ mod shared;
 
 pub use cases::*;
 pub use checks::*;
+pub use files::*;
 pub use launch::Job;
 pub use outcome::{Finished, Summary};
 pub use refusal::*;
