@@ -260,8 +260,8 @@ impl<'a> FullestRank<'a> {
             list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
-        // The earlier fields have all their readings. The last one has one number yet, from the
-        // sums.
+        // For each earlier field; the last field stores one number in place of the two integers of
+        // a sum.
         let before = (readings + steps) * (self.fields() - 1);
         list.push(("recovered fields".to_owned(), 8 * (before + 1) * self.share()));
         list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));

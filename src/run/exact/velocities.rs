@@ -362,7 +362,7 @@ impl<'a> VelocityIntegrals<'a> {
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
         loop {
             let error = panels.iter().map(|panel| panel.error * panel.error).sum::<f64>().sqrt();
-            // `max` ignores NaN.
+            // Panels with NaN do not count, as `max` ignores it.
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
             let allowed = left / new_points;
             if error <= self.tolerance || error.is_nan() || allowed == 0 {
