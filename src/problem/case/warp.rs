@@ -389,8 +389,8 @@ impl WarpTable {
         let least = 1.0 / LARGEST_NUMBER;
         let message = || {
             format!(
-                "must be above 0, between {least:e} and {LARGEST_NUMBER:e}; or \"max\" for max |b|; \
-                 leave it out to have it planned"
+                "must be above 0, between {least:e} and {LARGEST_NUMBER:e}; or \"max\" for \
+                 max |b|; leave it out to have it planned"
             )
         };
         match self.delta {

@@ -87,14 +87,14 @@ impl LineApproximation {
 
 /// The comparison in a region along an axis.
 #[derive(Clone, Default)]
-struct Compared {
+struct Differences {
     /// Largest difference in each element.
     differences: Vec<f64>,
     /// The point of the largest difference.
     worst: Option<Unresolved>,
 }
 
-impl Compared {
+impl Differences {
     fn add(&mut self, place: Unresolved) {
         self.differences.push(place.difference());
         if self.worst.as_ref().is_none_or(|worst| worst.difference() < place.difference()) {
@@ -116,7 +116,7 @@ impl Compared {
 pub fn unresolved(case: &Case) -> Vec<Unresolved> {
     let taken: Vec<LineApproximation> =
         case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();
-    let none: [Compared; MAX_DIMENSION] = Default::default();
+    let none: [Differences; MAX_DIMENSION] = Default::default();
     let mut found = vec![none; case.potential.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
     let lines = ElementLines::new(&case.space);

@@ -13,7 +13,8 @@ type Shared = Arc<OnceLock<Result<Summary, String>>>;
 static RUNS: Mutex<BTreeMap<String, Shared>> = Mutex::new(BTreeMap::new());
 
 impl Job {
-    /// The `summary.json` of `run …`, as from [`solve`](Self::solve). Its other results are deleted.
+    /// The `summary.json` of `run …`, as from [`solve`](Self::solve). Its other results are
+    /// deleted.
     pub fn summary(&self) -> Result<Summary, String> {
         let run = {
             let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
