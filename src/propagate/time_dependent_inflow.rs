@@ -141,7 +141,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
         let time = case.begin + case.duration() * k as f64 / SAMPLES as f64;
         for (m, value) in matrix.entering.values(field, time).enumerate() {
             if !value.is_finite() {
-                let (value, point) = matrix.entering.worst(field, m, time);
+                let (value, point) = matrix.entering.not_finite(field, m, time);
                 let place = describe_point(case.space.dimension(), &point);
                 return Err(field.entering().undefined(value, format!("{place}, t = {time}")));
             }

@@ -1,13 +1,13 @@
-//! HDF5 files that can be read and hold something else than a run writes: other shapes, kinds,
-//! numbers and texts. The readers of results, of fields to start from and of tables refuse them or
-//! read them; what is left is drawn.
+//! Valid HDF5 files with other contents than those of a run: other shapes, types, numbers and
+//! texts. The readers of results, of start fields and of tables refuse or accept them. Some of the
+//! accepted results are drawn.
 //!
-//! The readers are called in the process of the fuzzer: that they call HDF5 in one of their own is
-//! for files that HDF5 itself does not survive (`hostile.rs`).
+//! The readers are called in the process of the fuzzer. The program calls HDF5 in a separate
+//! process only because of files that crash HDF5 itself (`hostile.rs`).
 
 use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, fuzz};
-use crate::support::{case, directory, run};
+use crate::support::{case, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
 use phasewarp::parallel::communicator::World;
@@ -22,7 +22,7 @@ use std::path::Path;
 use std::str::FromStr;
 use tempfile::TempDir;
 
-/// The replacement of an object.
+/// The type of a new object.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Reals,
@@ -67,12 +67,12 @@ const NUMBERS: [f64; 14] = [
 #[derive(Debug)]
 enum Change {
     Remove(String),
-    /// A second name, in the place of what had it.
+    /// The object `from` also gets the name `to`, which replaces another object.
     Rename {
         from: String,
         to: String,
     },
-    /// A dataset of this shape, its numbers from `first` in steps of `step`.
+    /// A new dataset of this shape, whose values start at `first` and increase by `step`.
     Replace {
         name: String,
         kind: Kind,
@@ -80,7 +80,7 @@ enum Change {
         first: f64,
         step: f64,
     },
-    /// A number of a dataset.
+    /// Another value of a number in a dataset.
     Number {
         name: String,
         at: usize,
@@ -124,7 +124,7 @@ const READERS: [FileReader; 6] = [
 
 #[derive(Debug)]
 struct Input {
-    /// Number of the file that is changed.
+    /// The index of the file that is changed.
     file: usize,
     changes: Vec<Change>,
     /// Who reads it.
@@ -134,9 +134,10 @@ struct Input {
 /// A file of a run.
 struct Original {
     bytes: Vec<u8>,
-    /// Names of its datasets.
+    /// The names of its datasets.
     datasets: Vec<String>,
-    /// Names of the attributes of the file (`/`) and of its datasets.
+    /// The attributes of the file (`/`) and of its datasets: name of the object and of the
+    /// attribute.
     attributes: Vec<(String, String)>,
 }
 
@@ -191,7 +192,7 @@ fn numbers(first: f64, step: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| first + step * k as f64).collect()
 }
 
-/// A dataset in the place of another, with the checksum of its numbers.
+/// Replaces a dataset by another one with a correct checksum.
 fn replace(
     file: &hdf5::File,
     name: &str,
@@ -231,7 +232,7 @@ fn replace(
     }
 }
 
-/// Room for a text in a file.
+/// The size of a stored text in bytes.
 const LONGEST: usize = 4096;
 
 fn apply(file: &hdf5::File, change: &Change) -> hdf5::Result<()> {
@@ -303,26 +304,27 @@ fn at(file: &hdf5::File, name: &str) -> hdf5::Result<hdf5::Location> {
     }
 }
 
-/// The files, and what the readers take.
+/// The readers of HDF5 files, tried on changed files.
 struct Files {
     originals: Vec<Original>,
     texts: Corpus,
     place: TempDir,
     world: World,
-    /// The cases that start from the file as a field, as a warped field, and from its table.
+    /// Cases that start from the file as a field, as a warped field, and from its table.
     cases: [Case; 3],
-    /// Accepted results, of which some are drawn.
+    /// The number of accepted results, some of which are drawn.
     accepted: usize,
 }
 
-/// The number of the original that is a warped field.
+/// The index of the original that is a warped field.
 const WARPED: usize = 0;
 
-/// Grids of a few cells.
+/// Settings of a grid with few cells.
 const SMALL: [&str; 3] = ["axis.0.x.cells=6", "axis.0.v.cells=4", "time.end=0.2"];
 
 impl Files {
-    /// The case that starts from the file `path` by `key`.
+    /// A case that reads the file `path` as its start field (`field`), as a table (`table`), or
+    /// not.
     fn case(key: &str, path: &Path) -> Case {
         let set = |text: &str| text.to_owned();
         let mut settings: Vec<String> = SMALL[..2].iter().map(|text| set(text)).collect();
@@ -338,7 +340,8 @@ impl Files {
         Case::load(Path::new(&file), &settings).expect("a case")
     }
 
-    /// What a reader says of the file: whether it accepts it.
+    /// Calls a reader of the file and returns whether it accepts the file. An error without a
+    /// message or exit code is a fault.
     fn read_by(&mut self, reader: FileReader) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
         let [field, warped, table] = &self.cases;
@@ -393,7 +396,7 @@ impl Reader for Files {
             Original::read(&place.path().join(file)).expect("a file of it")
         });
         let texts = ["example1", "example2", "smooth-beams", "quadrant2d"]
-            .map(|name| fs::read_to_string(case(&format!("{name}.toml"))).expect("a case"));
+            .map(|name| text_of(case(&format!("{name}.toml"))).unwrap());
         let place = directory();
         let path = place.path().join("result.h5");
         Self {
@@ -426,7 +429,7 @@ impl Reader for Files {
         fs::write(place.join("summary.json"), "{}").map_err(|e| e.to_string())?;
         let file = hdf5::File::open_rw(&path).map_err(|e| e.to_string())?;
         for change in &input.changes {
-            // Some cannot follow on others.
+            // A change may fail after an earlier one.
             let _ = apply(&file, change);
         }
         file.close().map_err(|e| e.to_string())?;
