@@ -10,7 +10,7 @@ the runs outside of the factor that docs/verification.md promises. Exit code 1 i
 if a run misses its tolerance. A run that is refused (round-off, too many modes) is left out.
 
 Of the grid's error: the ratios by scheme, of `f` and of the density, and the runs outside of what
-docs/limits.md says. Grids that move edges of V, and errors above 80 %, are left out.
+docs/verification.md says. Grids that move edges of V, and errors above 80 %, are left out.
 """
 
 import argparse

@@ -41,7 +41,7 @@
 //! | `schrodingerization` | `g(p)` as a Fourier series, modes, recovery, the transform in `p` |
 //! | `propagate` | `exp(−iH_l T)` by series, Lanczos, implicit steps; `f' = A f + b` directly |
 //! | `matrix` | `(S, K)` by rows, kernels, bounds, weights, the inflow's unknowns, moments |
-//! | `scheme` | rows of `A` and `b`, the only definition of `A`; what a scene does not need |
+//! | `scheme` | rows of `A` and `b`, the only definition of `A`; the reduction of a case |
 //! | `parallel` | blocks of space and groups of modes; ghost exchange, transpose |
 //! | `problem` | the case file, formulas, the grid, the potential, the exact solution |
 //! | `base` | errors, text, log lines, directories, the machine, fixed-point sums |
@@ -91,8 +91,8 @@ pub use problem::case::Case;
 pub use run::options::Options;
 pub use run::{Solution, run, solve};
 
-/// The plan that a run of `case` on the ranks of `world` would have: modes, applications, memory a
-/// rank. Growth and norms are measured where that is cheap. Collective.
+/// The plan of a run of `case` on the ranks of `world`: modes, applications, memory per rank.
+/// Growth and norms are measured if that is cheap. Collective.
 ///
 /// # Errors
 /// A tolerance that cannot be met, a mesh that does not fit, too little memory.

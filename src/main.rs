@@ -1,4 +1,4 @@
-//! Parses the command line, starts MPI, calls the library, turns an error into an exit code.
+//! Starts MPI, parses the command line, calls the library and turns an error into an exit code.
 
 use clap::Parser;
 use phasewarp::base::log::{report, say, unwritten};
@@ -31,7 +31,7 @@ fn main() {
                     report(&format!("error: {error}"));
                 }
                 if error.leaves_files_open() {
-                    // Closing them, or MPI with them, would wait for ranks that do not come.
+                    // Closing the files, or finalising MPI, would wait for ranks that do not come.
                     world.group().barrier();
                     machine::leave(error.exit_code());
                 }

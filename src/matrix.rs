@@ -2,8 +2,8 @@
 //! observables.
 //!
 //! [`block_matrix::BlockMatrix`] holds the rows of one rank; [`kernel`] and [`blocking`] apply them
-//! to a batch of modes; [`embedding`] adds the unknowns of the inflow; [`weights`] is the norm in
-//! which `S ≤ 0`; [`bounds::Bounds`] are guaranteed bounds of the spectrum; [`observables`] are
+//! to a batch of modes; [`embedding`] adds the unknowns of the inflow; [`weights`] define the norm
+//! in which `S ≤ 0`; [`bounds::Bounds`] are guaranteed bounds of the spectrum; [`observables`] are
 //! moments.
 //!
 //! Uses: scheme, parallel, problem, base. Paper: section 3.1 (`H1 = S`, `iH2 = K`).

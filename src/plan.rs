@@ -41,11 +41,11 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// `‖ũ(0)‖/‖f(T)‖` before it is known.
+/// `‖ũ(0)‖/‖f(T)‖` until it is measured.
 pub const ASSUMED_RATIO: f64 = 1.5;
 
-/// How many times as fast another process mesh must be, by the model, for a run that is assembled
-/// to be assembled again on it.
+/// A run that is assembled on one process mesh is assembled again on another if that is at least
+/// this many times as fast by the model.
 pub const WORTH_REASSEMBLY: f64 = 1.06;
 
 /// Every derived number of a run.
@@ -57,15 +57,15 @@ pub struct Plan {
     pub shape: Vec<usize>,
     /// Unknowns.
     pub cells: usize,
-    /// Elements along each axis; of degree 0 its cells.
+    /// Elements along each axis; of degree 0 these are the cells.
     pub elements: Vec<usize>,
-    /// The reductions of the case, a line each.
+    /// The reductions of the case, one line each.
     pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
     /// The method.
     pub method: Method,
-    /// Interface rows.
+    /// Interface law.
     pub interface: Interface,
     /// Slopes of the classical method.
     pub limiter: Limiter,
@@ -106,7 +106,7 @@ impl Plan {
         Self::with_bounds(case, bounds, resources, ratio)
     }
 
-    /// As [`new`](Self::new), with bounds known already.
+    /// As [`new`](Self::new), with known bounds.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -159,8 +159,8 @@ impl Plan {
         })
     }
 
-    /// The batches of mode group `group` that are left of a stage whose modes `finished` are. Where
-    /// modes are kept, each stays with its group.
+    /// The batches of mode group `group` that are left of a stage, when its modes `finished` are
+    /// done. Modes that are kept stay with their group.
     pub fn batches_left(&self, finished: &BTreeSet<usize>, group: usize) -> Vec<Batch> {
         let Some(warp) = &self.warp else {
             return Vec::new();
@@ -178,12 +178,13 @@ impl Plan {
     }
 
     /// The plan before growth and norms are measured: the layout and an estimate of the work. It
-    /// does not refuse yet a tolerance that may be too small or an interval that may be too short.
+    /// does not yet refuse a tolerance that is too small or an interval that is too short.
     ///
     /// # Errors
     /// As [`new`](Self::new), but for the tolerance.
     pub fn provisional(case: &Case, bounds: &Bounds, resources: &Resources) -> Result<Self> {
-        /// The tolerance that can be reached with the growth that weights and inflow are allowed.
+        /// A tolerance that can be reached with the largest growth that weights and inflow may
+        /// have.
         const POSSIBLE: f64 = 1e-12;
         let mut case = case.clone();
         case.tolerance = case.tolerance.max(POSSIBLE);
@@ -193,9 +194,9 @@ impl Plan {
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 
-    /// This plan, made by [`provisional`](Self::provisional), with the growth and the `ratio` that
-    /// were measured. A run is assembled on the process mesh of this plan, which stays unless
-    /// another is so much faster that the run is worth assembling again.
+    /// This plan, made by [`provisional`](Self::provisional), with the measured growth and `ratio`.
+    /// It keeps the process mesh, on which the run is assembled, unless another one is faster by
+    /// [`WORTH_REASSEMBLY`].
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -232,8 +233,8 @@ impl Plan {
         Ok(Self { layout, ..self.clone() })
     }
 
-    /// This plan with the modes of `series` instead of its own, each within `tolerance` of its
-    /// norm, read by `readings`, which need not give the field.
+    /// This plan with the modes of `series` instead of its own, each to `tolerance` relative to its
+    /// norm. `readings` are the recoveries, and need not be accurate.
     ///
     /// # Errors
     /// [`Error::Ranks`] and [`Error::Memory`].
@@ -311,8 +312,8 @@ impl Plan {
         descriptor(self.propagation.method).summary(&work)
     }
 
-    /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two
-    /// applications, and they should not take more than a few hundredths of the run.
+    /// Largest number of Jacobi sweeps for better weights. A sweep takes about as long as two
+    /// applications, and all sweeps should take only a few hundredths of the run.
     pub fn max_weight_sweeps(&self) -> usize {
         self.warp.as_ref().map_or(0, |w| {
             let unit = descriptor(self.propagation.method).applications_per_work();
@@ -333,7 +334,7 @@ impl fmt::Display for Plan {
 }
 
 impl Plan {
-    /// The grid and its data.
+    /// The grid, and what its matrix contains.
     fn write_scene(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
         writeln!(f, "grid            {} = {}", shape.join(" x "), self.grid_size())?;
@@ -412,7 +413,7 @@ impl Plan {
         )
     }
 
-    /// How the work is divided, and the memory it takes.
+    /// How the work is divided among the ranks, and the memory it takes.
     fn write_ranks(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let l = &self.layout;
         let blocks: Vec<String> = l.mesh.space.iter().map(usize::to_string).collect();

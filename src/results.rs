@@ -1,7 +1,7 @@
-//! The results of a run: `result.h5`, written by all ranks, `summary.json`, and views of the
-//! grids for other programs (`fields.xdmf`, a file for each grid).
+//! The results of a run: `result.h5`, which all ranks write, `summary.json`, and views of the grids
+//! for other programs (`fields.xdmf`, and a file for each grid).
 //!
-//! [`dataset::Results`] is what `result.h5` holds, [`summary::Summary`] what `summary.json` holds.
+//! [`dataset::Results`] is the content of `result.h5`, [`summary::Summary`] that of `summary.json`.
 //!
 //! Uses: quantum, solve, and every room below. Paper: the figures and tables of section 8.
 
@@ -39,10 +39,11 @@ use crate::problem::case::Case;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The contents of a file, or why it cannot be used, in words.
+/// The contents of a file, or a sentence that says why it cannot be used.
 pub type FileResult<T> = std::result::Result<T, String>;
 
-/// How long a rank waits to see a file that another one made: network file systems are late.
+/// How long a rank waits until it sees a file that another rank made, as network file systems show
+/// it with a delay.
 const LATE: Duration = Duration::from_secs(10);
 
 /// Names of the files that a run may write before `summary.json`.
@@ -51,9 +52,9 @@ pub(crate) fn file_names(case: &Case) -> Vec<String> {
     texts.into_iter().chain(grids::names()).chain(warped::names(case)).collect()
 }
 
-/// Makes the output directory and makes sure that this run alone writes there, that all ranks see
-/// it and that it has room, before anything is computed. Gives its lock, on the first rank.
-/// Collective.
+/// Makes the output directory, and checks before anything is computed that only this run writes
+/// there, that all ranks see the directory, and that the disk has room. Returns the lock of the
+/// directory on the first rank. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
@@ -84,13 +85,13 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
                 );
                 return Err(std::io::Error::other(what));
             }
-            // What a run that was killed left takes room.
+            // Partial files of a killed run would take room.
             disk::clear(&disk::partial(&path))?;
         }
         Ok(())
     };
     if directory.to_str().is_none() {
-        let why = std::io::Error::other("its path is no UTF-8 text, which HDF5 takes alone");
+        let why = std::io::Error::other("its path is no UTF-8 text, which HDF5 requires");
         return world.agree(Err(refused(directory, &why)));
     }
     let lock = world.on_first_rank(|| DirectoryLock::take(directory).map(Some))?;
@@ -102,7 +103,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
     Ok(lock)
 }
 
-/// Makes sure that every rank sees the directory that the first one locked. Collective.
+/// Checks that every rank sees the directory that the first one locked. Collective.
 fn require_shared(world: &Group, directory: &Path, lock: Option<&DirectoryLock>) -> Result<()> {
     let text = world.broadcast_text(lock.map_or("", |lock| &lock.text));
     let path = directory.join(lock::NAME);

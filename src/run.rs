@@ -1,4 +1,4 @@
-//! The driver of one run: ten steps, each one call of `compute` (see `steps`).
+//! The driver of one run: ten steps, which `compute` calls in order (see `steps`).
 //!
 //! ```text
 //! start → reduce → prepare → exact → open → observe start → solve → compare → expand → finish
@@ -48,8 +48,8 @@ use std::path::Path;
 /// Runs a case and writes its results into `directory`. Collective over all ranks.
 ///
 /// # Errors
-/// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] where the
-/// run stopped early and can go on.
+/// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] if the run
+/// stopped early and can be resumed.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     if !options.force {
         finished::refuse_to_replace(&world.group(), directory, case, options.resume)?;
@@ -59,8 +59,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// Whether `directory` holds the finished results of `case`; results that are damaged are reported,
-/// and are to be computed anew. Collective.
+/// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
+/// and are reported. Collective.
 pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     let found = finished::is_finished(&world.group(), directory, case);
     if let (Err(damage), 0) = (&found, world.group().rank()) {
@@ -71,11 +71,11 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     matches!(found, Ok(true))
 }
 
-/// An error where the finished run of `case` in `directory` misses its goals and `solver.strict` is
-/// set. Collective.
+/// Returns an error if the finished run of `case` in `directory` misses its goals and
+/// `solver.strict` is set. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] where its summary
+/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
 /// cannot be read.
 pub fn refuse_missed(world: &World, directory: &Path, case: &Case) -> Result<()> {
     world.group().on_first_rank(|| {
@@ -92,7 +92,7 @@ pub fn refuse_missed(world: &World, directory: &Path, case: &Case) -> Result<()>
 pub fn solve(world: &World, case: &Case) -> Result<Solution> {
     let case = with_start(&world.group(), case)?;
     let case = Case {
-        // Its files are written while the modes are there, by `run`.
+        // Only `run` writes these files, while the modes are in memory.
         warped_field: false,
         ..case.into_owned()
     };

@@ -10,10 +10,10 @@
 //! | [`end_to_end`] | a density by a quantum computer and without | [`end_to_end::EndToEnd`] |
 //! | [`ranks`] | how many ranks are worth it | [`ranks::RankTable`] |
 //!
-//! The runs of a [`sweep`] are those of `phasewarp run`. The others stand on one kernel: a
+//! The runs of a [`sweep`] are those of `phasewarp run`. The other studies share these modules: a
 //! [`trial`] is a run for its numbers only, a [`budget`] is the time that a study may take,
 //! [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids of a case,
-//! [`knobs`] its other choices, and a [`treatment`] is a measure against growth at jumps.
+//! [`choices`] are its other settings, and a [`treatment`] is a measure against growth at jumps.
 //!
 //! Uses: run, results, and every room below. Only commands use studies. Paper: none.
 
@@ -21,11 +21,11 @@ pub mod advise;
 pub mod budget;
 pub mod calibrate;
 pub mod chart;
+pub mod choices;
 pub mod cost;
 pub mod end_to_end;
 pub mod files;
 pub mod grids;
-pub mod knobs;
 pub mod ranks;
 pub mod stability;
 pub mod sweep;

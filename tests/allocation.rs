@@ -1,5 +1,5 @@
-//! Tests that the run loop allocates nothing, by a counting allocator: the propagation of a batch
-//! by each propagator, classical steps, and a run of one batch beside one of all.
+//! Tests that the time loop allocates nothing. An allocator counts the allocations of a batch by
+//! each propagator, of classical steps, and of runs with one batch and with all batches.
 
 mod support;
 
@@ -29,7 +29,7 @@ struct Counting;
 
 static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 
-// SAFETY: the system's allocator, counted.
+// SAFETY: all calls go to the system's allocator; only a counter is added.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
@@ -73,12 +73,12 @@ fn prepared(world: &World, case: &Case) -> Prepared {
     prepare(world, case, &mesh)
 }
 
-/// The control: an allocation is counted.
+/// Control: an allocation is counted.
 fn the_counter_counts(_: &World) {
     assert!(allocations(|| drop(std::hint::black_box(vec![1.0; 100]))) > 0);
 }
 
-/// Allocations of a batch of full size by a propagator, with `work` terms or steps.
+/// The number of allocations of a propagator for a full batch, with `work` terms or steps.
 fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usize) -> usize {
     let batch = BatchSpec {
         modes: LANES,
@@ -86,7 +86,7 @@ fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usiz
         tolerances: [1e-8; LANES],
         work: [work; LANES],
     };
-    // As the plan of a run does for all of its modes.
+    // The plan of a run does this for all of its modes.
     for mu in batch.wavenumbers {
         parts.evolution.bounds.interval(mu);
     }
@@ -96,7 +96,7 @@ fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usiz
     })
 }
 
-/// Neither allocates anything.
+/// Neither the Chebyshev series nor Lanczos allocates anything.
 fn series_and_lanczos(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
@@ -111,7 +111,7 @@ fn series_and_lanczos(world: &World) {
     assert_eq!(count, 0, "allocations of Lanczos");
 }
 
-/// They allocate where they factorise, once for each mode, and never in the time loop.
+/// Implicit methods allocate in the factorisation, once for each mode, and never in the time loop.
 fn implicit_steps(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
@@ -120,7 +120,7 @@ fn implicit_steps(world: &World) {
         let few = [1, 2, 50].map(|steps| {
             let implicit = Implicit::new(parts.evolution.matrix, order, false);
             let mut implicit = implicit.expect("the pattern is analysed");
-            // The factors' room grows with the first modes.
+            // The memory for the factors grows with the first modes.
             of_a_batch(&mut parts, &mut implicit, steps);
             of_a_batch(&mut parts, &mut implicit, steps)
         });
@@ -128,7 +128,7 @@ fn implicit_steps(world: &World) {
     }
 }
 
-/// With slopes, they allocate nothing.
+/// Classical time steps with limited slopes allocate nothing.
 fn classical_steps(world: &World) {
     let set = [
         "solver.method=classical",
@@ -147,8 +147,8 @@ fn classical_steps(world: &World) {
     }
 }
 
-/// An inflow by one shared unknown, one that varies, and none, then elements; each by the
-/// propagator of its plan.
+/// Runs with a shared inflow unknown, with a time-dependent inflow, without inflow, and with
+/// elements, each with the propagator of its plan.
 fn runs(world: &World) {
     for (file, set) in [
         ("inflow_barrier.toml", "solver.warp.inflow=scalar"),
@@ -180,7 +180,7 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
         let count = of_a_batch(&mut parts, &mut *propagator, work);
         assert_eq!(count, 0, "{name}: allocations at degree {work}");
     }
-    // The whole of a run, readings and sums included: as many for one batch as for all.
+    // A whole run with its readings and sums allocates as often for one batch as for all batches.
     let cells = 0..parts.pi.len();
     let batches = &plan.layout.groups[0];
     let passes = warp.legs.iter().any(|leg| !leg.passed.is_empty());

@@ -1,4 +1,4 @@
-//! Cases with an accuracy in the place of a grid, a degree and a tolerance.
+//! Cases that give an accuracy instead of a grid, a degree and a tolerance.
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
@@ -14,33 +14,33 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
 
-/// Ratio of the seconds of a run to the budget from which there is a warning.
+/// A run that is expected to take more than this multiple of the budget gives a warning.
 const LONG_RUN: f64 = 10.0;
-/// Time for the trials of an accuracy, where none is given.
+/// Time for the trial runs, unless `--budget` gives another.
 const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
-/// The file of a run's directory that says what was chosen for its accuracy.
+/// File in the directory of a run that stores what was chosen for its accuracy.
 const CHOICE: &str = "accuracy.json";
 
-/// The `--set` options that were chosen for an accuracy, as they are kept in the directory.
+/// The `--set` options chosen for an accuracy, as [`CHOICE`] stores them.
 #[derive(Debug, Serialize, Deserialize)]
 struct ChosenSetup {
     /// The accuracy.
     accuracy: f64,
     /// Checksum of the case for which it was chosen: its text and its `--set` options.
     case: String,
-    /// `--set` options of what was chosen.
+    /// The chosen `--set` options.
     settings: Vec<String>,
 }
 
 impl ChosenSetup {
-    /// The settings chosen for `given`, with the other settings of its case `found`.
+    /// The choice that turned the case `given` into `found`: the overrides that were appended.
     fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
         let settings = found.overrides[given.overrides.len()..].to_vec();
         Self { accuracy, case: checksum_of(given), settings }
     }
 }
 
-/// Checksum of the text and options that a case was read from, tables in files included.
+/// Checksum of the text, the options and the table files that a case was read from.
 fn checksum_of(case: &Case) -> String {
     let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
     let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
@@ -48,8 +48,8 @@ fn checksum_of(case: &Case) -> String {
     format!("{:016x}", checksum::of_text(text.as_bytes()))
 }
 
-/// The case of a run, with what was chosen for its accuracy in `directory` before, if anything was.
-/// Collective.
+/// The case of a run with the choice that `directory` stores for the same case and accuracy; `None`
+/// if it stores none. Collective.
 pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path) -> Option<Case> {
     let accuracy = args.accuracy.accuracy.or(case.accuracy)?;
     let of_file = || -> Option<Vec<String>> {
@@ -58,7 +58,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
         same.then_some(found.settings)
     };
     let mine = if world.group().rank() == 0 { of_file() } else { None };
-    // As JSON: nothing chosen is not the choice of nothing.
+    // JSON distinguishes no choice (null) from a choice of no options (an empty list).
     let text = world.group().broadcast_text(&serde_json::json!(mine).to_string());
     let settings = serde_json::from_str::<Option<Vec<String>>>(&text).ok()??;
     let set: Vec<String> = case.overrides.iter().cloned().chain(settings).collect();
@@ -66,12 +66,12 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
     Some(Case { accuracy: Some(accuracy), ..found.with_tables_of(case) })
 }
 
-/// What a run wrote into the file `path`, if it is such a file.
+/// The choice in the file `path`, if a run wrote one there.
 fn read_choice(path: &Path) -> Option<ChosenSetup> {
     serde_json::from_str(&disk::read_text(path).ok()?).ok()
 }
 
-/// Refuses to replace a file of that name which no run wrote.
+/// Refuses to replace a file named [`CHOICE`] that no run wrote.
 fn refuse_foreign(directory: &Path) -> Result<()> {
     let path = directory.join(CHOICE);
     if !path.exists() || read_choice(&path).is_some() {
@@ -83,11 +83,11 @@ fn refuse_foreign(directory: &Path) -> Result<()> {
     Err(Error::Directory { path: directory.to_owned(), reason })
 }
 
-/// The case of a run: where an accuracy is asked for, with what [`advise`] chooses for it, which is
-/// kept in `directory`. Collective.
+/// The case of a run. If it has an accuracy, [`advise`] chooses its settings, which are stored in
+/// `directory`. Collective.
 ///
 /// # Errors
-/// As [`load_for_accuracy`]; where the directory cannot be written, or holds a foreign file.
+/// As [`load_for_accuracy`]; if the directory cannot be written, or holds a foreign file.
 pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
     if !args.force && args.accuracy.accuracy.or(case.accuracy).is_some() {
         world.group().on_first_rank(|| refuse_foreign(directory))?;
@@ -104,20 +104,21 @@ pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Re
     Ok(found)
 }
 
-/// As `load` and `with_accuracy`. Collective.
+/// Reads a case; if it has an accuracy, with the settings that [`advise`] chooses. Collective.
 ///
 /// # Errors
-/// As both.
+/// As `load` and `with_accuracy`.
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
     with_accuracy(world, load(world, args)?, &args.changes, wanted)
 }
 
-/// `case`, which was loaded with `changes`; where an accuracy is asked for, by `--accuracy` or by
-/// `solver.accuracy`, with the grid, degree, flux, interface and tolerance that [`advise`] chooses
-/// for it, which are printed. Collective.
+/// `case`, which was loaded with `changes`. If `--accuracy` or `solver.accuracy` gives an accuracy,
+/// [`advise`] chooses grid, degree, flux, interface and tolerance for it. The choice is printed.
+/// Collective.
 ///
 /// # Errors
-/// As [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing is advised.
+/// As [`advise`]; [`Error::Input`] if `--set` gives a key that `advise` chooses, or if nothing is
+/// advised.
 fn with_accuracy(
     world: &World,
     case: Case,
@@ -128,8 +129,8 @@ fn with_accuracy(
         return match wanted.budget {
             None => Ok(case),
             Some(_) => Err(Error::Input(
-                "--budget is the time to choose for an accuracy: --accuracy or solver.accuracy is \
-                 missing"
+                "--budget is the time for the trial runs of an accuracy; --accuracy or \
+                 solver.accuracy is missing"
                     .to_owned(),
             )),
         };
@@ -145,8 +146,8 @@ fn with_accuracy(
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
         let expensive = entry.seconds.filter(|seconds| *seconds > LONG_RUN * budget).map(|seconds| {
             format!(
-                "a run of it is expected to take {}; with a longer --budget more is tried, which \
-                 may find a cheaper one",
+                "the run is expected to take {}; a longer --budget tries more set-ups and may find \
+                 a cheaper one",
                 seconds_text(seconds)
             )
         });

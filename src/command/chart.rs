@@ -17,7 +17,7 @@ pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let directory =
         args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "chart"));
-    // Before minutes are spent.
+    // Fails before minutes are spent on measurements.
     all.on_first_rank(|| disk::make(&directory))?;
     let chart = measure(world, &case, args.budget)?;
     all.on_first_rank(|| chart.write(&directory))?;

@@ -9,7 +9,7 @@ use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::{announce_look, refuse_too_large_here};
+use crate::plan::here::{announce_slow_steps, refuse_too_large_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::grid::axis_names;
@@ -22,17 +22,17 @@ use serde::Serialize;
 /// The JSON of `check`.
 #[derive(Serialize)]
 struct Checked<'a> {
-    /// True.
+    /// Always true.
     ok: bool,
     title: &'a str,
-    /// The keys that are given, with their values.
+    /// The keys that the case gives, with their values.
     settings: &'a std::collections::BTreeMap<String, String>,
     /// The space axes, then the velocity axes.
     axes: Vec<CheckedAxis>,
-    /// Unknowns: cells, of elements nodes.
+    /// Number of unknowns: cells of degree 0, nodes of elements.
     cells: usize,
     bounds: &'a Bounds,
-    /// Parts of the grid that are not computed, as the solution does not depend on them.
+    /// Parts of the grid that are left out, as the solution does not depend on them.
     dropped: &'a [String],
     /// Parts of the grid that could not be left out, and why.
     kept: &'a [String],
@@ -43,7 +43,7 @@ struct Checked<'a> {
 /// The JSON of `check` for a case that is refused.
 #[derive(Serialize)]
 struct Refused {
-    /// False.
+    /// Always false.
     ok: bool,
     error: RefusedBy,
 }
@@ -64,13 +64,13 @@ struct CheckedAxis {
     name: String,
     lower: f64,
     upper: f64,
-    /// Elements, of degree 0 cells.
+    /// Number of elements; for degree 0, of cells.
     elements: usize,
     degree: usize,
     periodic: bool,
 }
 
-/// Prints the case as it was read, and warnings about it; as JSON also why it is refused.
+/// Prints the case as it was read, and warnings about it; with `--json` also why it is refused.
 /// Collective.
 ///
 /// # Errors
@@ -88,7 +88,7 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
 fn check(world: &World, args: &CheckArgs) -> Result<()> {
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     refuse_too_large_here(world, &case)?;
-    announce_look(world, &case);
+    announce_slow_steps(world, &case);
     let bounds = Bounds::new(&case)?;
     let resources = Resources { ranks: world.group().size(), ..Resources::default() };
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances

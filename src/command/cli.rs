@@ -16,7 +16,7 @@ use std::time::Duration;
 #[derive(Debug, Parser)]
 #[command(name = "phasewarp", version = VERSION, about, arg_required_else_help = true)]
 pub struct Cli {
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -24,46 +24,53 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Solve a case; writes DIR/result.h5, DIR/summary.json and views of the grids
+    /// Solve a case; writes DIR/result.h5, DIR/summary.json and views of the grids for ParaView
     Run(RunArgs),
-    /// Solve a case with every combination of values; writes DIR/table.csv and DIR/table.tex
+    /// Solve a case with every combination of the given values; writes DIR/table.csv and
+    /// DIR/table.tex
     Sweep(SweepArgs),
-    /// Memory and work of a run; nothing is solved
+    /// Predict memory and work of a run without solving the case
     Plan(PlanArgs),
-    /// Validate a case and print it as it was read
+    /// Validate a case and print it as the program reads it
     Check(CheckArgs),
-    /// Compare the datasets and files of DIR with their checksums
+    /// Compare the datasets and files of DIR with their stored checksums
     CheckResult(CheckResultArgs),
-    /// Which grid and set-up bring the density to an accuracy, from runs on coarse grids
+    /// Find the coarsest grid and the cheapest set-up for an accuracy of the density, from trial
+    /// runs on coarse grids
     Advise(AdviseArgs),
-    /// Draw a finished run, as SVG and PNG into DIR/plots
+    /// Draw the results of a finished run as SVG and PNG files in DIR/plots
     Plot(PlotArgs),
-    /// Phase space and density of a finished run at all times of its fields, as a GIF and, by
-    /// ffmpeg, as a WebM, into DIR/plots
+    /// Show phase space and density of a finished run at all times of stored fields, as a movie in
+    /// DIR/plots: a GIF, and a WebM if ffmpeg is installed
     Movie(MovieArgs),
-    /// Write a finished run as one self-contained page, DIR/report.html
+    /// Write a report of a finished run as one self-contained page, DIR/report.html
     Report(PlotArgs),
-    /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
+    /// Measure accuracy against cost, method by method; writes chart.csv, chart.json, chart.svg and
+    /// chart.png
     Chart(ChartArgs),
-    /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
+    /// Export states, Hamiltonian and circuits of a tiny case (at most 12 qubits) for a quantum
+    /// simulator
     ExportQuantum(QuantumArgs),
-    /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
+    /// Export the matrices A, S and K of a case (Matrix Market), with b, the weights and f(0)
+    /// (NumPy)
     ExportMatrix(ExportArgs),
-    /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
-    /// jumps of V, forces
+    /// Export the block encoding of H as gates (OpenQASM 3) with their counts, for degree 0 and the
+    /// conservative interface
     ExportCircuit(CircuitArgs),
-    /// What the case takes on a quantum computer: sparsity, queries, qubits; only --accuracy solves
+    /// Count what a case takes on a quantum computer: sparsity, queries, qubits; only --accuracy
+    /// solves anything
     Resources(ResourcesArgs),
-    /// Where methods fail on this case: measured limits beside theory; writes
+    /// Measure beyond which limits methods fail on a case, and compare with theory; writes
     /// DIR/stability.csv, .json, .svg and .png
     Stability(StabilityArgs),
-    /// Growth and decay of the symmetric part, with and without weights
+    /// Measure the largest and smallest eigenvalue of S, the symmetric part of A, with and without
+    /// weights
     Spectrum(SpectrumArgs),
-    /// Write a commented case file to begin with
+    /// Write a commented case file to start from
     Init(InitArgs),
-    /// The keys of a case file as a JSON schema, by which editors complete and check them
+    /// Print the keys of a case file as a JSON schema, by which editors complete and check them
     Schema(SchemaArgs),
-    /// What a shell needs to complete commands and options
+    /// Print a script by which a shell completes commands and options
     Completions(CompletionsArgs),
     /// Write manual pages
     Man(ManArgs),
@@ -74,7 +81,7 @@ pub enum Command {
 pub struct CaseArgs {
     /// Case file (TOML).
     pub case: PathBuf,
-    /// Changes to it.
+    /// Changes to the case.
     #[command(flatten)]
     pub changes: Changes,
 }
@@ -85,19 +92,19 @@ pub struct Changes {
     /// Replaces a key of the case: --set axis.0.x.cells=256
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Drop the modes batch by batch, or keep all and write w(t, x, v, p); as output.warped_field
+    /// Whether to keep all modes and write w(t, x, v, p); sets output.warped_field
     #[arg(long, value_enum)]
     pub mode: Option<Mode>,
 }
 
-/// An accuracy in the place of a grid, a degree and a tolerance.
+/// The accuracy for which `advise` chooses grid, degree and tolerance.
 #[derive(Clone, Debug, Args)]
 pub struct AccuracyArgs {
-    /// Relative L1 error of the density at the end: grid, degree, flux, interface and tolerance are
-    /// chosen by `advise` and printed as --set; not beside a --set of one of them
+    /// Largest relative L1 error of the density at the final time. `advise` chooses grid, degree,
+    /// flux, interface and tolerance and prints them as --set options; --set must not give them
     #[arg(long, value_name = "EPSILON", value_parser = accuracy, allow_negative_numbers = true)]
     pub accuracy: Option<f64>,
-    /// Time for the trials by which it, or solver.accuracy, is chosen, about; by default 60s
+    /// Approximate time for the trial runs of --accuracy or solver.accuracy; by default 60s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub budget: Option<Duration>,
 }
@@ -105,13 +112,13 @@ pub struct AccuracyArgs {
 /// Options of `init`.
 #[derive(Debug, Args)]
 pub struct InitArgs {
-    /// The case file that is written
+    /// The case file to write
     #[arg(default_value = "case.toml")]
     pub file: PathBuf,
     /// Space dimensions
     #[arg(long, default_value_t = 1, value_parser = value_parser!(u8).range(1..=3))]
     pub dimension: u8,
-    /// Replace a file of that name
+    /// Replace an existing file
     #[arg(long)]
     pub force: bool,
 }
@@ -119,14 +126,14 @@ pub struct InitArgs {
 /// Options of `completions`.
 #[derive(Debug, Args)]
 pub struct CompletionsArgs {
-    /// The shell
+    /// The shell that reads the script
     pub shell: clap_complete::Shell,
 }
 
 /// Options of `man`.
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// Directory of the pages, such as ~/.local/share/man/man1
+    /// Directory to write the pages to, such as ~/.local/share/man/man1
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
 }
@@ -137,10 +144,10 @@ pub struct CheckArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// What it is to reach.
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -148,14 +155,14 @@ pub struct CheckArgs {
 /// Options of `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Case file (TOML); none with --continue, which takes that of the results.
+    /// Case file (TOML); not given with --continue, which reads the case from the results.
     #[arg(required_unless_present = "continued")]
     pub case: Option<PathBuf>,
-    /// Changes to it.
+    /// Changes to the case.
     #[command(flatten)]
     pub changes: Changes,
-    /// Go on from the results of a finished run, with a plan of its own, to the time of --until;
-    /// --set changes its case
+    /// Continue the finished run in DIR to the time of --until, with a new plan; --set changes its
+    /// case
     #[arg(
         long = "continue",
         value_name = "DIR",
@@ -163,30 +170,30 @@ pub struct RunArgs {
         conflicts_with_all = ["case", "accuracy", "budget"]
     )]
     pub continued: Option<PathBuf>,
-    /// The final time of --continue, counted from 0 as all times
+    /// Final time of a run with --continue; like all times, it counts from 0
     #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
     pub until: Option<f64>,
-    /// What it is to reach.
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// Directory of the results; by default results/NAME of the case file, with --continue
-    /// DIR-until-TIME
+    /// Directory to write the results to; by default results/NAME for a case file NAME.toml, and
+    /// DIR-until-TIME with --continue
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Print the ledger of mass and energy; without it, only where something is off
+    /// Print the ledger of mass and energy; by default it is printed only with a warning
     #[arg(short, long)]
     pub verbose: bool,
-    /// Blocks along each x-axis; the other ranks split the modes
+    /// Number of blocks along each x-axis; the remaining factor of the ranks splits the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
-    /// Continue from the newest checkpoint in DIR/checkpoint, on any ranks
+    /// Continue from the newest checkpoint in DIR/checkpoint, on any number of ranks
     #[arg(long)]
     pub resume: bool,
-    /// Replace the results of another run in DIR, or files there that no run wrote; with --resume,
-    /// if there is nothing to go on from
+    /// Replace the results of another run in DIR, and files there that no run wrote; with --resume,
+    /// only if DIR has nothing to continue from
     #[arg(long)]
     pub force: bool,
-    /// Stop with a checkpoint (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
+    /// Stop with a checkpoint (exit code 75) before this time has passed: 3600, 90m, 1:30:00
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub walltime: Option<Duration>,
 }
@@ -197,30 +204,30 @@ pub struct SweepArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// A key and its values, as --set takes them: --vary axis.0.x.cells=64,128; of several keys
-    /// every combination, the last key fastest
+    /// A key and its values, written as for --set: --vary axis.0.x.cells=64,128. Given repeatedly,
+    /// every combination is run; the last key varies fastest
     #[arg(long, value_name = "KEY=VALUE[,...]", required = true)]
     pub vary: Vec<String>,
-    /// Directory of the runs' directories and of the table; by default results/NAME-sweep
+    /// Directory to write the table and one directory per run to; by default results/NAME-sweep
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Only print number, values and directory of each run, separated by tabulators
+    /// Only print number, values and directory of each run, separated by tabs
     #[arg(long, conflicts_with_all = ["index", "table"])]
     pub list: bool,
-    /// Only the run of this number, from 1, without a table: for job arrays
+    /// Solve only the run of this number, counted from 1, and write no table: for job arrays
     #[arg(long, value_name = "K", conflicts_with = "table")]
     pub index: Option<usize>,
-    /// Only the table of what is finished; nothing is solved
+    /// Only write the table of the finished runs; nothing is solved
     #[arg(long)]
     pub table: bool,
-    /// Blocks along each x-axis; the other ranks split the modes
+    /// Number of blocks along each x-axis; the remaining factor of the ranks splits the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
-    /// Replace results of other runs, or of another version of the program, in the directories, and
-    /// a table of other runs
+    /// Replace results of other runs or of another version of the program, and a table of other
+    /// runs
     #[arg(long)]
     pub force: bool,
-    /// Stop (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
+    /// Stop (exit code 75) before this time has passed: 3600, 90m, 1:30:00
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub walltime: Option<Duration>,
 }
@@ -231,39 +238,40 @@ pub struct PlanArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// What it is to reach.
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// Number of ranks; by default 1, with --calibrate as many as it is started on. Of many, 1,2,6
-    /// or 1..64 for 1, 2, 4, … 64: a table, and which is worth it
+    /// Number of ranks; by default 1, and with --calibrate the number this is started on. Several
+    /// numbers, 1,2,6 or 1..64 for 1, 2, 4, … 64, give a table that marks the last one worth it
     #[arg(long, value_name = "N[,N...]", value_parser = ranks)]
     pub ranks: Option<RankNumbers>,
-    /// Blocks along each x-axis; the other ranks split the modes
+    /// Number of blocks along each x-axis; the remaining factor of the ranks splits the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
-    /// Memory a rank may take, e.g. 4GiB
+    /// Memory available to a rank, e.g. 4GiB
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub memory_per_rank: Option<u64>,
-    /// Memory of a node for its ranks, e.g. 64GiB
+    /// Memory that the ranks of a node share, e.g. 64GiB
     #[arg(long, value_name = "SIZE", value_parser = bytes, conflicts_with = "memory_per_rank")]
     pub memory_per_node: Option<u64>,
-    /// Ranks on a node; by default all
+    /// Number of ranks on a node; by default all ranks
     #[arg(long, value_name = "N", value_parser = value_parser!(u64).range(1..=1_000_000))]
     pub ranks_per_node: Option<u64>,
-    /// Run a few steps on the ranks this is started on, and predict the time of the run
+    /// Predict the seconds of the run from a few steps on the ranks this is started on
     #[arg(long)]
     pub calibrate: bool,
-    /// Write a job script for Slurm that runs the case on that number of ranks, of many on the last
-    /// that is worth it; it can be submitted from any directory
+    /// Write a job script for Slurm that runs the case on the given number of ranks, or, of several
+    /// numbers, on the last one worth it; it can be submitted from any directory
     #[arg(long, value_name = "FILE")]
     pub sbatch: Option<PathBuf>,
-    /// Directory of the results of that job; by default results/NAME of the case file
+    /// Directory to which that job writes its results; by default results/NAME for a case file
+    /// NAME.toml
     #[arg(short, long, value_name = "DIR", requires = "sbatch")]
     pub output: Option<PathBuf>,
-    /// Replace FILE
+    /// Replace an existing FILE
     #[arg(long, requires = "sbatch")]
     pub force: bool,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -271,7 +279,7 @@ pub struct PlanArgs {
 /// Options of `check-result`.
 #[derive(Debug, Args)]
 pub struct CheckResultArgs {
-    /// Directory of the results
+    /// Directory with the results of a run
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
 }
@@ -282,7 +290,7 @@ pub struct AdviseArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Relative L1 error of the density at the end
+    /// Largest relative L1 error of the density at the final time
     #[arg(
         long,
         value_name = "EPSILON",
@@ -291,10 +299,10 @@ pub struct AdviseArgs {
         allow_negative_numbers = true
     )]
     pub accuracy: f64,
-    /// Time for all trials, about
+    /// Approximate time for all trial runs
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
@@ -302,20 +310,20 @@ pub struct AdviseArgs {
 /// Options of `plot` and `report`.
 #[derive(Clone, Debug, Args)]
 pub struct PlotArgs {
-    /// Directory of the results
+    /// Directory with the results of a run
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
-    /// Directory of what is written; by default DIR/plots, of reports DIR
+    /// Directory to write to; by default DIR/plots for pictures, DIR for a report
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; by default where
-    /// the data are; repeat it for more pictures
+    /// In more than one dimension: the position at which pictures cut the axes they do not show,
+    /// such as x=0.1,vy=0; by default where the data are largest. Repeat it for more pictures
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
     pub slices: Vec<String>,
-    /// Results of another run on the same grid, drawn beside
+    /// Directory with results of another run on the same grid, to draw next to these
     #[arg(long, value_name = "DIR")]
     pub beside: Option<PathBuf>,
-    /// Replace what is of another case, or what phasewarp did not write
+    /// Replace files of another case and files that phasewarp did not write
     #[arg(long)]
     pub force: bool,
 }
@@ -323,7 +331,7 @@ pub struct PlotArgs {
 /// Options of `schema`.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct SchemaArgs {
-    /// Print a page of the keys in Markdown instead
+    /// Print the keys as a page in Markdown instead
     #[arg(long)]
     pub markdown: bool,
 }
@@ -331,17 +339,17 @@ pub struct SchemaArgs {
 /// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
-    /// Directory of the results
+    /// Directory with the results of a run
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
-    /// Directory of what is written; by default DIR/plots
+    /// Directory to write to; by default DIR/plots
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; by default where
-    /// the data are; repeat it for more movies
+    /// In more than one dimension: the position at which movies cut the axes they do not show, such
+    /// as x=0.1,vy=0; by default where the data are largest. Repeat it for more movies
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
     pub slices: Vec<String>,
-    /// Frames a second; the last one stays for a second
+    /// Frames per second; the last frame stays for a second
     #[arg(
         long,
         value_name = "N",
@@ -349,7 +357,7 @@ pub struct MovieArgs {
         value_parser = value_parser!(u16).range(1..=50)
     )]
     pub fps: u16,
-    /// Only every N-th time; the last one always
+    /// Show only every N-th time, and the last one
     #[arg(
         long,
         value_name = "N",
@@ -357,7 +365,7 @@ pub struct MovieArgs {
         value_parser = value_parser!(u32).range(1..=10_000)
     )]
     pub every: u32,
-    /// Replace movies of another case, or what phasewarp did not write
+    /// Replace movies of another case and files that phasewarp did not write
     #[arg(long)]
     pub force: bool,
 }
@@ -368,10 +376,10 @@ pub struct ChartArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory of the files; by default results/NAME-chart
+    /// Directory to write to; by default results/NAME-chart
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// About how long it may take: 60s, 10m
+    /// Approximate time for all trial runs: 60s, 10m
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
 }
@@ -382,10 +390,10 @@ pub struct ExportArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory of the files; by default quantum, matrix or circuit in results/NAME
+    /// Directory to write to; by default quantum, matrix or circuit in results/NAME
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Replace the export of another case in DIR, or files there that no export wrote
+    /// Replace the export of another case in DIR, and files there that no export wrote
     #[arg(long)]
     pub force: bool,
 }
@@ -393,12 +401,12 @@ pub struct ExportArgs {
 /// Options of `export-quantum`.
 #[derive(Debug, Args)]
 pub struct QuantumArgs {
-    /// The case, and where the files go.
+    /// The case, and the directory to write to.
     #[command(flatten)]
     pub export: ExportArgs,
-    /// Also one circuit of all steps by gates, with so many qubits of amplitude estimation: the
-    /// start, transforms in p, exp(-iHT) by the block encoding of export-circuit, a density; 20
-    /// qubits at most
+    /// Also write one circuit of elementary gates for all steps: preparation of the initial state,
+    /// transforms in p, exp(-iHT) by the block encoding of export-circuit, and a density, which is
+    /// read by amplitude estimation with this many QUBITS. The circuit may have 20 qubits in all
     #[arg(
         long,
         value_name = "QUBITS",
@@ -412,29 +420,29 @@ pub struct QuantumArgs {
 /// Options of `export-circuit`.
 #[derive(Debug, Args)]
 pub struct CircuitArgs {
-    /// The case, and where the files go.
+    /// The case, and the directory to write to.
     #[command(flatten)]
     pub export: ExportArgs,
-    /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
-    /// fewest that need no rounding
+    /// Divide each energy level into 2^B bins and round jumps of V to them; by default the fewest
+    /// bins that need no rounding
     #[arg(
         long,
         value_name = "B",
         value_parser = value_parser!(u8).range(0..=MOST_ROUNDED_BITS as i64)
     )]
     pub sub_bins: Option<u8>,
-    /// The uniform register of levels: of all values of its qubits, by Hadamard gates, or of as
-    /// many as needed, by rotations, with the least alpha
+    /// How the uniform superposition of the level register is prepared: over all values of its
+    /// qubits, or over the values in use, which gives the least alpha
     #[arg(long, value_enum, default_value = "hadamard")]
     pub levels: Levels,
-    /// All modes with one weight, as a sum of signs of bits, or each with its own, by rotations:
-    /// the least alpha, in 6 N_p rotations a call
+    /// How the register of modes is weighted by the wavenumbers: as a sum of signed bits, or by
+    /// rotations, which give the least alpha and take 6 N_p rotations a call
     #[arg(long, value_enum, default_value = "sum", conflicts_with = "wavenumber")]
     pub mode_weights: ModeWeights,
-    /// H of one mode with this wavenumber, instead of all modes in a register
+    /// Encode H of the single mode with this wavenumber, instead of all modes in a register
     #[arg(long, value_name = "MU", value_parser = wavenumber, allow_negative_numbers = true)]
     pub wavenumber: Option<f64>,
-    /// Simulate so many columns of the block and compare them with H
+    /// Simulate this many columns of the encoded block and compare them with H
     #[arg(long, value_name = "COLUMNS", default_value_t = 0)]
     pub check: usize,
 }
@@ -445,15 +453,15 @@ pub struct ResourcesArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// As text, as JSON, the table of costs as CSV or in LaTeX, as Azure's LogicalCounts, as a
-    /// program of QREF v1
+    /// Format of the output
     #[arg(long, value_enum, default_value = "text")]
     pub format: RecordFormat,
-    /// Instead: which profile, recovery point, delta and access to H take the fewest gates
+    /// Rank the choices of profile, recovery point, delta and access to H by their number of gates
     #[arg(long)]
     pub optimise: bool,
-    /// Instead: the density at a point (that of the first readout, or the largest) to this relative
-    /// error, from end to end, beside classical methods
+    /// Estimate the cost, from end to end, of the density at one point to this relative error, and
+    /// compare with classical methods. The point is that of the first readout, or of the largest
+    /// density
     #[arg(
         long,
         value_name = "EPSILON",
@@ -462,7 +470,7 @@ pub struct ResourcesArgs {
         conflicts_with = "optimise"
     )]
     pub accuracy: Option<f64>,
-    /// T gates of a rotation to accuracy e: FACTOR log2(1/e) + CONSTANT; 4 T gates count as a
+    /// T gates per rotation of accuracy e: FACTOR log2(1/e) + CONSTANT; 4 T gates count as one
     /// Toffoli gate
     #[arg(
         long,
@@ -480,13 +488,13 @@ pub struct StabilityArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory of the files; by default results/NAME-stability
+    /// Directory to write to; by default results/NAME-stability
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Only these panels
+    /// Measure only these panels
     #[arg(long, value_name = "PANEL[,PANEL...]", value_enum, value_delimiter = ',')]
     pub only: Vec<PanelName>,
-    /// About how long it may take: 60s, 5m
+    /// Approximate time for all trial runs: 60s, 5m
     #[arg(long, value_name = "TIME", value_parser = duration, default_value = "60s")]
     pub budget: Duration,
 }
@@ -497,10 +505,10 @@ pub struct SpectrumArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Most Lanczos steps; fewer suffice where both ends of the spectrum are found before
+    /// Largest number of Lanczos steps; they end early once both ends of the spectrum are found
     #[arg(long, default_value_t = 5000, value_parser = value_parser!(u64).range(2..=1_000_000))]
     pub steps: u64,
-    /// Multiplies the cells of every axis: one table row for each number
+    /// Multiply the number of cells along every axis by N; one row of the table for each N
     #[arg(
         long,
         value_name = "N[,N...]",
@@ -509,33 +517,33 @@ pub struct SpectrumArgs {
         value_parser = refinement
     )]
     pub refine: Vec<usize>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
 
-/// What becomes of the modes.
+/// Whether modes are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Mode {
-    /// They are added to the field and dropped, batch by batch.
+    /// Add each batch of modes to the field, then drop it.
     Streamed,
-    /// All are kept.
+    /// Keep all modes, and write the warped field.
     Full,
 }
 
-/// How resources are written.
+/// Format of the output of `resources`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RecordFormat {
-    /// For people.
+    /// Text for people.
     Text,
-    /// All that is known.
+    /// JSON with everything that is known.
     Json,
-    /// The table of costs, with all digits.
+    /// The table of costs as CSV, with all digits.
     Csv,
-    /// The table of costs, a `tabular`.
+    /// The table of costs as a LaTeX `tabular`.
     Latex,
     /// `LogicalCounts` of Azure's resource estimator.
     Azure,
-    /// QREF v1.
+    /// A QREF v1 program.
     Qref,
 }

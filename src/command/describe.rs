@@ -7,7 +7,7 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
 use crate::problem::grid::axis_names;
 
-/// The case in lines: axes, formulas, method, what was reduced, cells and rates.
+/// The case in lines: axes, formulas, method, reductions, number of unknowns and rates.
 pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     let mut text = format!("{}\n", case.title);
     text += &axes(case);
@@ -26,7 +26,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     let growth = if bounds.growth.is_finite() {
         format!("at most {}", short(rounded(bounds.growth, bounds.rate)))
     } else {
-        "known once it is assembled".to_owned()
+        "known once the matrix is assembled".to_owned()
     };
     text += &format!(
         "{}; largest rate {}; growth of S {growth}{}\n",
@@ -37,7 +37,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     text
 }
 
-/// Cells, or nodes of elements.
+/// The number of cells, or of unknowns of elements.
 fn unknowns(case: &Case) -> String {
     let what = if case.space.degree() == 0 { "cells" } else { "unknowns" };
     format!("{} {what}", case.space.cells())
@@ -51,7 +51,7 @@ fn plain(value: f64) -> String {
     }
 }
 
-/// A line an axis.
+/// One line per axis.
 fn axes(case: &Case) -> String {
     let dimension = case.space.dimension();
     // Velocity axes are never periodic.
@@ -104,8 +104,8 @@ fn formulas(case: &Case) -> String {
     {
         let file = start.path.display();
         text += &format!(
-            "w(0) = {file}: {points} points in p from {lower}, {upper} is one period on; \
-             nothing enters\n"
+            "w(0) = {file}: {points} points in p, on one period from {lower} to {upper}; nothing \
+             enters\n"
         );
     }
     if let Some(start) = &case.start_field {
@@ -121,7 +121,7 @@ fn formulas(case: &Case) -> String {
     text
 }
 
-/// Time, interface law, method and its settings.
+/// Times, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
     let interface = match case.is_galerkin() {
         false => format!("interface {}", word(&case.interface)),
@@ -178,7 +178,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
     let parts = [
         ("dissipation of the flux between elements", causes.flux),
         ("the open ends of the box", causes.ends),
-        ("jumps of V to beyond the velocity box", causes.beyond),
+        ("jumps of V that lead beyond the velocity box", causes.beyond),
         ("the ends of the velocity box", causes.velocities),
         // With what goes beyond the velocity box there.
         ("partial reflection", causes.reflection),
@@ -194,7 +194,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
     }
 }
 
-/// The two errors of a run, as far as they are known before it.
+/// What is known before a run of its two errors: that of the algorithm and that of the grid.
 pub(crate) fn errors(case: &Case) -> String {
     let of_algorithm = match case.method {
         Method::Schrodingerized => format!("at most {:e} (solver.tolerance)", case.tolerance),
@@ -202,13 +202,13 @@ pub(crate) fn errors(case: &Case) -> String {
         Method::Classical => "that of the time steps, not estimated".to_owned(),
     };
     let of_grid = match case.accuracy {
-        Some(goal) => format!("at most {goal:e} of the density, by trials (accuracy)"),
+        Some(goal) => format!("at most {goal:e} of the density, by trial runs (accuracy)"),
         None => "printed at the end of a run; phasewarp advise finds a grid for it".to_owned(),
     };
     format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))
 }
 
-/// The measurements of `[readout]`.
+/// The line about `[readout]`.
 fn readout_line(readout: &case::ReadoutSettings) -> String {
     let effort = match readout.effort {
         case::MeasurementEffort::Given { shots, evaluations } => {

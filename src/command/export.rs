@@ -1,4 +1,4 @@
-//! `phasewarp export-quantum`, `export-matrix` and `export-circuit`: a case for other programs.
+//! `phasewarp export-quantum`, `export-matrix` and `export-circuit`: files for other programs.
 
 use crate::base::error::Result;
 use crate::base::log::report;
@@ -50,7 +50,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     print(world, &line);
     if let Some(about) = exported.complete() {
         let line = format!(
-            "complete circuit: {} qubits, {} steps of the walk an evolution (tau = {:.2}), {} \
+            "complete circuit: {} qubits, {} steps of the walk per evolution (tau = {:.2}), {} \
              gates, {} of them Toffoli; field within {:.1e} of that of these modes, density of \
              cell {:?} within {:.1e}",
             about.counts.qubits,
@@ -122,8 +122,8 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     Ok(())
 }
 
-/// Where the files `names` of an export go: where the user says, or `results/NAME/kind`.
-/// Collective.
+/// The directory of an export: that of `--output`, or `results/NAME/kind`. Unless `--force` is
+/// given, it is refused if files called `names` in it have another owner. Collective.
 ///
 /// # Errors
 /// As [`Owner::refuse_to_replace`].
@@ -142,7 +142,8 @@ fn output(
     Ok(directory)
 }
 
-/// `case` with the whole of it on every rank, and those ranks. Collective.
+/// Assembles `case` with the whole of space on every rank. Also returns the resources for that.
+/// Collective.
 fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
     refuse_too_large_here(world, case)?;
     let here =

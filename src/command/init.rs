@@ -1,4 +1,4 @@
-//! `phasewarp init`: a case file to begin with.
+//! `phasewarp init`: writes a case file to start from.
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -6,18 +6,17 @@ use crate::base::text::quoted;
 use crate::command::cli::InitArgs;
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
-use std::fmt::Write;
 
-/// Elements of a case: a run takes seconds.
+/// Grid of the written case, coarse enough for a run of seconds.
 struct StarterGrid {
     degree: usize,
-    /// Along x and vx, where the step is.
+    /// Elements along x and vx; `V` jumps along x.
     first: [usize; 2],
-    /// Along each other axis of space and its velocity.
+    /// Elements along each other space axis and its velocity axis.
     others: [usize; 2],
 }
 
-/// By dimension.
+/// The grids in one, two and three dimensions.
 const STARTER_GRIDS: [StarterGrid; 3] = [
     StarterGrid { degree: 2, first: [60, 48], others: [0, 0] },
     StarterGrid { degree: 2, first: [14, 10], others: [5, 4] },
@@ -27,7 +26,7 @@ const STARTER_GRIDS: [StarterGrid; 3] = [
 /// Writes a case file, on the first rank. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] where there is such a file and `--force` is not given; [`Error::Output`].
+/// [`Error::Input`] if the file exists and `--force` is not given; [`Error::Output`].
 pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
     world.group().on_first_rank(|| {
         if !args.force && std::fs::symlink_metadata(&args.file).is_ok() {
@@ -52,27 +51,7 @@ pub fn text(n: usize) -> String {
          title = \"A cloud at a step\"\n\n",
         if n == 1 { "" } else { "s" }
     );
-    for a in 0..n {
-        let x = ["x", "y", "z"][a];
-        let [cells, velocities] = if a == 0 { first } else { others };
-        // Formatting cannot fail.
-        let _ = match a {
-            0 => write!(
-                text,
-                "[[axis]]                     # one table a space dimension: x, y, z\n\
-                 # space; a face has to lie where V jumps, here x = 0\n\
-                 x = {{ lower = -1, upper = 1, cells = {cells} }}\n\
-                 # velocity: wide enough for what the step makes faster or slower\n\
-                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
-            ),
-            _ => write!(
-                text,
-                "[[axis]]                     # {x}: what leaves at one end enters at the other\n\
-                 x = {{ lower = -1, upper = 1, cells = {cells}, boundary = \"periodic\" }}\n\
-                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
-            ),
-        };
-    }
+    (0..n).for_each(|a| text += &axis_text(a, if a == 0 { first } else { others }));
     let velocity = if n == 1 { "v" } else { "vx" };
     let mut square = format!("((x + 0.5)/0.2)^2 + (({velocity} - 0.7)/0.15)^2");
     for a in 1..n {
@@ -80,14 +59,14 @@ pub fn text(n: usize) -> String {
         square += &format!(" + ({x}/0.4)^2 + ({v}/0.3)^2");
     }
     text + &format!(
-        "[[potential]]                # V: the first region whose condition holds gives it\n\
+        "[[potential]]                # V: the first region whose condition holds gives its value\n\
          where = \"x < 0\"\n\
          value = \"0\"\n\
          [[potential]]                # the last region has no condition\n\
-         value = \"0.2\"                # who comes with v^2 < 0.4 is reflected\n\n\
+         value = \"0.2\"                # particles with {velocity}^2 < 0.4 are reflected\n\n\
          [initial]                    # f at t = 0\n\
          f = \"exp(-({square})/2)\"\n\n\
-         [inflow]                     # f of what enters through the ends of the box\n\
+         [inflow]                     # f of particles that enter through the ends of the box\n\
          value = \"0\"\n\n\
          [time]\n\
          end = 1.0\n\n\
@@ -98,8 +77,29 @@ pub fn text(n: usize) -> String {
          method = \"schrodingerized\"   # or \"classical\"\n\
          tolerance = 1e-2             # relative l2 distance to the semi-discrete solution\n\n\
          [exact]                      # what the result is compared with\n\
-         kind = \"characteristics\"     # particles traced back; or f = \"formula\" of t too\n\n\
+         kind = \"characteristics\"     # particles are traced back; or f = \"formula\" with t\n\n\
          [output]\n\
-         moments_every = 0.25         # density and momentum at these times too\n"
+         moments_every = 0.25         # density and momentum also at these times\n"
     )
+}
+
+/// The table of axis `a` with these numbers of elements in space and in velocity. Only the first
+/// axis, along which `V` jumps, has ends.
+fn axis_text(a: usize, [cells, velocities]: [usize; 2]) -> String {
+    let x = ["x", "y", "z"][a];
+    match a {
+        0 => format!(
+            "[[axis]]                     # one table for each space dimension: x, y, z\n\
+             # space: V may jump only at faces of cells, here at x = 0\n\
+             x = {{ lower = -1, upper = 1, cells = {cells} }}\n\
+             # velocity: wide enough for particles that the step slows down or reflects\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+        ),
+        _ => format!(
+            "[[axis]]                     # {x}: particles that leave at one end enter at the \
+             other\n\
+             x = {{ lower = -1, upper = 1, cells = {cells}, boundary = \"periodic\" }}\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+        ),
+    }
 }

@@ -1,4 +1,4 @@
-//! Case files of a command, and where its results go.
+//! Reads the case of a command, and names the default directory of its results.
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
@@ -14,14 +14,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Reads the case file and the table that it names on rank 0, for all. Collective.
+/// Reads the case file and the tables that it names on rank 0, for all ranks. Collective.
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let text = load_text(world, &args.case)?;
     let case = Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))?;
     Ok(with_tables(&world.group(), &case)?.into_owned())
 }
 
-/// Reads the text of a case file on rank 0, for all. Collective.
+/// Reads the text of a case file on rank 0, for all ranks. Collective.
 pub fn load_text(world: &World, path: &Path) -> Result<String> {
     let text = world.group().on_first_rank(|| case::read_text(path))?;
     Ok(world.group().broadcast_text(&text))
@@ -42,23 +42,23 @@ struct Continuation {
     text: String,
     /// The `--set` options.
     overrides: Vec<String>,
-    /// The options of the first part that are left out.
+    /// Keys of the first part that are left out.
     left_out: Vec<String>,
-    /// Checksums of the tables of the first part, by their keys, where the second has them too.
+    /// Checksums of the tables of the first part that the second part reads too, by key.
     tables: BTreeMap<String, String>,
 }
 
-/// Keys of a continued run that follow from the result it starts from.
+/// Keys of a continued run that DIR and `--until` give.
 const OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
-/// Keys that list times of the part that is done.
+/// Keys that list output times of the first part.
 const OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
 /// Every dataset there is compared with its checksum. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] where there is nothing to go on from, or no later time; [`Error::Output`] where
-/// it is damaged.
+/// [`Error::Input`] if there is no finished result, or `until` is not later; [`Error::Output`] if
+/// the result is damaged.
 pub fn load_continued(
     world: &World,
     directory: &Path,
@@ -73,7 +73,7 @@ pub fn load_continued(
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.rank() == 0 && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
-        report(&format!("--continue: {keys} left out, whose times are before the start"));
+        report(&format!("--continue: {keys} left out; they list times of the first part"));
     }
     let case = with_tables(&group, &case)?.into_owned();
     for file in &case.tables {
@@ -81,7 +81,7 @@ pub fn load_continued(
         if found.tables.get(&key).is_some_and(|before| sum.as_ref() != Some(before)) {
             return Err(Error::Input(format!(
                 "--continue {}: {key}.file = \"{}\" has changed since the first part; \
-                 --set {key}.file=… takes other values on purpose",
+                 --set {key}.file=… takes the other values on purpose",
                 directory.display(),
                 file.path.display()
             )));
@@ -103,7 +103,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
     if !(until > time && until.is_finite()) {
-        let what = format!("--until {until}: its results are at t = {time}; a later time");
+        let what = format!("--until {until}: its results are at t = {time}; a later time expected");
         return Err(wrong(&what));
     }
     let own = overrides(changes);
@@ -123,7 +123,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
     let before = before.filter(|set| !OF_CONTINUATION.contains(&key_of(set).as_str()));
-    // A relative path is that of another directory.
+    // The stored path replaces that of the case file, which is relative to another directory.
     let mut files = Vec::new();
     let mut tables = BTreeMap::new();
     for of in case.tables.iter().map(|file| file.of) {
@@ -149,9 +149,9 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     Ok(Continuation { name, text: stored.text, overrides, left_out, tables })
 }
 
-/// `DIR-until-TIME`.
+/// `DIR-until-TIME`: the default directory of a continued run.
 pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
-    // Without a slash at its end; `.` and `..` by the name that they have.
+    // `components` drops a slash at the end; `.` and `..` are replaced by the directory's name.
     let path: PathBuf = directory.components().collect();
     let path = match path.file_name() {
         Some(_) => path,
@@ -162,8 +162,8 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
     name.into()
 }
 
-/// The case as it is solved: with the start that it reads, and reduced to what its solution depends
-/// on. Collective.
+/// The case as it is solved: its start field is read, and it is reduced to what its solution
+/// depends on. Collective.
 ///
 /// # Errors
 /// As [`reduced`].

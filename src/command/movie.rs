@@ -1,4 +1,4 @@
-//! `phasewarp movie`: a finished run at all times of its fields.
+//! `phasewarp movie`: a finished run at all times at which it stored fields.
 
 use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
@@ -16,14 +16,14 @@ use crate::results::pictures::stored::{Stored, StoredTime};
 ///
 /// # Errors
 /// As `open`, [`Cut::parse`] and [`movie::write`], the same on all ranks;
-/// [`Error::Input`] where there is one time only, or too many.
+/// [`Error::Input`] if there is only one time, or too many.
 pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| movies(args))?;
     written.print(world);
     Ok(())
 }
 
-/// A movie through each cut.
+/// Writes one movie per cut.
 fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     let run = open(&args.directory)?;
     let times = times(args, &run)?;
@@ -79,7 +79,10 @@ fn times(args: &MovieArgs, run: &Stored) -> Result<Vec<StoredTime>> {
     Ok(chosen.into_iter().map(|k| all[k]).collect())
 }
 
-/// Each `every`-th of `count` times, and the last; why those are too many.
+/// Indices of every `every`-th of `count` times and of the last one.
+///
+/// # Errors
+/// A sentence that says that these are too many.
 fn chosen(count: usize, every: usize) -> std::result::Result<Vec<usize>, String> {
     let chosen: Vec<usize> = (0..count).filter(|k| k % every == 0 || k + 1 == count).collect();
     match chosen.len() {
@@ -105,7 +108,7 @@ mod tests {
             let why = chosen(count, 1).unwrap_err();
             let words = format!("there are {count} frames, at most {MOST_FRAMES} are drawn");
             assert!(why.contains(&words), "{why}");
-            // What is advised is taken.
+            // The advice in the message works.
             let advised = why.rsplit("--every ").next().and_then(|n| n.split(' ').next());
             let every = advised.and_then(|n| n.parse().ok()).unwrap_or(1);
             assert!(chosen(count, every).is_ok(), "{why}");

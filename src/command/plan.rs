@@ -11,7 +11,7 @@ use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::advice::{Advice, MachineNode};
-use crate::plan::here::{announce_look, memory_per_rank};
+use crate::plan::here::{announce_slow_steps, memory_per_rank};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
@@ -19,7 +19,7 @@ use crate::study::calibrate::{Calibration, calibrate};
 use crate::study::ranks::{CalibratedRun, RankChoice, RankTable};
 use serde::Serialize;
 
-/// What `plan --json` prints of one number of ranks.
+/// What `plan --json` prints for one number of ranks.
 #[derive(Serialize)]
 struct PlanJson<'a> {
     #[serde(flatten)]
@@ -29,7 +29,7 @@ struct PlanJson<'a> {
     calibration: Option<&'a Calibration>,
 }
 
-/// Plans the case on one number of ranks or many, with `--calibrate` from a few steps of it.
+/// Plans the case on one number of ranks or on several; `--calibrate` measures a few steps.
 /// Collective.
 ///
 /// # Errors
@@ -37,7 +37,7 @@ struct PlanJson<'a> {
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
-    announce_look(world, &case);
+    announce_slow_steps(world, &case);
     let ranks = match &args.ranks {
         Some(RankNumbers::Many(numbers)) => {
             let needs = on_many(world, args, &case, numbers)?;
@@ -51,7 +51,7 @@ pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::write(world, args, &case, needs)
 }
 
-/// The node that `args` speak of.
+/// The node that the options describe, if they do.
 fn node(args: &PlanArgs, ranks: usize) -> Option<MachineNode> {
     let on_node = args.ranks_per_node.map(|n| n as usize);
     let memory = args.memory_per_node;
@@ -59,7 +59,7 @@ fn node(args: &PlanArgs, ranks: usize) -> Option<MachineNode> {
         .then(|| MachineNode { memory, ranks: on_node.unwrap_or(ranks) })
 }
 
-/// What a run on so many ranks may take.
+/// The resources of a run on `ranks` ranks.
 fn resources(args: &PlanArgs, ranks: usize) -> Resources {
     let share = node(args, ranks).and_then(|node| node.share(ranks));
     Resources {
@@ -69,7 +69,7 @@ fn resources(args: &PlanArgs, ranks: usize) -> Resources {
     }
 }
 
-/// Prints the plan on so many ranks. Collective.
+/// Prints the plan on `ranks` ranks. Collective.
 fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<Needs> {
     let resources = resources(args, ranks);
     let (plan, calibration) = if args.calibrate {
@@ -78,7 +78,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
     } else {
         (planning::plan(world, case, &resources)?, None)
     };
-    // As if all its ranks were started here.
+    // The memory of this machine for each of `ranks` ranks.
     let all = world.group();
     let here = memory_per_rank(&all) as f64 * all.size() as f64 / ranks as f64;
     let advice = Advice::new(case, &plan, &resources, node(args, ranks), here as u64);
@@ -101,8 +101,8 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
     })
 }
 
-/// Prints a table of so many numbers of ranks, rising; what the last needs that is worth it.
-/// Collective.
+/// Prints a table for these ascending numbers of ranks. Returns what the last number that is worth
+/// it needs. Collective.
 fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<Needs> {
     let most = numbers.last().copied().unwrap_or(1);
     let measured = planning::MeasuredCase::new(world, case, &resources(args, most))?;
@@ -136,8 +136,8 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
     })
 }
 
-/// The number of ranks whose seconds are measured: as many as were started, or else the next that
-/// fits.
+/// The number of ranks whose seconds are measured: of those that fit, the smallest that is not
+/// below the number of started ranks, else the largest.
 fn ranks_of_reference(world: &World, choices: &[RankChoice]) -> usize {
     let started = world.group().size();
     let fitting = || choices.iter().filter(|choice| choice.plan.is_ok()).map(|c| c.ranks);

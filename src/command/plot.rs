@@ -21,7 +21,7 @@ use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use std::path::{Path, PathBuf};
 
-/// Cells of space at most for which a report describes the case: `V` is evaluated on all of them.
+/// Largest number of space cells for which a report describes the case, as `V` is evaluated on all.
 const MOST_POINTS: usize = 10_000_000;
 
 /// The files that were written, and the pictures that were left out.
@@ -49,12 +49,12 @@ pub(super) struct PictureDirectory {
     pub directory: PathBuf,
     /// The directory of the run.
     of_run: PathBuf,
-    /// The case that owns the pictures; none among the results of the run.
+    /// The case that owns the pictures; `None` for pictures among the results of the run.
     owner: Option<Owner>,
 }
 
 impl PictureDirectory {
-    /// Into `output`, by default among the results of the run.
+    /// The directory `output`, by default that of pictures among the results of the run.
     pub fn new(run: &Stored, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
         let own = of_run.join(pictures::FOLDER);
@@ -64,7 +64,7 @@ impl PictureDirectory {
             return Self { directory, of_run, owner: None };
         }
         let settings = run.case.as_ref().map(|case| case.settings.clone());
-        // A case that this program does not read is known by its text.
+        // A case that this program cannot read is identified by its text.
         let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
         let owner = Some(Owner { export: ExportKind::Pictures, settings });
         Self { directory, of_run, owner }
@@ -81,7 +81,7 @@ impl PictureDirectory {
             .map_or(Ok(()), |owner| owner.refuse_to_replace(&self.directory, names))
     }
 
-    /// Says whose the files are.
+    /// Writes down beside the files which case owns them.
     ///
     /// # Errors
     /// [`Error::Output`].
@@ -90,7 +90,7 @@ impl PictureDirectory {
     }
 }
 
-/// Whether both are one directory, which need not be there if the one above it is.
+/// Whether both paths name the same directory, which need not exist if its parent does.
 fn is_same(one: &Path, other: &Path) -> bool {
     let resolved = |path: &Path| {
         let path = std::path::absolute(path).ok()?;
@@ -112,7 +112,7 @@ fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
         return Ok(());
     }
     let reason = format!(
-        "it holds the {RESULT} of another run; --force writes there nevertheless, -o gives another \
+        "it holds the {RESULT} of another run; --force writes there anyway, -o gives another \
          directory"
     );
     Err(Error::Directory { path: results.to_owned(), reason })
@@ -155,7 +155,7 @@ pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
     Ok(())
 }
 
-/// Writes the page. On the first rank.
+/// Writes the page. Only the first rank calls it.
 fn write_report(
     args: &PlotArgs,
     drawn: DrawnRun,
@@ -195,8 +195,8 @@ fn write_report(
     Ok(WrittenFiles { files: vec![path], left_out })
 }
 
-/// What `phasewarp check` prints of the case of a run, which the first rank has; or why it cannot
-/// be printed. Collective.
+/// What `phasewarp check` prints about the case of a run, or why that is unknown. Only the first
+/// rank has `run`. Collective.
 fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
     /// Name, text and overrides of a case; or why it is not described.
     type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
@@ -224,11 +224,11 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
 struct DrawnRun {
     run: Stored,
     album: Album,
-    /// Where the first of them cut it, if that was asked for.
+    /// The first cut that was requested, if any.
     cut: Option<Cut>,
 }
 
-/// The run in a directory, with the tables that it was computed of as far as they are there.
+/// The run in a directory, with the tables of its case as far as their files are still there.
 ///
 /// # Errors
 /// As [`untrusted::open`].
@@ -238,7 +238,7 @@ pub(super) fn open(directory: &Path) -> Result<Stored> {
     Ok(run)
 }
 
-/// The run and its pictures.
+/// Reads the run and draws its pictures.
 fn album(args: &PlotArgs) -> Result<DrawnRun> {
     let run = open(&args.directory)?;
     let beside = (args.beside.as_deref()).map(open).transpose()?;

@@ -1,18 +1,18 @@
-//! Output of a command, by the first rank.
+//! Standard output of a command, which the first rank writes.
 
 use crate::base::log::{say, say_unwrapped};
 use crate::parallel::communicator::World;
 use serde::Serialize;
 use std::fmt::Display;
 
-/// Prints for people on the first rank, in lines that fit a terminal.
+/// Prints text for people on the first rank, wrapped to the width of a terminal.
 pub fn print(world: &World, text: &str) {
     if world.group().rank() == 0 {
         say(text.trim_end());
     }
 }
 
-/// Prints for programs on the first rank, each line as it is: JSON, names of files, scripts.
+/// Prints output for programs on the first rank without wrapping lines: JSON, file names, scripts.
 pub fn print_unwrapped(world: &World, text: &str) {
     if world.group().rank() == 0 {
         say_unwrapped(text.trim_end());

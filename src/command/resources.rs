@@ -26,19 +26,20 @@ use std::fmt::Display;
 const TEX_HEAD: &str =
     "% Written by phasewarp resources. x exact, g exact (emitted gates), b upper bound, m model";
 
-/// Counts for the cheapest set-up and the case's own, or ranks choices; prints what was found.
-/// Collective.
+/// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
+/// choices, with `--accuracy` the cost from end to end. Collective.
 ///
 /// # Errors
-/// As `compare`; [`Error::Input`] for `--optimise` in a format that holds one choice.
+/// As `compare`, `optimise` and [`EndToEnd::new`]; [`Error::Input`] for `--optimise` or
+/// `--accuracy` in a format that holds one choice.
 pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let many = if args.optimise { "--optimise" } else { "--accuracy" };
     let one = matches!(args.format, RecordFormat::Azure | RecordFormat::Qref);
     if one && (args.optimise || args.accuracy.is_some()) {
         return Err(Error::Input(format!(
-            "{many} compares many choices: --format text, json, csv and latex show them, azure and \
-             qref hold one"
+            "{many} compares many choices: --format text, json, csv and latex show them; azure and \
+             qref hold only one"
         )));
     }
     let synthesis = args.t_of_rotation;
@@ -51,7 +52,7 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     if args.optimise {
         has_counts(&case)?;
         let Ranking(mut all) = optimise(world, &case, synthesis)?;
-        // Where there is one, and the case's own scheme is another.
+        // The unitary scheme, if the case has one and does not use it already.
         let other = unitary(world, &case, synthesis).ok().filter(|_| !case.is_unitary());
         let least = other.as_ref().and_then(Unitary::least);
         all.extend(least.map(CostedChoice::unitary));
@@ -67,7 +68,7 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     Ok(())
 }
 
-/// Prints what was found, or the table of it.
+/// Prints `found` as text or JSON, or its table.
 fn show<T: Serialize + Display>(
     world: &World,
     format: RecordFormat,
@@ -157,7 +158,7 @@ fn optimise(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<
     Ok(Ranking::new(all))
 }
 
-/// The largest `|b|`. Collective.
+/// The largest `|b|` over the rows of all ranks. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
@@ -178,16 +179,18 @@ fn with_delta(case: &Case, delta: Delta) -> Case {
 /// Refuses cases to which the paper's counts do not apply.
 pub(super) fn has_counts(case: &Case) -> Result<()> {
     if case.method == Method::Classical {
-        let what = "solver.method = \"classical\" has no quantum side; \"schrodingerized\" has";
+        let what = "solver.method = \"classical\" has no quantum algorithm; choose \
+                    \"schrodingerized\"";
         return Err(Error::Input(format!("{}: {what}", case.name)));
     }
     if case.varies() {
-        let what = "depends on t; the paper's counts are for a generator that does not";
+        let what = "depends on t; the paper's counts hold for a generator that does not";
         let what = format!("{} {what}", case.inflow_key());
         return Err(Error::Input(format!("{}: {what}", case.name)));
     }
     if let Some(start) = &case.start {
-        let what = "the counts are for a start u(0) g(p), and a file holds any; give initial.f";
+        let what = "the counts hold for an initial state u(0) g(p), and a file may hold any other; \
+                    give initial.f";
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     Ok(())

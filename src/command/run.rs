@@ -15,18 +15,18 @@ use crate::run;
 use crate::run::options::Options;
 use std::path::{Path, PathBuf};
 
-/// Written as soon as a signal comes that asks for a checkpoint.
+/// Written as soon as a signal requests a checkpoint.
 const STOP_MESSAGE: &str =
     "stop signal: a checkpoint of the finished modes follows; a second signal ends at once\n";
 
-/// Solves the case, unless it is to be resumed and is finished. Collective.
+/// Solves the case, unless `--resume` finds it finished. Collective.
 ///
 /// # Errors
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let RunRequest { case: given, directory } = run_request(world, args)?;
     let case = match args.continued {
-        // Its grid is known.
+        // A continued run keeps its grid.
         Some(_) => given,
         None => on_its_grid(world, given, args, &directory)?,
     };
@@ -82,10 +82,10 @@ fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
         return Ok(RunRequest { case, directory });
     }
     if let Some(until) = args.until {
-        let what = "is the end of --continue DIR; of a case file it is --set time.end";
+        let what = "is the final time of --continue DIR; for a case file use --set time.end";
         return Err(Error::Input(format!("--until {until}: {what}")));
     }
-    // The command line has one of both.
+    // Without --continue the command line requires a case file.
     let case =
         CaseArgs { case: args.case.clone().unwrap_or_default(), changes: args.changes.clone() };
     let case = load(world, &case)?;
@@ -93,8 +93,8 @@ fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
     Ok(RunRequest { case, directory })
 }
 
-/// `case`, where an accuracy is asked for on the grid that is chosen for it; a run that is resumed
-/// has it from before. Collective.
+/// `case`, on the grid that is chosen for its accuracy if it has one. A resumed run takes the
+/// stored choice. Collective.
 fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
     let chosen = accuracy::with_choice(world, &case, args, directory);
     // Before the trials for an accuracy, which take a minute.
@@ -108,8 +108,8 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
     }
 }
 
-/// Whether the density is as near to the exact one as was asked for; where it is not,
-/// `Summary::missed` says so at the end.
+/// A line that says whether the density meets the case's accuracy. `None` if the case has none, or
+/// if the accuracy is missed, which `Summary::missed` reports at the end.
 fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     let goal = case.accuracy?;
     let found = match summary.accuracy.goal_error {
@@ -120,7 +120,7 @@ fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     Some(format!("accuracy {goal:e} of the density (relative L1): {found}"))
 }
 
-/// Seconds, errors and where the results are.
+/// A line with the seconds, the errors and the directory of the results.
 fn closing_line(summary: &Summary, directory: &Path) -> String {
     let mut line = format!("done in {:.2} s", summary.wall_seconds);
     if let Some(estimate) = summary.error_estimate {

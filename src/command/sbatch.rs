@@ -1,5 +1,6 @@
-//! A job script for Slurm that runs a case as it was planned, from any directory: it holds what the
-//! scripts in `jobscripts/` share, and names program, case and results by absolute paths.
+//! Writes a job script for Slurm that runs a case as it was planned. The script can be submitted
+//! from any directory: it contains the shared functions of `jobscripts/`, and names program, case
+//! and results by absolute paths.
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -14,28 +15,28 @@ use crate::problem::case::Case;
 use std::fmt;
 use std::path::Path;
 
-/// Memory that is asked for, relative to the plan: plans are right within a fifth, ...
+/// Requested memory over planned memory; plans are accurate to a fifth.
 const MEMORY_MARGIN: f64 = 1.25;
-/// ... and beside, in bytes: libraries and MPI differ from machine to machine.
-const MEMORY_BESIDE: f64 = (32 << 20) as f64;
-/// Time that is asked for, relative to the expected one, ...
+/// Least number of bytes requested beyond the plan, as libraries and MPI differ between machines.
+const LEAST_EXTRA_MEMORY: f64 = (32 << 20) as f64;
+/// Requested time over expected time, before [`EXTRA_SECONDS`] are added.
 const TIME_MARGIN: f64 = 1.5;
-/// ... and beside: the start of MPI, and what Slurm's signal leaves to write a checkpoint.
-const SECONDS_BESIDE: f64 = 240.0;
-/// The settings of the site, read where the case is planned.
+/// Seconds added for the start of MPI and for the checkpoint that Slurm's signal requests.
+const EXTRA_SECONDS: f64 = 240.0;
+/// The settings of the site, read from the directory in which the case is planned.
 const SITE: &str = "jobscripts/env.sh";
-/// The same where there are none.
+/// The settings where that file is missing.
 const USUAL_SITE: &str = include_str!("../../jobscripts/env.sh");
-/// The functions of job scripts.
+/// The functions that job scripts share.
 const STEPS: &str = include_str!("../../jobscripts/steps.sh");
 
 /// The comment at the head of a script.
 const HEAD: &str = "\
-# Submit it from any directory; logs go there. A job that stops with a checkpoint submits it again,
-# until the run is finished. `plan --sbatch` replaces it with --force.";
-/// In the place of a time that is not known.
+# Submit this script from any directory; logs are written there. A job that stops with a checkpoint
+# submits the script again, until the run is finished. `plan --sbatch FILE --force` replaces it.";
+/// Takes the place of an unknown time.
 const NO_TIME: &str = "\
-# Fill in the time, and take one # away; plan --calibrate predicts it.
+# Fill in the time and remove one #; plan --calibrate predicts it.
 ##SBATCH --time=01:00:00";
 
 /// The resources of a job.
@@ -43,7 +44,7 @@ const NO_TIME: &str = "\
 pub struct Needs {
     /// Number of ranks.
     pub ranks: usize,
-    /// Ranks on a node, if that is given.
+    /// Ranks on a node, if given.
     pub ranks_per_node: Option<usize>,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
@@ -65,16 +66,16 @@ struct JobScript {
     words: Vec<String>,
 }
 
-/// Refuses what no job script can be written for, before anything is planned: the file is there, or
-/// the case chooses its grid anew in each run. Collective.
+/// Refuses, before anything is planned, a file that exists already, and a case that chooses its
+/// grid anew in each run. Collective.
 ///
 /// # Errors
 /// [`Error::Input`].
 pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
     let Some(file) = &args.sbatch else { return Ok(()) };
     if load(world, &args.case)?.accuracy.is_some() {
-        let what = "a run by solver.accuracy cannot be resumed; give --accuracy, whose choice is \
-                    written as --set, and a case without it";
+        let what = "a job with solver.accuracy cannot be resumed; leave the key out and give \
+                    --accuracy, whose choice is written into the script as --set";
         return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
     }
     world.group().on_first_rank(|| {
@@ -127,7 +128,7 @@ impl JobScript {
     }
 }
 
-/// A path from the root on.
+/// An absolute path.
 fn absolute(path: &Path) -> Result<String> {
     let refused =
         |why: &dyn fmt::Display| Error::Input(format!("--sbatch: {}: {why}", path.display()));
@@ -145,12 +146,12 @@ impl fmt::Display for JobScript {
             writeln!(f, "#SBATCH --ntasks-per-node={}", each.min(ranks))?;
         }
         writeln!(f, "#SBATCH --cpus-per-task=1")?;
-        let bytes = (MEMORY_MARGIN * memory as f64).max(memory as f64 + MEMORY_BESIDE);
+        let bytes = (MEMORY_MARGIN * memory as f64).max(memory as f64 + LEAST_EXTRA_MEMORY);
         let mebibytes = (bytes / f64::from(1 << 20)).ceil();
         writeln!(f, "#SBATCH --mem-per-cpu={mebibytes}M")?;
         match seconds {
             Some(seconds) => {
-                let minutes = ((TIME_MARGIN * seconds + SECONDS_BESIDE) / 60.0).ceil();
+                let minutes = ((TIME_MARGIN * seconds + EXTRA_SECONDS) / 60.0).ceil();
                 let (hours, minutes) = ((minutes / 60.0).floor(), minutes % 60.0);
                 writeln!(f, "#SBATCH --time={hours:02}:{minutes:02}:00")?;
             }

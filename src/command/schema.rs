@@ -1,5 +1,5 @@
-//! `phasewarp schema`: the case file as a JSON schema, by which editors complete and check keys;
-//! and as a page of reference.
+//! `phasewarp schema`: the keys of a case file as a JSON schema, by which editors complete and
+//! check them, or as a reference page.
 
 use crate::base::error::Result;
 use crate::command::cli::SchemaArgs;
@@ -9,7 +9,7 @@ use crate::problem::case::{ValueKind, keys};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// The document whose tables of keys give the descriptions of the schema.
+/// The tables of keys in this document give the descriptions of the schema.
 const DOCUMENT: &str = include_str!("../../docs/usage.md");
 
 /// Prints the schema, or the page. Collective.
@@ -25,9 +25,9 @@ pub fn execute(world: &World, args: &SchemaArgs) -> Result<()> {
     Ok(())
 }
 
-/// Every key of a case file in Markdown, a table for each table of the file.
+/// Every key of a case file in Markdown, with one table per section of the file.
 fn page() -> String {
-    let of_keys = descriptions();
+    let texts = descriptions();
     let mut text = String::from(
         "# Keys of a case file\n\n\
          Every key that the program reads, printed by `phasewarp schema --markdown`.\n\
@@ -41,7 +41,7 @@ fn page() -> String {
             section = top;
             text += &format!("\n## {top}\n\n| key | takes | meaning |\n|---|---|---|\n");
         }
-        let meaning = of_keys.get(key).map_or("", String::as_str).replace('|', "\\|");
+        let meaning = texts.get(key).map_or("", String::as_str).replace('|', "\\|");
         let takes = words_of(kind).replace('|', "\\|");
         text += &format!("| `{key}` | {takes} | {meaning} |\n");
     }
@@ -69,10 +69,10 @@ fn words_of(kind: &ValueKind) -> String {
     }
 }
 
-/// All keys with what they take, tables before what is in them; `N` stands for the number of a
-/// table in a list.
+/// All keys with the kinds of their values, each table before its entries; `N` stands for the index
+/// of a table in a list.
 fn every_key() -> Vec<(String, ValueKind)> {
-    fn look(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
+    fn collect(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
         if !path.is_empty() && !path.ends_with(".N") {
             found.push((path.to_owned(), kind.clone()));
         }
@@ -80,22 +80,22 @@ fn every_key() -> Vec<(String, ValueKind)> {
             ValueKind::Table(entries) | ValueKind::Switches(entries) => {
                 for (name, below) in entries {
                     let path = if path.is_empty() { "" } else { &format!("{path}.") };
-                    look(&format!("{path}{name}"), below, found);
+                    collect(&format!("{path}{name}"), below, found);
                 }
             }
             ValueKind::List(item) if matches!(**item, ValueKind::Table(_)) => {
-                look(&format!("{path}.N"), item, found);
+                collect(&format!("{path}.N"), item, found);
             }
             _ => {}
         }
     }
     let mut found = Vec::new();
-    look("", &keys(), &mut found);
+    collect("", &keys(), &mut found);
     found
 }
 
-/// JSON schema, draft 7, of a case file: every key of the tables that read one, with what
-/// docs/usage.md says of it.
+/// JSON schema (draft 7) of a case file: every key that the reader knows, with its description from
+/// docs/usage.md.
 pub fn schema() -> Value {
     let mut schema = described("", &keys(), &descriptions());
     if let Value::Object(schema) = &mut schema {
@@ -106,30 +106,31 @@ pub fn schema() -> Value {
     schema
 }
 
-/// What is expected at `path`, with its description.
-fn described(path: &str, kind: &ValueKind, of_keys: &BTreeMap<String, String>) -> Value {
-    let mut schema = expected(path, kind, of_keys);
-    if let (Some(text), Value::Object(schema)) = (of_keys.get(path), &mut schema) {
+/// The schema of the value at `path`, with its description.
+fn described(path: &str, kind: &ValueKind, descriptions: &BTreeMap<String, String>) -> Value {
+    let mut schema = expected(path, kind, descriptions);
+    if let (Some(text), Value::Object(schema)) = (descriptions.get(path), &mut schema) {
         schema.insert("description".to_owned(), json!(text));
     }
     schema
 }
 
-fn expected(path: &str, kind: &ValueKind, of_keys: &BTreeMap<String, String>) -> Value {
+/// The schema of a value of this kind at `path`, without its own description.
+fn expected(path: &str, kind: &ValueKind, descriptions: &BTreeMap<String, String>) -> Value {
     let table = |entries: &[(&'static str, ValueKind)]| {
         let below = |name: &str| match path {
             "" => name.to_owned(),
             _ => format!("{path}.{name}"),
         };
         let entry = |(name, kind): &(&'static str, ValueKind)| {
-            ((*name).to_owned(), described(&below(name), kind, of_keys))
+            ((*name).to_owned(), described(&below(name), kind, descriptions))
         };
         let entries: Map<String, Value> = entries.iter().map(entry).collect();
         json!({ "type": "object", "properties": entries, "additionalProperties": false })
     };
     match kind {
         ValueKind::Unknown => json!({}),
-        // A text is a formula of constants.
+        // A string is a formula of constants.
         ValueKind::Number | ValueKind::Formula => json!({ "type": ["number", "string"] }),
         ValueKind::Whole => json!({ "type": "integer" }),
         ValueKind::Switch => json!({ "type": "boolean" }),
@@ -139,23 +140,23 @@ fn expected(path: &str, kind: &ValueKind, of_keys: &BTreeMap<String, String>) ->
             json!({ "anyOf": [{ "enum": words }, { "type": ["number", "string"] }] })
         }
         ValueKind::List(item) => {
-            let item = described(&format!("{path}.N"), item, of_keys);
+            let item = described(&format!("{path}.N"), item, descriptions);
             json!({ "type": "array", "items": item })
         }
         ValueKind::Table(entries) => table(entries),
         ValueKind::Switches(entries) => json!({ "anyOf": [{ "type": "boolean" }, table(entries)] }),
         ValueKind::Names(value) => {
-            let value = described(&format!("{path}.N"), value, of_keys);
+            let value = described(&format!("{path}.N"), value, descriptions);
             json!({ "type": "object", "additionalProperties": value })
         }
     }
 }
 
-/// Stands for `|` in a cell of a table.
+/// Replaces an escaped `|` within a table cell while the row is split.
 const BAR: &str = "\u{1}";
 
-/// The descriptions in the tables of the document, by key; `N` stands for the number of a table in
-/// a list.
+/// The descriptions in the tables of [`DOCUMENT`], by key; `N` stands for the index of a table in a
+/// list.
 fn descriptions() -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let section = DOCUMENT.split("\n## ").find(|part| part.starts_with("The case file"));
@@ -167,7 +168,7 @@ fn descriptions() -> BTreeMap<String, String> {
         if !default.is_empty() {
             text += &format!(" (default: {})", plain(default));
         }
-        // "`a.b`, `.c`, or `.d`": the later ones stand beside the first.
+        // In "`a.b`, `.c`, or `.d`" the later keys belong to the table of the first.
         let mut parent = "";
         for name in names.split('`').skip(1).step_by(2) {
             let key = match name.strip_prefix('.') {
@@ -183,7 +184,7 @@ fn descriptions() -> BTreeMap<String, String> {
     found
 }
 
-/// A cell of a table without marks: links are their texts.
+/// A table cell as plain text, in which links are replaced by their text.
 fn plain(text: &str) -> String {
     let mut plain = String::new();
     let mut rest = text;
@@ -208,7 +209,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// What `value` at `path` is, that `schema` does not allow.
+    /// Adds to `found` everything in `value` at `path` that `schema` does not allow.
     fn mistakes(path: &str, value: &Value, schema: &Value, found: &mut Vec<String>) {
         if let Some(choices) = schema["anyOf"].as_array() {
             let fits = |choice: &&Value| {

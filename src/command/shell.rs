@@ -1,5 +1,5 @@
-//! `phasewarp completions` and `phasewarp man`: for shells, from the definition of the command
-//! line.
+//! `phasewarp completions` and `phasewarp man`: shell completions and manual pages, generated from
+//! the definition of the command line.
 
 use crate::base::disk::{failure, make};
 use crate::base::error::Result;
@@ -8,7 +8,7 @@ use crate::command::printing::{print, print_unwrapped};
 use crate::parallel::communicator::World;
 use clap::CommandFactory;
 
-/// Prints what a shell needs to complete commands and options. Collective.
+/// Prints a script by which a shell completes commands and options. Collective.
 ///
 /// # Errors
 /// None.

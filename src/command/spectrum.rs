@@ -1,5 +1,5 @@
-//! `phasewarp spectrum`: growth and decay of `S`, measured and guaranteed, with and without
-//! weights.
+//! `phasewarp spectrum`: both ends of the spectrum of `S`, measured beside guaranteed bounds, with
+//! and without weights.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
@@ -10,7 +10,7 @@ use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::here::{announce_look, memory_per_rank, refuse_too_large_here};
+use crate::plan::here::{announce_slow_steps, memory_per_rank, refuse_too_large_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
@@ -26,7 +26,7 @@ use std::time::Instant;
 pub enum MeasuredSystem {
     /// `f' = A f`: nothing enters.
     Closed,
-    /// `A` alone of a case in which something enters.
+    /// `A` alone, in a case with inflow.
     Alone,
     /// The homogeneous system augmented with inflow unknowns.
     Enlarged,
@@ -41,11 +41,11 @@ pub struct GridSpectrum {
     shape: Vec<usize>,
     /// Order of `S`: cells and auxiliary unknowns.
     unknowns: usize,
-    /// Interface rows.
+    /// The interface law.
     interface: Interface,
     /// Whether the unknowns are scaled by dissipative weights.
     weighted: bool,
-    /// The system that `S` belongs to, where something enters.
+    /// The system that `S` belongs to.
     system: MeasuredSystem,
     /// Extreme eigenvalues.
     lanczos: Extremes,
@@ -53,17 +53,17 @@ pub struct GridSpectrum {
     gershgorin: [f64; 2],
     /// `½ max (Aᵀπ)/π`.
     certificate: f64,
-    /// What a run relies on: `λ⁺ ≤ growth`, `λ⁻ ≤ decay`.
+    /// The bound that a run relies on: `λ⁺ ≤ growth`.
     growth: f64,
-    /// See `growth`.
+    /// The bound that a run relies on: `λ⁻ ≤ decay`.
     decay: f64,
     /// Largest and smallest `√π`.
     sqrt_pi: [f64; 2],
-    /// Jacobi sweeps that took.
+    /// Jacobi sweeps that the weights took.
     sweeps: usize,
 }
 
-/// Measures the case and prints what was found. Collective.
+/// Measures the spectra of a case and prints them. Collective.
 ///
 /// # Errors
 /// As `measure`.
@@ -98,7 +98,7 @@ fn measure(
         let grows = law_of(case.interface).may_grow();
         let systems = match (case.enters(), case.varies()) {
             (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
-            // Couplings that change with time have no one spectrum.
+            // If inflow depends on time, so does the spectrum of the augmented system.
             (true, true) => vec![(MeasuredSystem::Alone, case.without_inflow())],
             (true, false) => {
                 vec![
@@ -124,8 +124,8 @@ fn measure(
     Ok(found)
 }
 
-/// Bounds and layout of a grid, if it fits into the memory here. It keeps what the classical method
-/// keeps: the matrix and a few real vectors.
+/// Bounds and layout of a grid that fits into the memory of this machine. The memory is that of the
+/// classical method, which stores the same: the matrix and a few real vectors.
 fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     /// The largest number of cells that is measured.
     const MOST_CELLS: f64 = 1e12;
@@ -141,13 +141,14 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     let mut classical = case.clone();
     classical.method = Method::Classical;
     refuse_too_large_here(world, &classical)?;
-    announce_look(world, case);
+    announce_slow_steps(world, case);
     let bounds = Bounds::new(case)?;
     let resources = Resources::here(world);
     let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
     Ok((bounds, plan))
 }
 
+/// The spectrum of one system on one grid. The caller fills in `refinement` and `system`.
 fn on_grid(
     world: &World,
     case: &Case,
@@ -184,7 +185,7 @@ fn on_grid(
     })
 }
 
-/// Says on the first rank how long the Lanczos steps take, where that is long. Collective.
+/// Reports on the first rank how long the Lanczos steps take, if that is long. Collective.
 fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: usize) -> Result<()> {
     const FEW: usize = 1 << 18;
     const LONG: f64 = 4.0;
@@ -204,7 +205,7 @@ fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: us
     Ok(())
 }
 
-/// A number with six digits behind the point, or four that count where these are few.
+/// A number with six decimals, or with four significant digits if it is below 0.01.
 fn number(x: f64) -> String {
     match x.abs() {
         0.0 => "0".to_owned(),
@@ -213,7 +214,7 @@ fn number(x: f64) -> String {
     }
 }
 
-/// What was found, for people: a line a grid and a line a matrix.
+/// The spectra as text: a heading per grid, and a paragraph per system.
 fn table(list: &[GridSpectrum]) -> String {
     let mut text = String::new();
     let mut last = 0;

@@ -16,7 +16,7 @@ pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let directory =
         args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "stability"));
-    // Before minutes are spent.
+    // Fails before minutes are spent on measurements.
     all.on_first_rank(|| disk::make(&directory))?;
     let found = stability::measure(world, &case, &args.only, args.budget)?;
     all.on_first_rank(|| found.write(&directory))?;

@@ -13,15 +13,15 @@ use crate::study::sweep::vary::Vary;
 use crate::study::sweep::{Sweep, SweepRequest, SweepResult};
 use std::path::Path;
 
-/// Written as soon as a signal comes that asks for the end.
-const STOP_MESSAGE: &str = "stop signal: a checkpoint of this run follows, or its end where it \
-                            makes none; a second signal ends at once\n";
+/// Written as soon as a signal requests a stop.
+const STOP_MESSAGE: &str = "stop signal: this run writes a checkpoint, or ends if it makes none; \
+                            a second signal ends at once\n";
 
 /// Solves the cases that are not finished, writes and prints the table. Collective.
 ///
 /// # Errors
-/// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a
-/// run failed.
+/// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] if a run
+/// failed.
 pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     let path = &args.case.case;
     let directory = args.output.clone();
@@ -50,7 +50,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     if args.table {
         return conclude(world, &directory, &sweep.collect(world)?);
     }
-    // Before hours are spent.
+    // Fails before hours are spent on runs.
     world.group().on_first_rank(|| disk::make(&directory))?;
     let options = Options {
         ranks_x: args.ranks_x.clone(),
@@ -71,7 +71,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     match stopped {
         None => conclude(world, &directory, &table),
         Some(stopped) => {
-            // No table of nothing, which would be taken for somebody else's.
+            // A later sweep would take an empty table for that of another sweep.
             if !table.rows.is_empty() {
                 world.group().on_first_rank(|| table.write(&directory))?;
             }
@@ -80,7 +80,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     }
 }
 
-/// A line a run.
+/// Prints one line per run.
 fn list(world: &World, sweep: &Sweep) {
     for run in &sweep.runs {
         let (number, label, directory) = (run.number, sweep.label(run), run.directory.display());

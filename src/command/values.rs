@@ -1,4 +1,4 @@
-//! Values of options: accuracies, durations, sizes.
+//! Parsers of option values: accuracies, durations, sizes.
 
 use crate::quantum::synthesis::RotationSynthesis;
 use std::time::Duration;
@@ -33,19 +33,19 @@ pub fn synthesis(text: &str) -> Result<RotationSynthesis, String> {
 /// Numbers of ranks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RankNumbers {
-    /// One.
+    /// One number.
     One(usize),
-    /// A list to compare, rising.
+    /// Several numbers to compare, ascending.
     Many(Vec<usize>),
 }
 
-/// A number of ranks, or many, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B.
+/// One number of ranks, or several, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B.
 pub fn ranks(text: &str) -> Result<RankNumbers, String> {
     const MOST: usize = 1_000_000;
     let number = |word: &str| match word.trim().parse() {
         Ok(n @ 1..=MOST) => Ok(n),
         _ => Err(format!(
-            "'{}': a whole number in 1..={MOST} expected, or many: 1,2,4 or 1..64",
+            "'{}': a whole number in 1..={MOST} expected, or several: 1,2,4 or 1..64",
             word.trim()
         )),
     };
@@ -89,10 +89,10 @@ pub fn duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string())
 }
 
-/// The forms of a duration.
+/// Examples of the forms of a duration, for messages.
 const DURATIONS: &str = "3600, 90s, 90m, 1.5h, 2d, 1h30m, 12:30, 1:30:00 and 2-01:00:00";
 
-/// A number that begins with a digit or a point, of `unit`.
+/// A number that begins with a digit or a point; `unit` is named in the error.
 fn number(text: &str, unit: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if text.starts_with(|c: char| c.is_ascii_digit() || c == '.') => Ok(value),
@@ -113,9 +113,10 @@ fn clock_seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Seconds of a number with or without a unit, or of several: `1h30m`.
+/// Seconds of a number with or without a unit, or of several with units: `1h30m`.
 ///
-/// `humantime` reads several; it refuses a plain number, `1e3s`, `.5h` and `1.2345h`.
+/// `humantime` reads only those with several units, as it refuses a plain number, `1e3s`, `.5h` and
+/// `1.2345h`.
 fn seconds(text: &str) -> Result<f64, String> {
     const UNITS: [(char, f64, &str); 4] = [
         ('s', 1.0, "seconds"),
@@ -139,7 +140,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Bytes of `4GiB`, `500MB`, `4G`, `1e9`.
 ///
-/// `bytesize` takes `4G` for 4 GB; here it is 4 GiB, as Slurm's `--mem`.
+/// `4G` is 4 GiB, as for Slurm's `--mem`; the crate `bytesize` would read it as 4 GB.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());

@@ -1,10 +1,12 @@
-//! Space cells whose rows of `(S, K)` are the same but for their place: one of them is evaluated.
+//! Space cells with equal rows of `(S, K)`, relative to the diagonal. Only one of them is
+//! evaluated.
 //!
-//! Of degree 0, a row of `(S, K)` follows from its velocity, from the slopes and jumps of `V` at
-//! its space cell, and from where the neighbouring space cells are kept. What a neighbour's row
-//! draws from the cell depends on the jump at their common face alone. So space cells that agree in
-//! all of this have equal rows, at equal distances from the diagonal. Rows that draw on the inflow
-//! have values, or an auxiliary unknown, of their own: cells with such rows are like no other.
+//! For degree 0, a row of `(S, K)` is determined by its velocity, by the slopes and jumps of `V` at
+//! its space cell, and by the numbers of the neighbouring space cells. The part of a neighbour's
+//! row that draws from the cell depends only on the jump at their common face. Space cells that
+//! agree in all of this have equal rows, at equal distances from the diagonal. A row that draws on
+//! the inflow has its own values, or its own auxiliary unknown: a cell with such a row is like no
+//! other.
 
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
@@ -14,10 +16,10 @@ use std::collections::{HashMap, HashSet};
 
 /// The space cells of a block, with the first one that is like each of them.
 pub(super) struct AlikeCells {
-    /// By space cell of the block: the first one whose rows are the same.
+    /// For each space cell of the block, the first one with equal rows.
     first: Vec<usize>,
-    /// The first unknowns of the space cells, ghosts included, whose rows of `A` are evaluated:
-    /// those that are like none before, and their neighbours. All where there is no list.
+    /// The first unknowns of the space cells, with ghosts, whose rows of `A` are evaluated: those
+    /// that are like no earlier one, and their neighbours. None if all are evaluated.
     evaluated: Option<HashSet<usize>>,
     /// Velocity cells at a point of space.
     velocities: usize,
@@ -27,7 +29,7 @@ pub(super) struct AlikeCells {
 struct SpaceCell {
     /// Its number in the block.
     number: usize,
-    /// Where it is, at the first velocity.
+    /// Its cell of phase space at the first velocity.
     place: Cell,
     /// The first unknowns of the cells next to it, lower and upper along each axis.
     neighbours: Vec<Option<usize>>,
@@ -46,7 +48,7 @@ impl SpaceCell {
         Self { number, place, neighbours: sides.map(next).collect() }
     }
 
-    /// What its rows follow from.
+    /// The numbers that determine its rows.
     fn kind(&self, case: &Case, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
         let potential = scheme.potential();
         let first = case.space.index(&self.place);
@@ -79,13 +81,13 @@ impl SpaceCell {
 }
 
 impl AlikeCells {
-    /// No two cells of `block` taken to be alike.
+    /// Every cell of `block` is treated as different.
     pub fn none(block: &Block) -> Self {
         let first = (0..block.space_cells()).collect();
         Self { first, evaluated: None, velocities: block.velocity_cells }
     }
 
-    /// Those of `block`.
+    /// The cells of `block` that are alike.
     pub fn new(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -> Self {
         let mut this = Self::none(block);
         if case.is_galerkin() || case.embeds() && case.warp.inflow == Embedding::Full {
@@ -119,7 +121,7 @@ impl AlikeCells {
         this
     }
 
-    /// The row of the block that row `row` of it is like, if that is another.
+    /// The earlier row of the block that row `row` equals, if there is one.
     pub fn earlier(&self, row: usize) -> Option<usize> {
         let cell = row / self.velocities;
         let first = self.first[cell];

@@ -1,18 +1,18 @@
 //! Assembly of a block's rows of `(S, K)` from the scheme's rows of `A`, layer by layer along the
 //! first x-axis.
 //!
-//! An entry `A_ij` gives `½ A_ij` to entry `(i, j)` of `S` and of `K`, and `½ A_ij`, `−½ A_ij` to
-//! entry `(j, i)`. A row of `A` draws on cells of its own layer and of the two next to it, so
-//! contributions to three layers are collected at a time. Each row of `A`, those of ghosts
-//! included, is evaluated once, and at most three layers are kept that are not yet compressed.
+//! An entry `A_ij` adds `½ A_ij` to entry `(i, j)` of `S` and of `K`, and `½ A_ij` and `−½ A_ij` to
+//! their entry `(j, i)`. A row of `A` draws on cells of its own layer and of the two adjacent ones,
+//! so contributions to three layers are collected at a time. Each row of `A`, ghosts included, is
+//! evaluated once, and at most three layers are stored uncompressed.
 //!
-//! A layer is one of elements: the rows of a cell draw on its element's other cells.
+//! Layers are those of elements, as a row draws on all cells of its element.
 //!
-//! Of degree 0, rows that are the same but for their place are evaluated once (see
-//! `AlikeCells`).
+//! For degree 0, equal rows are evaluated once (see `AlikeCells`).
 //!
-//! Where the first axis is periodic, the last layer is next to the first. What the first gives to
-//! the last waits; rows of the last are evaluated beforehand for what they give to the first.
+//! If the first axis is periodic, the last layer is adjacent to the first. Contributions of the
+//! first layer to the last are stored until then. Rows of the last layer are evaluated once more at
+//! the beginning, for their contributions to the first.
 
 use crate::base::error::Result;
 use crate::matrix::alike::AlikeCells;
@@ -31,7 +31,7 @@ struct Contribution {
     row: u32,
     /// Local column.
     column: u32,
-    /// Global column.
+    /// Global column, by which entries are sorted.
     key: usize,
     s: f64,
     k: f64,
@@ -46,9 +46,9 @@ struct Sorter {
 }
 
 impl Sorter {
-    /// Passes the `rows` rows of `layer` to `take`, in order, and empties it: entries by rising
-    /// global column, those of the same column added up. There are two at most, and their sum does
-    /// not depend on their order.
+    /// Passes the `rows` rows of `layer` to `take`, in order, and empties the layer. Entries are
+    /// sorted by global column, and those of the same column are added. These are at most two, so
+    /// that their sum does not depend on the order.
     fn drain(
         &mut self,
         layer: &mut Vec<Contribution>,
@@ -64,7 +64,7 @@ impl Sorter {
         for i in 0..rows {
             ends[i + 1] += ends[i];
         }
-        // Every element is written; earlier contents do not matter.
+        // Only for the length: every element is overwritten.
         sorted.clear();
         sorted.extend_from_slice(layer);
         for part in layer.drain(..) {
@@ -93,7 +93,7 @@ impl Sorter {
 }
 
 /// The rows that have an auxiliary unknown or are coupled to the common one, and the sources of a
-/// varying inflow.
+/// time-dependent inflow.
 fn inflow_rows(
     case: &Case,
     scheme: &Scheme<'_>,
@@ -119,7 +119,7 @@ fn inflow_rows(
         return rows;
     }
     block.for_each_own(|global, local| {
-        // Like one that draws on no inflow.
+        // An earlier cell equals it only if it draws on no inflow.
         if alike.earlier(local).is_some() {
             return;
         }
@@ -142,7 +142,7 @@ fn inflow_rows(
     rows
 }
 
-/// A number of an unknown, or of the first one of a space cell, globally and on this rank.
+/// The global and local number of an unknown, or of the first one of a space cell.
 #[derive(Clone, Copy)]
 struct UnknownNumbers {
     global: usize,
@@ -167,7 +167,7 @@ struct Layers<'a> {
 }
 
 impl<'a> Layers<'a> {
-    /// The layers of `block`, which has so many `rows`.
+    /// The layers of `block`, which has `rows` rows.
     fn new(case: &Case, block: &Block, alike: &'a AlikeCells, rows: usize) -> Self {
         let velocities = block.velocity_cells;
         let leading = &case.space.x[0];
@@ -203,7 +203,7 @@ impl<'a> Layers<'a> {
         (self.cells).chunk_by(|a, b| self.of(a.global) == self.of(b.global))
     }
 
-    /// The unknowns of those of the space cells whose rows are evaluated.
+    /// The unknowns of those space cells among `cells` whose rows are evaluated.
     fn unknowns(&self, cells: &[UnknownNumbers]) -> impl Iterator<Item = UnknownNumbers> {
         let velocities = self.velocities;
         let evaluated = cells.iter().filter(|cell| self.alike.are_evaluated(cell.global));
@@ -213,27 +213,28 @@ impl<'a> Layers<'a> {
     }
 }
 
-/// The contributions of the rows of `A` so far.
+/// Collects the contributions of the rows of `A`.
 struct Collector<'a> {
     block: &'a Block,
     layers: &'a Layers<'a>,
-    /// The layer whose rows are evaluated.
+    /// The layer whose rows are being evaluated.
     current: usize,
-    /// To the layer before it, to it and to the next.
+    /// Contributions to the layer before it, to it and to the next.
     window: [Vec<Contribution>; 3],
-    /// The contribution of the first layer to the last one, if they are not neighbours otherwise.
-    turned: Vec<Contribution>,
+    /// Contributions of the first layer to the last one around a periodic axis.
+    wrapped: Vec<Contribution>,
 }
 
 impl Collector<'_> {
-    /// Adds to local row `target` in `layer` of the block, unless it is like an earlier one.
+    /// Adds an entry to local row `target` in `layer` of the block, unless it equals an earlier
+    /// row.
     fn put(&mut self, target: usize, layer: usize, column: UnknownNumbers, [s, k]: [f64; 2]) {
         if self.layers.alike.earlier(target).is_some() {
             return;
         }
         let list = match (layer + 1).checked_sub(self.current) {
             Some(next @ 0..=2) => &mut self.window[next],
-            Some(_) => &mut self.turned,
+            Some(_) => &mut self.wrapped,
             None => return,
         };
         let first = (layer - self.layers.range.start) * self.layers.local_size;
@@ -246,7 +247,7 @@ impl Collector<'_> {
         });
     }
 
-    /// Adds what row `i` of `A`, which is in the current layer, gives to `S` and `K`.
+    /// Adds the contributions of row `i` of `A`, which is in the current layer, to `S` and `K`.
     fn add(&mut self, i: UnknownNumbers, row: &Row) {
         let cells = self.block.cells();
         for &(global, value) in &row.entries {
@@ -267,8 +268,8 @@ impl Collector<'_> {
         }
     }
 
-    /// Adds what the rows of the last layer, around a periodic axis, give to the first one.
-    fn add_around(&mut self, scheme: &Scheme<'_>, row: &mut Row) {
+    /// Adds the contributions of the last layer to the first one around a periodic axis.
+    fn add_wrapped(&mut self, scheme: &Scheme<'_>, row: &mut Row) {
         let layers = self.layers;
         let last = layers.each().next_back().unwrap_or_default();
         for i in layers.unknowns(last) {
@@ -306,10 +307,10 @@ fn collect_layers(
         layers,
         current: range.start,
         window: Default::default(),
-        turned: Vec::new(),
+        wrapped: Vec::new(),
     };
     if case.space.is_periodic(0) && range.len() > 2 {
-        collector.add_around(scheme, row);
+        collector.add_wrapped(scheme, row);
     }
     let mut next = range.start;
     for layer in layers.each() {
@@ -319,9 +320,9 @@ fn collect_layers(
             scheme.row(row, i.global);
             collector.add(i, row);
         }
-        let Collector { window, turned, .. } = &mut collector;
+        let Collector { window, wrapped, .. } = &mut collector;
         if next == range.end {
-            window[1].append(turned);
+            window[1].append(wrapped);
         }
         // The layer before is complete.
         if next > range.start + 1 {
@@ -346,7 +347,7 @@ fn rows_by_layers(
 ) -> Rows {
     let rows = block.cells() + inflow.unknowns();
     let layers = Layers::new(case, block, alike, rows);
-    // Couplings that vary with time are no entries.
+    // Time-dependent couplings are not stored in the matrix.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
     let coupled = inflow.list.iter().enumerate();
     let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
@@ -367,7 +368,7 @@ fn rows_by_layers(
         });
     });
     if inflow.shared {
-        // Its row is a sum over all ranks, see `embedding`.
+        // The row of the common unknown is a sum over all ranks, see `embedding`.
         builder.push(&[]);
     } else {
         for aux in &inflow.list {
@@ -383,12 +384,11 @@ impl BlockMatrix {
     /// [`couple`](Self::couple).
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Formula`] where `V` or the inflow is not finite. Not
-    /// collective.
+    /// [`crate::base::error::Error::Formula`] if `V` or the inflow is not finite. Not collective.
     pub fn assemble(case: &Case, block: Block) -> Result<Self> {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let mut row = Row::default();
-        // Auxiliary unknowns come before the ghosts, so their number must be known first.
+        // Auxiliary unknowns are numbered before the ghosts, so their count must be known first.
         let alike = AlikeCells::new(case, &scheme, &block, &mut row);
         let inflow = inflow_rows(case, &scheme, &block, &alike, &mut row);
         let rows = rows_by_layers(case, &scheme, &block, &alike, &inflow, &mut row);
@@ -408,8 +408,8 @@ mod tests {
     use super::*;
     use crate::parallel::partition::ProcessMesh;
 
-    /// Rows that are taken from cells that are alike against all rows evaluated, with inflow and
-    /// without, around periodic axes and next to ghosts.
+    /// Rows that repeat those of alike cells equal rows that are all evaluated, with and without
+    /// inflow, around periodic axes and next to ghosts.
     #[test]
     fn rows_of_alike_cells_are_those_evaluated() {
         let rows: [(&str, &[&str], [usize; 2]); 6] = [

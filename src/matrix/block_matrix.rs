@@ -1,9 +1,10 @@
 //! The distributed block matrix `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, assembled from the
 //! scheme's rows.
 //!
-//! One pattern carries both: per entry a local column, `s` and `k`. `Aᵀ`'s rows come from the rows
-//! of the ghost layer, computed here, so assembling needs no communication. A row's entries stand
-//! in the order of their global columns, so sums have the same bits on any partition.
+//! `S` and `K` share one sparsity pattern: an entry has a local column, `s` and `k`. The rows of
+//! `Aᵀ` need rows of ghosts, which are evaluated on this rank, so that assembly needs no
+//! communication. Entries of a row are in the order of their global columns, so that sums have the
+//! same bits on any partition.
 //!
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
 //! then its ghosts.
@@ -21,7 +22,8 @@ use crate::parallel::partition::Block;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Rows whose products with a real vector are used while they are in the first cache.
+/// Number of rows whose products with a real vector are passed on while they are in the first
+/// cache.
 const PIECE: usize = 2048;
 
 /// The matrix that is applied to a real vector.
@@ -35,8 +37,8 @@ pub enum Operator {
     Symmetric,
 }
 
-/// The products of lines with a real vector. Nothing is fused, so that the bits are the same for
-/// every instruction set.
+/// The products of lines with a real vector, without fused multiply-add, so that the bits are the
+/// same for every instruction set.
 struct RowProducts<'a> {
     matrix: &'a BlockMatrix,
     lines: &'a [Range<usize>],
@@ -56,36 +58,38 @@ impl Vectorized for RowProducts<'_> {
 pub struct BlockMatrix {
     /// The block's numbering.
     pub block: Block,
-    /// The rows that have an auxiliary unknown, or a share in the common one, in their order.
+    /// The rows that have an auxiliary unknown, or are coupled to the common one, in order.
     pub inflow: Vec<AuxiliaryRow>,
-    /// The sources of a varying inflow for each row of `inflow`; empty if the inflow is constant.
+    /// The sources of a time-dependent inflow for each row of `inflow`; empty if it is constant.
     pub entering: VaryingInflow,
-    /// Whether one auxiliary unknown, of which every rank has a copy, serves all rows.
+    /// Whether all rows share one common auxiliary unknown, of which every rank has a copy.
     pub(crate) shared: bool,
-    /// Whether that has couplings, which its row sums over all ranks.
+    /// Whether the common unknown has couplings; its row then is a sum over all ranks.
     pub(crate) summed: bool,
-    /// Growth that these couplings add at most, of a degree above 0.
+    /// Largest growth that these couplings add, for degrees above 0.
     pub(crate) summed_growth: f64,
     /// Whether an axis has a degree above 0.
     pub(crate) by_elements: bool,
     /// Nodes of an element along the first space axis.
     pub(crate) first_axis_nodes: usize,
-    /// Whether this rank's copy of it counts in sums: that of the block with the lowest corner.
+    /// Whether this rank's copy of the common unknown counts in sums. It is on the block with the
+    /// lowest corner.
     pub(crate) counts_shared: bool,
     /// Rows of `inflow` over all ranks.
     pub(crate) inflow_rows: usize,
-    /// Value of an auxiliary unknown without couplings.
+    /// Initial value of an auxiliary unknown without couplings.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
     /// Lines that are applied to real vectors together.
     pub(crate) bundles: Bundles,
-    /// Runs of lines of `rows` without ghost columns, and the others.
+    /// Runs of lines of `rows` without ghost columns.
     pub(crate) interior: Vec<Range<usize>>,
+    /// Runs of lines with ghost columns.
     pub(crate) border: Vec<Range<usize>>,
 }
 
 impl BlockMatrix {
-    /// The matrix of `rows`, and what enters.
+    /// The matrix of `rows` with the inflow.
     pub(crate) fn new(block: Block, rows: Rows, inflow: InflowRows) -> Self {
         let InflowRows { list, entering, shared } = inflow;
         let mut this = Self {
@@ -126,7 +130,7 @@ impl BlockMatrix {
     }
 
     /// Gathers the rows of elements into lines of nodes along the first space axis, for the
-    /// kernels; afterwards the rows cannot be changed.
+    /// kernels. The rows must not be changed afterwards.
     pub fn gather_elements(&mut self) {
         let nodes = self.first_axis_nodes;
         if nodes > 1 {
@@ -138,8 +142,8 @@ impl BlockMatrix {
         self.bundle();
     }
 
-    /// Finds the rows that are applied to real vectors together; to be called again when they have
-    /// changed.
+    /// Finds the rows that are applied to real vectors together. Must be called again when rows
+    /// have changed.
     pub(crate) fn bundle(&mut self) {
         let lines = match self.rows.lines() {
             RowLines { nodes: 1, .. } => {
@@ -151,13 +155,12 @@ impl BlockMatrix {
         self.bundles = Bundles::of(&self.rows, lines);
     }
 
-    /// Auxiliary unknowns of this rank.
+    /// Number of auxiliary unknowns of this rank.
     pub fn auxiliaries(&self) -> usize {
         if self.shared { 1 } else { self.inflow.len() }
     }
 
-    /// The global number of the cell to which each of them belongs; the largest there is for the
-    /// common one.
+    /// The global number of the cell of each auxiliary unknown; `u64::MAX` for the common one.
     pub fn auxiliary_cells(&self) -> Vec<u64> {
         if self.shared {
             return vec![u64::MAX];
@@ -169,19 +172,19 @@ impl BlockMatrix {
         self.inflow.iter().map(|aux| cell(aux.row as usize)).collect()
     }
 
-    /// Unknowns of this rank: cells and auxiliary ones.
+    /// Number of unknowns of this rank: cells and auxiliary unknowns.
     pub fn rows(&self) -> usize {
         self.block.cells() + self.auxiliaries()
     }
 
-    /// The row of the unknown that all ranks share, where there is one; [`row`](Self::row) lists
-    /// this rank's part of it.
+    /// The row of the common auxiliary unknown, if there is one; [`row`](Self::row) gives this
+    /// rank's part of it.
     pub fn shared_row(&self) -> Option<usize> {
         self.shared.then(|| self.block.cells())
     }
 
-    /// Number of rows that count in sums over ranks, from the first. The copies of a common
-    /// unknown, the last row, count once.
+    /// Number of rows, from the first, that count in sums over ranks. The common unknown is the
+    /// last row, and only one of its copies counts.
     pub fn counted_rows(&self) -> usize {
         self.rows() - usize::from(self.shared && !self.counts_shared)
     }
@@ -191,24 +194,24 @@ impl BlockMatrix {
         self.rows() + self.block.ghosts()
     }
 
-    /// Rows that are stored: those that repeat, once.
+    /// Number of stored rows; equal rows are stored once.
     pub fn distinct_rows(&self) -> usize {
         self.rows.templates()
     }
 
-    /// The rows as they are stored, for the kernels.
+    /// The stored rows, for the kernels.
     pub fn stored(&self) -> &Rows {
         &self.rows
     }
 
-    /// Bytes that the rows take.
+    /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         self.rows.bytes() + self.bundles.bytes()
     }
 
-    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns, those
-    /// to the nodes of its line first; of a common auxiliary unknown's row, those to this rank's
-    /// cells.
+    /// The entries `(local column, s, k)` of local row `i`: first those of the nodes of its line,
+    /// then the others in the order of global columns. The row of the common auxiliary unknown has
+    /// only the entries of this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
         let half = |aux: &AuxiliaryRow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
@@ -241,7 +244,7 @@ impl BlockMatrix {
 
     #[inline(always)]
     fn sum_lines(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
-        // A loop each, so that the choice is made once.
+        // One loop for each operator, so that the choice is outside the loop.
         match operator {
             Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
             Operator::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
@@ -273,7 +276,7 @@ impl BlockMatrix {
         }
     }
 
-    /// The entries of row `i` that are not to the nodes of its line, added to `sum`.
+    /// Adds the products of row `i` with all columns but the nodes of its line to `sum`.
     #[inline(always)]
     fn add_others(
         &self,
@@ -288,7 +291,7 @@ impl BlockMatrix {
             .fold(sum, |sum, term| sum + term)
     }
 
-    /// Lines that are one row.
+    /// The products of lines that are single rows.
     #[inline(always)]
     fn sum_single(
         &self,
@@ -304,8 +307,8 @@ impl BlockMatrix {
         }
     }
 
-    /// Lines of which those of cells are `NODES` rows; where that is one, those that may be in
-    /// bundles.
+    /// The products of lines, of which those of cells have `NODES` rows. With one row a line, the
+    /// lines that may be in bundles are treated in the same way.
     #[inline(always)]
     fn sum_nodes<const NODES: usize>(
         &self,
@@ -340,7 +343,7 @@ impl BlockMatrix {
         self.sum_single(lines.start.max(of_cells)..lines.end.max(of_cells), entry, y, x);
     }
 
-    /// `y ← (S ± K) x` or `S x` for real vectors; `x`'s ghosts are refreshed. Collective over the
+    /// `y ← (S ± K) x` or `S x` for real vectors; refreshes the ghosts of `x`. Collective over the
     /// space group.
     pub fn apply(
         &self,
@@ -358,8 +361,8 @@ impl BlockMatrix {
         }
     }
 
-    /// The same, without what a common auxiliary unknown's row sums over all ranks. Calls `then`
-    /// with rows, `y` and `x`, as soon as these products are done, while they are in cache.
+    /// The same without the row of a common auxiliary unknown, which is a sum over all ranks. Calls
+    /// `then` with rows, `y` and `x` as soon as these products are done, while they are in cache.
     pub fn apply_then(
         &self,
         exchange: &mut GhostExchange,
@@ -369,7 +372,7 @@ impl BlockMatrix {
         mut then: impl FnMut(Range<usize>, &mut [f64], &[f64]),
     ) {
         let rows = self.rows();
-        // Lines of elements are no ranges of rows.
+        // The rows of a line of an element are not contiguous.
         let is_by_rows = self.rows.lines().nodes == 1;
         let mut apply = |runs: &[Range<usize>], y: &mut [f64], x: &[f64]| {
             if !is_by_rows {
@@ -388,8 +391,8 @@ impl BlockMatrix {
         }
     }
 
-    /// `y ← (S ± K) x` or `S x` in rows that are lines, none of which needs ghosts; calls `then`
-    /// with them, `y` and `x`, piece by piece, while they are in cache.
+    /// `y ← (S ± K) x` or `S x` in rows that are lines and whose ghosts, if any, are there. Calls
+    /// `then` with rows, `y` and `x` piece by piece, while they are in cache.
     pub(crate) fn apply_run(
         &self,
         rows: Range<usize>,
@@ -405,14 +408,15 @@ impl BlockMatrix {
         }
     }
 
-    /// Rows of a layer of cells along the first space axis, where a layer's rows draw on it, on the
-    /// two next to it and on auxiliary unknowns alone: of degree 0, without ghosts and with ends.
+    /// Number of rows of a layer of cells along the first space axis, if the rows of a layer draw
+    /// only on it, on the two adjacent ones and on auxiliary unknowns. So it is for degree 0 on a
+    /// block without ghosts whose first axis is not periodic.
     pub(crate) fn layer(&self) -> Option<usize> {
         let stands_alone = !self.by_elements && self.block.ghosts() == 0 && !self.block.closed;
         stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
     }
 
-    /// The step of some lines, on this processor.
+    /// The step of some lines, with the instruction set of this processor.
     pub(crate) fn step_lines<R: StartRow>(
         &self,
         lines: Range<usize>,
@@ -425,10 +429,10 @@ impl BlockMatrix {
         InstructionSet::here().run(LineStep { matrix, lines, constants, y, x, start });
     }
 
-    /// One fused step for a batch of modes, `x`'s ghosts being refreshed:
-    /// `y ← a((−iμS + K)x + icx) + y + coefficient · start`, with `couplings` to the auxiliary
-    /// unknowns that are no entries of the matrix: those of a stage where the inflow varies, row by
-    /// row of [`inflow`](Self::inflow). Collective over the space group.
+    /// One fused step for a batch of modes, `y ← a((−iμS + K)x + icx) + y + coefficient · start`;
+    /// refreshes the ghosts of `x`. `couplings` are those to auxiliary unknowns that are not in the
+    /// matrix, one for each row of [`inflow`](Self::inflow): those of a stage with a time-dependent
+    /// inflow. Collective over the space group.
     pub fn step<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
@@ -459,7 +463,7 @@ impl BlockMatrix {
         }
     }
 
-    /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space
+    /// `y ← (−iμS + K)x` for one mode; refreshes the ghosts of `x`. Collective over the space
     /// group.
     pub fn apply_mode(
         &self,
@@ -485,9 +489,9 @@ impl BlockMatrix {
         apply(&self.border, y, x);
     }
 
-    /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a
-    /// space cell: first over the velocities at one point of space, which are always together, then
-    /// exactly.
+    /// Sum over all unknowns of the group of `term(local row)`, which is not negative and at most
+    /// `bound` in a space cell. It is first summed over the velocities at a point of space, which
+    /// are never split over ranks, and then exactly.
     pub fn sum_rows(
         &self,
         group: &Group,
@@ -515,7 +519,7 @@ mod tests {
                         [[potential]]\nvalue = \"0\"\n\
                         [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n";
 
-    /// Lines in bundles give the bits of the sums of each row in its order.
+    /// Products of bundles have the same bits as row by row sums.
     #[test]
     fn bundles_keep_the_bits_of_rows() {
         for (degree, flux) in [("0", "1"), ("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
@@ -536,7 +540,7 @@ mod tests {
                     Operator::Symmetric => s,
                 };
                 let mut y = vec![0.0; rows];
-                // Starts within a bundle.
+                // The second range starts within a bundle.
                 matrix.apply_rows(&[0..3, 3..lines], operator, &mut y, &x);
                 for (i, y) in y.iter().enumerate() {
                     let terms = matrix.row(i).map(|(j, s, k)| entry(s, k) * x[j]);

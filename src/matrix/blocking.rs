@@ -1,17 +1,18 @@
-//! Several steps in one trip through memory, where the vectors do not fit into the cache of a core.
+//! Cache blocking in time: several steps in one pass through memory, for vectors that do not fit
+//! into the cache of a core.
 //!
 //! Rows are gathered into tiles: the velocities at a cell of space (or at an element's nodes along
 //! the first axis), or a range of them, with their auxiliary unknowns. A tile at level `m` holds
-//! its rows of the vectors of steps `m` and `m − 1`. It may go on to `m + 1`, written over `m − 1`,
-//! once every tile that it is coupled to is at `m` or `m + 1`: those at `m` hold what it reads,
-//! those at `m + 1` still do, and none of them needs its `m − 1` any more. Every order that keeps
-//! this rule does the same operations on the same numbers: the same bits as step after step.
+//! its rows of the vectors of steps `m` and `m − 1`. It may advance to `m + 1`, which overwrites
+//! `m − 1`, once every tile that it is coupled to is at `m` or `m + 1`: both still hold step `m`,
+//! which it reads, and neither needs its step `m − 1` any more. Every order with this rule does the
+//! same operations on the same numbers, with the same bits as step after step.
 //!
-//! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023
-//! for powers of sparse matrices): tiles are opened range by range of velocities, strip by strip of
-//! the second and third x-axis, along the first; whenever one is opened, every tile that may go on
-//! does, up to level [`BlockingShape::depth`]. So behind the front follow the later levels, each a
-//! cell behind, and a tile is read from memory about once for all of them:
+//! The order used here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023
+//! for powers of sparse matrices). Tiles are opened one after the other, along the first x-axis in
+//! each strip of the other x-axes, for each range of velocities. Whenever a tile is opened, every
+//! tile that may advance does so, up to level [`BlockingShape::depth`]. So the levels follow each
+//! other a cell apart, and a tile is read from memory about once for all of them:
 //!
 //! ```text
 //! level 3   x x x . . . .
@@ -19,13 +20,13 @@
 //! level 1   x x x x x . .      next: the sixth cell to 1, the fifth to 2, the fourth to 3
 //! ```
 //!
-//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for
-//! the next strip. Where an axis is periodic, both of its ends are such edges: the first cells wait
-//! for the last ones.
+//! Towards the edge of a strip every level ends a cell earlier, and the cells left out wait for the
+//! next strip. The ends of a periodic axis are such edges, too: the first cells wait for the last
+//! ones.
 //!
-//! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by
-//! cell, and each exchange lets all of those go on by one. So there is one message a step as
-//! without blocking, whatever the neighbour's depth, nothing is computed twice, and all but a
+//! Ghosts are like a tile that advances by an exchange. Towards them the levels end cell by cell,
+//! and each exchange lets all these cells advance by one level. So there is one message a step, as
+//! without blocking, for any depth of the neighbour. Nothing is computed twice, and all but a
 //! margin of [`BlockingShape::depth`] cells is done while the first message is under way.
 
 use crate::base::machine::{cache_per_core, last_cache_per_core};
@@ -35,20 +36,20 @@ use crate::matrix::rows::RowLines;
 use crate::parallel::communicator::GhostExchange;
 use std::ops::Range;
 
-/// Most steps in one trip.
+/// Most steps in one pass.
 pub const MOST_LEVELS: usize = 16;
-/// The same in more than one dimension, as planned: what is left open along the edges of strips is
-/// read from memory again, deeper trips were measured to be slower.
+/// The same as planned in more than one dimension: cells along the edges of strips are read from
+/// memory again, and deeper passes were measured to be slower.
 const MOST_LEVELS_IN_STRIPS: usize = 8;
-/// Bytes of the vectors, a row: two batches and the start.
+/// Bytes of the vectors for a row: two batches and the start.
 const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
-/// Part of the cache that the tiles in use may fill: cache lines that share a place push each other
-/// out before the cache is full.
+/// Part of the cache that the tiles in use may fill: cache lines that map to the same set evict
+/// each other before the cache is full.
 const SHARE: f64 = 0.55;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 32;
-/// What a row of a step takes in the cache of a core, in ns: its arithmetic. This and what follows
-/// was measured (docs/performance.md); only the ratios matter.
+/// Time in ns of a row of a step whose data are in the cache of a core: its arithmetic. This and
+/// the following times were measured (docs/performance.md); only their ratios matter.
 const ARITHMETIC: f64 = 4.5;
 /// Extra ns for each byte of the vectors that is read from memory.
 const FROM_MEMORY: f64 = 0.04;
@@ -59,10 +60,10 @@ const TILE: f64 = 40.0;
 /// Least part of a step's time that blocking must save.
 const LEAST_GAIN: f64 = 0.03;
 
-/// How rows are gathered and in what order.
+/// The parameters of a blocking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockingShape {
-    /// Steps in one trip, at most [`MOST_LEVELS`].
+    /// Steps in one pass, at most [`MOST_LEVELS`].
     pub depth: usize,
     /// Cells of a strip along each x-axis but the first.
     pub width: usize,
@@ -70,7 +71,7 @@ pub struct BlockingShape {
     pub parts: usize,
 }
 
-/// Lines that go on together.
+/// Lines that advance together.
 #[derive(Clone, Debug)]
 struct Tile {
     /// Lines of cells.
@@ -89,28 +90,28 @@ pub struct RecurrenceSteps<'a> {
     pub couplings: Option<&'a [f64]>,
 }
 
-/// Tiles, and the order in which they take several steps.
+/// Tiles, and the order in which they do several steps.
 #[derive(Clone, Debug)]
 pub struct Blocking {
     shape: BlockingShape,
     tiles: Vec<Tile>,
     /// Ranges of auxiliary unknowns, by number among them.
     auxiliaries: Vec<Range<u32>>,
-    /// The tile that goes on next, and the level it goes on from.
+    /// The tile that advances next, and the level from which it does.
     order: Vec<(u32, u32)>,
-    /// Where in `order` the ghosts of a level must have come, level by level.
+    /// For each level, the place in `order` where its ghosts must have been received.
     exchanges: Vec<usize>,
 }
 
 impl Blocking {
-    /// Bytes a row that it takes, while it is made, with so many velocities at a cell: a tile is
-    /// that, or more rows.
+    /// Bytes a row of a blocking while it is made, with this number of velocities at a cell. A tile
+    /// has at least these or [`FEWEST_ROWS`] rows.
     pub fn bytes_per_row(velocities: usize) -> f64 {
         200.0 / velocities.clamp(1, FEWEST_ROWS) as f64
     }
 
-    /// The blocking that is modelled to take the least time, for the caches of this machine; `None`
-    /// where step after step is as good or a row is a sum over all ranks.
+    /// The blocking of least modelled time, for the caches of this machine; `None` if single steps
+    /// are as fast, or a row is a sum over all ranks.
     pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
         if !Self::possible(matrix) {
             return None;
@@ -120,8 +121,8 @@ impl Blocking {
         Some(Self::new(matrix, &shape))
     }
 
-    /// The same for steps whose results are read as they come, into a third vector: a tile has all
-    /// velocities.
+    /// The same for steps whose results are read at once and added to a third vector. A tile then
+    /// has all velocities.
     pub fn planned_to_read(matrix: &BlockMatrix) -> Option<Self> {
         if !Self::possible(matrix) {
             return None;
@@ -131,12 +132,12 @@ impl Blocking {
         Some(Self::new(matrix, &shape))
     }
 
-    /// Whether steps can be blocked: not where a row is a sum over all ranks.
+    /// Whether steps can be blocked: no row is a sum over all ranks.
     pub fn possible(matrix: &BlockMatrix) -> bool {
         !matrix.shared
     }
 
-    /// The blocking of `shape`; of a matrix for which it is [`possible`](Self::possible).
+    /// The blocking of `shape`, for a matrix for which it is [`possible`](Self::possible).
     pub fn new(matrix: &BlockMatrix, shape: &BlockingShape) -> Self {
         assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
         let tiling = Tiling::new(matrix, shape.parts);
@@ -150,9 +151,9 @@ impl Blocking {
         };
         let mut levels = vec![0u32; tiling.tiles.len()];
         let mut waiting = Vec::new();
-        // Lets `tile` go on, and then all that can, while the ghosts of `ghosts` levels are there.
-        // Tiles beyond the front are at level 0 and not open, so only `tile` itself can be the
-        // first to go on.
+        // Advances `tile`, and then all tiles that can, with the ghosts of `ghosts` levels
+        // received. Tiles beyond the front are at level 0 and not open; only `tile` may leave level
+        // 0.
         let mut open = |tile: usize, ghosts: u32, order: &mut Vec<(u32, u32)>| {
             waiting.push(tile);
             while let Some(t) = waiting.pop() {
@@ -190,12 +191,12 @@ impl Blocking {
         this
     }
 
-    /// Most steps in one trip.
+    /// Most steps in one pass.
     pub fn depth(&self) -> usize {
         self.shape.depth
     }
 
-    /// How it was made.
+    /// Its parameters.
     pub fn shape(&self) -> BlockingShape {
         self.shape
     }
@@ -204,21 +205,21 @@ impl Blocking {
 /// Bytes of the caches that vectors may fill.
 #[derive(Clone, Copy, Debug)]
 struct Caches {
-    /// That a core has to itself.
+    /// The cache of a core alone.
     own: f64,
-    /// A core's share of the last one.
+    /// A core's share of the last-level cache.
     last: f64,
 }
 
 impl Caches {
-    /// Those of this machine.
+    /// The caches of this machine.
     fn here() -> Self {
         let [own, last] = [cache_per_core(), last_cache_per_core()].map(|c| SHARE * c as f64);
         Self { own, last }
     }
 }
 
-/// Memory and time of a blocking of given depth and width.
+/// Memory and traffic of a blocking of given depth and width.
 struct BlockingCost {
     /// Tiles in use.
     sections: f64,
@@ -229,15 +230,16 @@ struct BlockingCost {
 }
 
 impl BlockingShape {
-    /// The shape of least modelled time whose tiles in use fit into the last cache, if that is less
-    /// than step after step: `vectors` are bytes a row beside the matrix, and a tile has one of at
-    /// most `most_parts` parts of the velocities.
+    /// The shape of least modelled time whose tiles in use fit into the last-level cache; none if
+    /// it is not faster than single steps. `vectors` are the bytes of vectors for a row, and a tile
+    /// has one of at most `most_parts` parts of the velocities.
     ///
-    /// A row of a step takes its arithmetic, its share of what a tile takes, and what its bytes
-    /// take: from memory, where not all of it fits into the last cache, and from that one. Blocked,
-    /// they come from memory once for several steps; from the last cache too, where the tiles in
-    /// use fit into the cache of a core. There that counts for whole cells only: ranges of
-    /// velocities lie apart, often by a power of two, where they push each other out.
+    /// The time of a row is that of its arithmetic, its share of the overhead of a tile, and the
+    /// time to load its bytes from the last-level cache and, unless all data fit into it, from
+    /// memory. With blocking, bytes are loaded from memory once for several steps. If the tiles in
+    /// use fit into the cache of a core, so they are from the last-level cache. This counts for
+    /// whole cells only: ranges of velocities lie apart by strides near a power of two, and evict
+    /// each other.
     fn planned(
         matrix: &BlockMatrix,
         caches: Caches,
@@ -285,7 +287,7 @@ impl BlockingShape {
         let widths = (0..).map(|k| 1 << k).take_while(move |w| *w < 2 * widest);
         let all = widths.flat_map(move |width| (2..=deepest).map(move |depth| (depth, width)));
         all.map(move |(depth, width)| {
-            // Along a strip's edge, `depth` cells are read once more.
+            // Along the edge of a strip, `depth` cells are read once more.
             let (mut section, mut edges) = (1.0, 1.0);
             for axis in across {
                 let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
@@ -293,8 +295,8 @@ impl BlockingShape {
                 section *= if cut { cells + 0.5 * open } else { cells };
                 edges *= if cut { 1.0 + open / cells } else { 1.0 };
             }
-            // Towards ghosts, `depth` cells wait for them level by level; around a periodic axis,
-            // for those at the other end.
+            // Towards ghosts `depth` cells wait for them level by level; on a periodic axis, for
+            // the cells at the other end.
             let waiting: f64 = (block.ranges.iter().zip(&wide).enumerate())
                 .map(|(a, (own, wide))| {
                     let around = if a == 0 && block.closed { 2 } else { 0 };
@@ -309,8 +311,8 @@ impl BlockingShape {
     }
 }
 
-/// Calls `visit` with every cell of a box of `sizes`, by its row-major number: strip by strip of
-/// all axes but the first, along the first.
+/// Calls `visit` with the row-major number of every cell of a box of `sizes`. Strips of all axes
+/// but the first follow each other, each along the first axis.
 fn for_each_in_strips(sizes: &[usize], width: usize, mut visit: impl FnMut(usize)) {
     let (along, sizes) = (sizes[0], &sizes[1..]);
     let section: usize = sizes.iter().product();
@@ -395,7 +397,7 @@ impl Tiling {
         cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
     }
 
-    /// The tiles that each is coupled to by an entry.
+    /// The tiles to which each tile is coupled by an entry.
     fn neighbours(&self, matrix: &BlockMatrix) -> Neighbours {
         let cells = matrix.block.cells();
         let ghosts = matrix.rows();
@@ -443,9 +445,9 @@ impl Neighbours {
 }
 
 impl BlockMatrix {
-    /// Ranges of velocities that go through space by themselves but for a few cells, as small as is
-    /// worth a tile: whole lines of the last axis in more than one dimension, for a jump in `x`
-    /// couples the velocities along `x` only. One where a force acts.
+    /// Number of ranges of velocities that are not coupled to each other, but for a few cells of
+    /// space. They are as small as is worth a tile; in more than one dimension they are whole lines
+    /// of the last axis, as a jump in `x` couples only velocities along `x`. One if a force acts.
     fn independent_velocities(&self) -> usize {
         let (nv, count) = (self.block.velocity_cells, self.block.space_cells());
         let coupled = |cell: &usize| {
@@ -461,8 +463,8 @@ impl BlockMatrix {
         (nv / (line * FEWEST_ROWS.div_ceil(rows))).max(1)
     }
 
-    /// Several steps, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`,
-    /// to the last two, which come out in the same places. Collective over the space group.
+    /// Several steps, with the result of as many calls of [`step`](Self::step): from `x` and the
+    /// vector before it, `y`, to the last two, in the same places. Collective over the space group.
     pub fn steps<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
@@ -475,8 +477,8 @@ impl BlockMatrix {
         self.steps_and_read(exchange, blocking, steps, [y, x], start, &mut |_, _, _| {});
     }
 
-    /// The same; and `read` is called with each vector's rows as soon as they are there: number of
-    /// the step, rows, vector. Rows come in runs of whole tiles.
+    /// The same, with calls of `read(step, rows, vector)` as soon as rows of a vector are computed.
+    /// Rows come in runs of whole tiles.
     pub fn steps_and_read<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
@@ -499,7 +501,7 @@ impl BlockMatrix {
         let rows = self.rows();
         // Level `m` is in `vectors[m % 2]`.
         let mut vectors: [&mut [Lanes]; 2] = [x, y];
-        // Where in the order the next exchange is due: `advance` goes up to there.
+        // `advance` goes up to the place in the order at which the next exchange is due.
         let order = &blocking.order;
         let mut ends = blocking.exchanges.iter().copied().chain([order.len()]);
         let mut from = 0;
@@ -523,7 +525,7 @@ impl BlockMatrix {
         }
     }
 
-    /// Lets the tiles of `order` go on.
+    /// Advances the tiles of `order`.
     fn advance<R: StartRow>(
         &self,
         blocking: &Blocking,
@@ -567,7 +569,7 @@ mod tests {
     use crate::parallel::partition::{Block, ProcessMesh};
     use crate::problem::case::Case;
 
-    /// The shape for a core with 1 MiB to itself and 16 MiB of the last cache.
+    /// The shape for a core with 1 MiB of its own and 16 MiB of the last-level cache.
     fn planned(degree: usize, elements: usize) -> Option<[usize; 3]> {
         let axis = |name: &str, end: f64| {
             format!("{name} = {{ lower = -{end}, upper = {end}, cells = {elements} }}\n")
@@ -589,8 +591,8 @@ mod tests {
         Some([shape.depth, shape.width, shape.parts])
     }
 
-    /// Small grids are not blocked, nor elements in the last cache whose tiles do not fit into that
-    /// of a core; where all of it comes from memory, tiles in the last cache are deep.
+    /// Small grids are not blocked, nor elements in the last-level cache whose tiles do not fit
+    /// into that of a core. For grids in memory, tiles in the last-level cache have many levels.
     #[test]
     fn blocking_is_where_the_model_saves_time() {
         for (degree, elements, expected) in [

@@ -1,17 +1,17 @@
 //! Guaranteed bounds of the spectra of `S` and of `H_l`.
 //!
-//! Of degree 0, let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound `γ` (see
+//! For degree 0 let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound `γ` (see
 //! [`crate::matrix::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²`
-//! in `[0, d]` and `|β| ≤ δ + γ`; and `x*Hx = μ Re(β − δ) − Im β`, so
+//! in `[0, d]` and `|β| ≤ δ + γ`, where `d` is the largest of the `d_i`. With
+//! `x*Hx = μ Re(β − δ) − Im β` follows
 //!
 //! ```text
 //! −μ d − √(1+μ²)(d + γ)  ≤  x*Hx  ≤  d (√(1+μ²) − μ) + √(1+μ²) γ
 //! ```
 //!
-//! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`,
-//! and needs no reduction over ranks. Of a higher degree the bounds are those of
-//! [`line_bounds`](crate::matrix::line_bounds), summed over the axes, and couplings to auxiliary
-//! unknowns add `½ ‖C‖ √(1+μ²)` on either side.
+//! This is narrower than the sum of the bounds for `μS` and `iK`, and needs no reduction over
+//! ranks. For higher degrees the bounds are those of [`line_bounds`](crate::matrix::line_bounds),
+//! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
 use crate::base::error::Result;
 use crate::matrix::element_faces::ElementFaces;
@@ -26,37 +26,38 @@ use serde::Serialize;
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// More kinds of cells than this are not counted.
+/// Kinds of cells are counted up to this number.
 pub const MOST_KINDS: usize = 4096;
 
 /// Number of cells of space on which `V` is evaluated together, unless a layer has more.
 const CELLS_AT_ONCE: usize = 1 << 14;
 
-/// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less
-/// costs sweeps, more costs modes and degrees: from 0.375 to 0.15 the applications of example 1 at
-/// 1e-11 fall by 5 %, the sweeps in a well double.
+/// Growth over the whole run, `λ⁺T`, that the weights may leave if particles are trapped. A smaller
+/// value takes more sweeps, a larger one more modes and degrees: from 0.375 to 0.15 the
+/// applications of example 1 at 1e-11 fall by 5 %, and the sweeps in a well double.
 pub const WEIGHT_GROWTH: f64 = 0.15;
 
 /// Shift of the weights' system, `sT`; its solution has growth `½ sT`, and the sweeps stop at
 /// [`WEIGHT_GROWTH`].
 pub const WEIGHT_SHIFT: f64 = 0.2;
 
-/// Growth over the whole run, `θT`, that the inflow's couplings may add. Less makes the auxiliary
-/// unknowns larger beside the field (as `1/√θ`), which tightens the tolerance of the state.
+/// Growth over the whole run, `θT`, that the inflow's couplings may add. A smaller value makes the
+/// auxiliary unknowns larger relative to the field (as `1/√θ`), and the tolerance of the state
+/// smaller.
 pub const INFLOW_GROWTH: f64 = 0.375;
 
-/// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
+/// Largest `rate·T`. Such a run has about 10⁵ modes of about 10⁶ applications each.
 pub(crate) const LONGEST_SPAN: f64 = 1e6;
 
-/// The most that each cause of `S` adds to its norm, summed over the axes of elements. Bounds of
-/// one cause alone: together they may add to more than the bound of all.
+/// Bounds on the norm of each contribution to `S` by itself, summed over the axes of elements.
+/// Their sum may exceed the bound on the norm of `S`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Causes {
     /// The flux between elements.
     pub flux: f64,
     /// Open ends of space axes.
     pub ends: f64,
-    /// The rate at which a jump of `V` carries particles out of the velocity box.
+    /// Jumps of `V` that carry particles out of the velocity box.
     pub beyond: f64,
     /// Ends of the velocity axes, where slopes of `V` carry particles out.
     pub velocities: f64,
@@ -67,13 +68,13 @@ pub struct Causes {
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
-    /// `max |A_ii|`; of a higher degree than 0 a bound on `‖A‖`.
+    /// `max |A_ii|`; for degrees above 0 a bound on `‖A‖`.
     pub rate: f64,
     /// `γ ≥ λ⁺`.
     pub growth: f64,
-    /// `γ` and [`dissipation`](Self::dissipation): at least `λ⁻`.
+    /// The sum of `γ` and [`dissipation`](Self::dissipation), at least `λ⁻`.
     pub decay: f64,
-    /// Bound on the spectrum of `−S` of the scheme itself; of degree 0, `2 max |A_ii|`.
+    /// Bound on the spectrum of `−S` of the scheme itself; for degree 0 `2 max |A_ii|`.
     #[serde(skip)]
     pub dissipation: f64,
     /// Whether `V` has slopes.
@@ -87,17 +88,17 @@ pub struct Bounds {
     pub coupling: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
-    /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix
-    /// repeat where a kind does.
+    /// Number of kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]. Cells of a
+    /// kind have equal rows.
     pub kinds: usize,
     /// Whether the interface law needs weights to keep `γ`.
     pub weighted: bool,
-    /// Whether anything may enter.
+    /// Whether there may be inflow.
     pub inflow: bool,
-    /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or
-    /// before it is known.
+    /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
+    /// is known.
     pub stages: usize,
-    /// Bytes that the matrix takes for each row, on the fullest rank; none before it is assembled.
+    /// Bytes of the matrix for each row, on the fullest rank; none before it is assembled.
     #[serde(skip)]
     pub matrix_bytes: Option<f64>,
 }
@@ -115,7 +116,7 @@ struct PotentialScan<'a> {
 }
 
 impl<'a> PotentialScan<'a> {
-    /// Evaluates `V` some layers at a time, so that the whole potential is never kept.
+    /// Evaluates `V` some layers at a time, so that the whole potential is never stored.
     fn new(case: &'a Case) -> Result<Self> {
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let layer: usize = ranges[1..].iter().map(Range::len).product();
@@ -126,7 +127,7 @@ impl<'a> PotentialScan<'a> {
         let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
         for i in (0..first.cells).step_by(layers) {
             let end = (i + layers).min(first.cells);
-            // An element's upper face is the next one's lower face.
+            // The upper face of an element is the lower face of the next one.
             let beyond = usize::from(faces.is_some());
             ranges[0] = i..(end + beyond).min(first.cells);
             let layer = Potential::new(case, &ranges)?;
@@ -141,8 +142,8 @@ impl<'a> PotentialScan<'a> {
     }
 }
 
-/// The growth that weights, of an interface law that `grows` without them, and inflow are allowed;
-/// infinite where there is no bound before it is measured.
+/// The growth that weights and inflow may have. `grows` tells whether the interface law grows
+/// without weights. Infinite if there is no bound before a measurement.
 fn allowed_growth(case: &Case, grows: bool) -> f64 {
     let weights = match (grows, case.warp.weights) {
         (false, _) => 0.0,
@@ -158,15 +159,15 @@ fn allowed_growth(case: &Case, grows: bool) -> f64 {
 }
 
 impl Bounds {
-    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow
-    /// are allowed; without weights a law that may grow has no such bound, nor has inflow with a
-    /// given `δ`, and [`f64::INFINITY`] stands until it is measured.
+    /// Bounds of `case`; evaluates `V` on the whole space grid. The growth is the largest that
+    /// weights and inflow may have. A law that may grow without weights has no such bound, nor has
+    /// inflow with a given `δ`: it is then [`f64::INFINITY`] until it is measured.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Formula`] where `V` is not finite.
+    /// [`crate::base::error::Error::Formula`] if `V` is not finite.
     pub fn new(case: &Case) -> Result<Self> {
         let PotentialScan { force, jumps, kinds, faces } = PotentialScan::new(case)?;
-        // Through a jump a cell may be its own neighbour and particles move on all the same.
+        // Particles return unchanged to a single periodic cell, unless they cross a jump.
         let single: f64 = (0..case.space.dimension())
             .filter(|&a| jumps[a] && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
@@ -221,7 +222,7 @@ impl Bounds {
         }
     }
 
-    /// For degrees above 0: the parts of `S`.
+    /// For degrees above 0: bounds on the contributions to `S`.
     pub fn causes(&self) -> Causes {
         let mut causes = Causes::default();
         self.lines.iter().for_each(|line| causes.add(line.lines()));
@@ -233,7 +234,7 @@ impl Bounds {
         self.decay == 0.0 && self.growth == 0.0
     }
 
-    /// Bound on `|x*Ax|` of unit vectors `x`, in weighted unknowns: on the numerical radius.
+    /// Bound on the numerical radius: on `|x*Ax|` for unit vectors `x`, in weighted unknowns.
     pub fn radius(&self) -> f64 {
         let Interval { centre, half_width } = self.interval(0.0);
         self.decay.hypot(centre.abs() + half_width)
@@ -263,7 +264,7 @@ impl Bounds {
     }
 }
 
-/// Bounds of the lines along each pair of axes, where an axis has a degree above 0.
+/// Bounds of the lines along each pair of axes, if an axis has a degree above 0.
 fn line_bounds(
     case: &Case,
     jumps: [bool; MAX_DIMENSION],
@@ -294,29 +295,29 @@ impl Causes {
     /// Adds the dissipation of the lines along a pair of axes.
     fn add(&mut self, lines: &PhaseLines) {
         let by = |cause: FaceKind| {
-            let seen = move |face| if face == cause { face } else { FaceKind::Unseen };
-            lines.dissipation_of(0.0, FaceKind::Unseen, seen)
+            let seen = move |face| if face == cause { face } else { FaceKind::Ignored };
+            lines.dissipation_of(0.0, FaceKind::Ignored, seen)
         };
         let closed =
-            if lines.ends == FaceKind::Closed { FaceKind::Closed } else { FaceKind::Unseen };
+            if lines.ends == FaceKind::Closed { FaceKind::Closed } else { FaceKind::Ignored };
         self.flux += lines.dissipation_of(lines.flux, closed, |face| match face {
-            FaceKind::Open => FaceKind::Unseen,
+            FaceKind::Open => FaceKind::Ignored,
             FaceKind::Closed => face,
             _ => FaceKind::Inner,
         });
         self.ends += by(FaceKind::Open);
         self.beyond += by(FaceKind::Beyond);
         self.reflection += by(FaceKind::Upwind);
-        self.velocities += lines.dissipation_of(0.0, lines.ends, |_| FaceKind::Unseen);
+        self.velocities += lines.dissipation_of(0.0, lines.ends, |_| FaceKind::Ignored);
     }
 }
 
-/// Interval that holds the spectrum of `H = μS + iK`.
+/// An interval that contains the spectrum of `H = μS + iK`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// `c`.
+    /// Its centre `c`.
     pub centre: f64,
-    /// `h`.
+    /// Half its width, `h`.
     pub half_width: f64,
 }
 
@@ -325,8 +326,8 @@ mod tests {
     use super::*;
     use crate::scheme::rows::{Row, Scheme};
 
-    /// `A = (d + γ)P − d`, `P` a cyclic shift, of many cells: `H` has the eigenvalues
-    /// `μ((d + γ) cos θ − d) − (d + γ) sin θ`, whose ends are those of the interval.
+    /// For `A = (d + γ)P − d` with a cyclic shift `P` of many cells, `H` has the eigenvalues
+    /// `μ((d + γ) cos θ − d) − (d + γ) sin θ`. Their extremes are the ends of the interval.
     #[test]
     fn ends_are_those_of_a_shift_around_a_circle() {
         for (rate, growth) in [(1.0, 0.0), (2.0, 0.3), (0.7, 5.0)] {
@@ -361,7 +362,7 @@ mod tests {
         }
     }
 
-    /// The bound of `max |A_ii|` holds in `rows` of the first cell of space.
+    /// The bound on `max |A_ii|` holds in the rows of the first cell of space.
     fn rate_holds(space: &str, potential: &str) {
         let text = format!(
             "[[axis]]\nx = {{ lower = -1, upper = 1, {space} }}\n\
@@ -383,7 +384,7 @@ mod tests {
 
     #[test]
     fn the_rate_counts_forces_anywhere_and_jumps_of_single_cells() {
-        // More cells of space than are looked at together: the force is in the first ones.
+        // More cells of space than are evaluated together, with the force in the first ones.
         rate_holds("cells = 40000", "1e4*x^2 if x < 0 else 0");
         rate_holds("cells = 1, boundary = \"periodic\"", "1e-6*x");
     }

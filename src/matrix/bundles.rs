@@ -1,20 +1,20 @@
-//! Bundles of lines, by which real vectors are multiplied.
+//! Bundles of lines, for products with real vectors.
 //!
-//! Lines that follow each other are those of one element along the first space axis and of
-//! velocities, or other nodes, next to each other; of degree 0 they are the rows of velocities at
-//! one space cell. Where their rows have entries at the same distances, the values of all lines of
-//! a bundle stand side by side: a bundle takes one pass of vertical operations, with the sums of
-//! each row in the order of its own entries.
+//! Consecutive lines belong to one element along the first space axis and to neighbouring
+//! velocities or other nodes; for degree 0 they are the rows of velocities at one space cell. If
+//! their rows have entries at the same distances from the diagonal, the values of the lines of a
+//! bundle are stored side by side. A bundle then takes one pass of vector operations, which adds
+//! the entries of each row in their own order.
 
 use crate::matrix::rows::{RowLines, Rows};
 use std::collections::HashMap;
 
-/// Lines of a bundle.
+/// Number of lines of a bundle.
 pub(crate) const WIDTH: usize = 8;
-/// Where lines are in no bundle.
+/// Marks lines that are in no bundle.
 const NONE: u32 = u32::MAX;
-/// Rows that do not repeat at least so often on average are left in lines: bundles would take as
-/// much memory again, whose bandwidth is the limit then.
+/// There are no bundles if equal rows repeat less often than this on average: bundles would take as
+/// much memory again, and memory bandwidth is then the limit.
 const LEAST_REPEATS: usize = 2;
 
 /// A number for each line of a bundle.
@@ -23,15 +23,16 @@ type BundleLanes = [f64; WIDTH];
 /// The bundles of rows.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bundles {
-    /// Lines of a layer of elements; of degree 0, of a space cell.
+    /// Lines of a layer of elements; for degree 0, of a space cell.
     stride: usize,
     /// Bundles of a layer.
     in_layer: usize,
-    /// By layer, the bundle that each bundle repeats; or [`NONE`].
+    /// For each bundle, layer by layer, the stored bundle that it equals, or [`NONE`].
     like: Vec<u32>,
-    /// `k` to the nodes of a line: row by row of a bundle, node by node.
+    /// `k` at the nodes of a line, by row of a bundle and node.
     dense: Vec<BundleLanes>,
-    /// Entries `offsets[r]..offsets[r + 1]` are the others of row `r` of all bundles.
+    /// Entries `offsets[r]..offsets[r + 1]` are the other entries of row `r`, counted over all
+    /// bundles.
     offsets: Vec<usize>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
@@ -39,14 +40,14 @@ pub(crate) struct Bundles {
     values: Vec<[BundleLanes; 2]>,
 }
 
-/// Nodes to which the rows of a line of `nodes` have dense entries.
+/// Number of dense entries of a row in a line of `nodes` nodes.
 const fn dense_nodes(nodes: usize) -> usize {
     if nodes == 1 { 0 } else { nodes }
 }
 
 impl Bundles {
-    /// The bundles of `rows`, whose `lines` are those that it is gathered into, or single rows in
-    /// layers of `stride`; none where rows hardly repeat.
+    /// The bundles of `rows`. `lines` are those of the rows, or single rows in layers of `stride`.
+    /// There are no bundles if rows hardly repeat.
     pub fn of(rows: &Rows, lines: RowLines) -> Self {
         let RowLines { nodes, stride, cells } = lines;
         let mut this = Self { stride, offsets: vec![0], ..Self::default() };
@@ -68,8 +69,8 @@ impl Bundles {
         this
     }
 
-    /// Adds the bundle that begins with line `first`, of `nodes` rows, if its lines are alike;
-    /// gives its number.
+    /// Adds the bundle that begins with line `first`, if its lines have entries at the same
+    /// distances. Lines have `nodes` rows. Returns the number of the bundle, or [`NONE`].
     fn add(&mut self, rows: &Rows, nodes: usize, first: usize) -> u32 {
         let entries = |lane: usize, m: usize| rows.others(rows.template(first + lane) + m, 0);
         let distances = |lane: usize, m: usize| entries(lane, m).map(|(distance, ..)| distance);
@@ -99,12 +100,12 @@ impl Bundles {
         number
     }
 
-    /// Lines that may be in bundles, from the first.
+    /// Number of lines, from the first, that may be in bundles.
     pub fn lines(&self) -> usize {
         self.like.len().checked_div(self.in_layer).map_or(0, |layers| layers * self.stride)
     }
 
-    /// The bundle that begins with line `line`, if one does.
+    /// The stored bundle of the one that begins with line `line`, if one does.
     #[inline(always)]
     pub fn at(&self, line: usize) -> Option<usize> {
         if self.in_layer == 0 {
@@ -116,8 +117,8 @@ impl Bundles {
         begins.then(like).filter(|like| *like != NONE).map(|like| like as usize)
     }
 
-    /// `y ← Σ entry(s, k) x` in the rows of a bundle that is like number `like`, whose first row is
-    /// `first`.
+    /// `y ← Σ entry(s, k) x` in the rows of a bundle that equals the stored one `like` and whose
+    /// first row is `first`.
     #[inline(always)]
     pub fn apply<const NODES: usize>(
         &self,
@@ -150,7 +151,7 @@ impl Bundles {
         }
     }
 
-    /// Bytes that they take.
+    /// Bytes of the bundles.
     pub fn bytes(&self) -> usize {
         4 * (self.like.len() + self.distances.len())
             + 8 * self.offsets.len()

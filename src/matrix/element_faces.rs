@@ -1,4 +1,4 @@
-//! The kinds of faces of a grid's elements, as far as bounds of the spectrum depend on them.
+//! The kinds of faces of a grid's elements, on which bounds of the spectrum depend.
 
 use crate::matrix::line_bounds::{FaceKind, LinePiece, MOST_UNKNOWNS};
 use crate::problem::case::Case;
@@ -10,61 +10,63 @@ use std::ops::Range;
 /// The faces of the elements along each axis.
 pub struct ElementFaces<'a> {
     case: &'a Case,
-    /// By axis: the faces below and above an element, and the steepest force on such elements.
+    /// For each axis: the kinds of the lower and upper face of elements, with the steepest force on
+    /// such elements.
     found: [BTreeMap<[FaceKind; 2], f64>; MAX_DIMENSION],
-    /// The jumps where the first axis closes on itself, in the order of the other cells.
-    turn: Vec<JumpKind>,
-    /// By axis: the fewest elements between two jumps, or between a jump and an end of the axis.
-    between: [usize; MAX_DIMENSION],
-    /// By axis: the element above the last jump found on each line.
-    last: [HashMap<[usize; MAX_DIMENSION], usize>; MAX_DIMENSION],
+    /// The jumps at the lower end of the first axis, row-major over the other axes. On a periodic
+    /// axis they are those at its upper end.
+    first_jumps: Vec<JumpKind>,
+    /// For each axis, the fewest elements between two jumps, or between a jump and an end.
+    between_jumps: [usize; MAX_DIMENSION],
+    /// For each axis, the element above the last jump found on each line.
+    last_jump: [HashMap<[usize; MAX_DIMENSION], usize>; MAX_DIMENSION],
 }
 
 impl<'a> ElementFaces<'a> {
     /// The faces of `case`, before any is added.
     pub fn new(case: &'a Case) -> Self {
-        let between = std::array::from_fn(|a| case.space.x.get(a).map_or(0, Axis::elements));
-        let (found, last) = Default::default();
-        Self { case, found, turn: Vec::new(), between, last }
+        let between_jumps = std::array::from_fn(|a| case.space.x.get(a).map_or(0, Axis::elements));
+        let (found, last_jump) = Default::default();
+        Self { case, found, first_jumps: Vec::new(), between_jumps, last_jump }
     }
 
-    /// Adds the elements of the space cells of `ranges`, those of the first axis in ascending
-    /// order; `potential` covers the cells behind them along the first axis, too.
+    /// Adds the elements of the space cells of `ranges`, in ascending order along the first axis.
+    /// `potential` also covers the next cells along that axis.
     pub fn add(&mut self, potential: &Potential, ranges: &[Range<usize>]) {
         let space = &self.case.space;
         let across: usize = ranges[1..].iter().map(Range::len).product();
         let mut count = 0;
         for_each_cell(ranges, |i| {
             if i[0] == 0 {
-                self.turn.push(potential.jump_kind(i, 0, false));
+                self.first_jumps.push(potential.jump_kind(i, 0, false));
             }
             for a in 0..space.dimension() {
-                let turn = (a == 0).then(|| self.turn[count % across]);
-                let faces = [false, true].map(|upper| self.face(potential, i, a, upper, turn));
+                let wrapped = (a == 0).then(|| self.first_jumps[count % across]);
+                let faces = [false, true].map(|upper| self.face(potential, i, a, upper, wrapped));
                 let force = potential.slope(i, a).abs() / space.v[a].width();
                 let steepest = self.found[a].entry(faces).or_default();
                 *steepest = steepest.max(force);
-                self.measure(potential, i, a);
+                self.count_between_jumps(potential, i, a);
             }
             count += 1;
         });
         // Lines along the other axes end with the layer.
-        self.last[1..].iter_mut().for_each(HashMap::clear);
+        self.last_jump[1..].iter_mut().for_each(HashMap::clear);
     }
 
-    /// Counts the elements below a jump at the lower face of space cell `i`, and those above the
-    /// last one.
-    fn measure(&mut self, potential: &Potential, i: &[usize; MAX_DIMENSION], a: usize) {
+    /// Updates the fewest elements between jumps, if there is a jump at the lower face of space
+    /// cell `i`, or the line along axis `a` ends with it.
+    fn count_between_jumps(&mut self, potential: &Potential, i: &[usize; MAX_DIMENSION], a: usize) {
         let axis = &self.case.space.x[a];
         let (element, mut line) = (i[a] / axis.nodes.count(), *i);
         line[a] = 0;
         if potential.jump_below(i, a) != 0.0 && element > 0 {
-            let last = self.last[a].insert(line, element).unwrap_or(0);
-            self.between[a] = self.between[a].min(element - last);
+            let last = self.last_jump[a].insert(line, element).unwrap_or(0);
+            self.between_jumps[a] = self.between_jumps[a].min(element - last);
         }
         if i[a] + 1 == axis.cells {
-            let last = self.last[a].get(&line).copied().unwrap_or(0);
-            self.between[a] = self.between[a].min(axis.elements() - last);
+            let last = self.last_jump[a].get(&line).copied().unwrap_or(0);
+            self.between_jumps[a] = self.between_jumps[a].min(axis.elements() - last);
         }
     }
 
@@ -75,7 +77,7 @@ impl<'a> ElementFaces<'a> {
         i: &[usize; MAX_DIMENSION],
         a: usize,
         upper: bool,
-        turn: Option<JumpKind>,
+        wrapped: Option<JumpKind>,
     ) -> FaceKind {
         let (space, closed) = (&self.case.space, self.case.is_closed());
         let axis = &space.x[a];
@@ -86,7 +88,7 @@ impl<'a> ElementFaces<'a> {
         }
         let mut cell = *i;
         cell[a] = element * axis.nodes.count() + if upper { axis.nodes.count() - 1 } else { 0 };
-        let kind = match turn.filter(|_| at_end && upper) {
+        let kind = match wrapped.filter(|_| at_end && upper) {
             Some(kind) => kind,
             None => potential.jump_kind(&cell, a, upper),
         };
@@ -97,7 +99,7 @@ impl<'a> ElementFaces<'a> {
         if kind.higher.is_some_and(reflects) {
             return FaceKind::Upwind;
         }
-        // On the lower side of V slower and reflected velocities are the partners.
+        // On the lower side of V the partners have slower or reflected velocities.
         let is_higher = (kind.jump() < 0.0) == upper;
         let v = &space.v[a];
         let reflected = (2.0 * kind.jump().abs()).sqrt();
@@ -108,18 +110,20 @@ impl<'a> ElementFaces<'a> {
     }
 
     /// The parts of lines along axis `a`: single elements, by their faces. A short line without
-    /// jumps is taken whole. Where none of the axis are steeper, the elements from an end or a jump
-    /// on are taken together, as many as two such stretches have room for on any line.
+    /// jumps is one part. Elements next to an end or a jump form a longer part, if no element of
+    /// the axis has a steeper force; on any line there must be room for two such parts.
     pub fn pieces(&self, a: usize) -> Vec<LinePiece> {
         let space = &self.case.space;
         let (elements, count) = (space.x[a].elements(), space.x[a].nodes.count());
         let most = self.found[a].values().copied().fold(0.0, f64::max);
-        if self.between[a] == elements && !space.is_periodic(a) && elements * count <= MOST_UNKNOWNS
+        if self.between_jumps[a] == elements
+            && !space.is_periodic(a)
+            && elements * count <= MOST_UNKNOWNS
         {
             let end = if self.case.is_closed() { FaceKind::Closed } else { FaceKind::Open };
             return vec![LinePiece { elements, faces: [end; 2], steepest: most }];
         }
-        let together = (MOST_UNKNOWNS / count).min(self.between[a] / 2).max(1);
+        let together = (MOST_UNKNOWNS / count).min(self.between_jumps[a] / 2).max(1);
         let piece = |(&faces, &steepest): (&[FaceKind; 2], &f64)| {
             let one_sided = faces.contains(&FaceKind::Inner) && faces != [FaceKind::Inner; 2];
             let elements = if one_sided && steepest == most { together } else { 1 };

@@ -1,10 +1,10 @@
-//! The elements of the grid, one of each axis, and matrices along the axes of their values.
+//! The elements of the grid in phase space, and matrices along the axes of their values.
 
 use crate::problem::element::Nodes;
 use crate::problem::grid::{Cell, PhaseSpace, for_each_cell};
 use std::ops::Range;
 
-/// An element of the grid: one of each axis.
+/// An element of the grid: the product of one element along each axis.
 pub struct Element<'a> {
     space: &'a PhaseSpace,
     /// Number of the element along each of the `2n` axes.
@@ -44,7 +44,7 @@ impl Element<'_> {
         self.nodes().map(|nodes| nodes.count()).collect()
     }
 
-    /// Products of the quadrature weights of its nodes on `[−1, 1]`, the last axis fastest.
+    /// Quadrature weights of its nodes: products of those on `[−1, 1]`, the last axis fastest.
     pub fn weights(&self) -> Vec<f64> {
         self.nodes().fold(vec![1.0], |products, nodes| {
             let weights = &nodes.reference().weights;
@@ -52,7 +52,7 @@ impl Element<'_> {
         })
     }
 
-    /// The point that has the coordinates `xi` in the reference element.
+    /// The point with the coordinates `xi` in the reference element.
     pub fn point(&self, xi: &[f64]) -> [f64; 6] {
         let n = self.space.dimension();
         let mut point = [0.0; 6];
@@ -63,8 +63,8 @@ impl Element<'_> {
         point
     }
 
-    /// Calls `visit(cell, node)` with the number of each of its cells in a block or share of the
-    /// space cells `ranges` with all velocities, and the cell's number in the element.
+    /// Calls `visit(cell, node)` for each of its cells, with the number of the cell in a block or
+    /// share of the space cells `ranges` with all velocities, and its number in the element.
     pub fn for_each_cell(&self, ranges: &[Range<usize>], mut visit: impl FnMut(usize, usize)) {
         let n = self.space.dimension();
         let shape = self.shape();
@@ -86,13 +86,13 @@ impl Element<'_> {
         }
     }
 
-    /// The product of points `along` the axes, the last running fastest.
+    /// The points of the product of the coordinates `along` the axes, the last axis fastest.
     pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
         self.space.points_in(&self.place, along).collect()
     }
 }
 
-/// The next multi-index of a box, row-major.
+/// Advances `m` to the next multi-index of a box, row-major.
 fn advance(m: &mut [usize], shape: &[usize]) {
     for a in (0..m.len()).rev() {
         m[a] += 1;
@@ -103,13 +103,14 @@ fn advance(m: &mut [usize], shape: &[usize]) {
     }
 }
 
-/// Applies a matrix along each axis to `values`, whose last axis runs fastest.
+/// Applies a matrix along each axis to `values`, the last axis fastest.
 pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
     apply_in_elements(values, &matrices.iter().map(|m| (1, &m[..])).collect::<Vec<_>>())
 }
 
-/// Applies a matrix along each axis in each of its elements: `values` has along an axis so many
-/// elements of as many cells as the matrix has columns, and the last axis runs fastest.
+/// Applies a matrix along each axis in each of its elements. `axes` gives for each axis the number
+/// of elements and the matrix, which has a column for each cell of an element. The last axis of
+/// `values` is the fastest.
 pub fn apply_in_elements(values: &[f64], axes: &[(usize, &[Vec<f64>])]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut stride = 1;

@@ -1,4 +1,4 @@
-//! How the inflow becomes part of a homogeneous system: auxiliary unknowns and their couplings.
+//! The homogeneous system augmented with inflow unknowns: auxiliary unknowns and their couplings.
 //!
 //! `f' = A f + b` becomes homogeneous with constant unknowns `r`:
 //!
@@ -17,25 +17,27 @@
 //! scalar:          the root of λ = ¼ Σ κ_i²/(λ − c_i) above all c_i
 //! ```
 //!
-//! Of a degree above 0, the inflow through a face may be spread over several rows, so that `g_i` is
-//! only the loss of row `i` itself, and may be zero. Planned couplings are then `κ_i² =
-//! 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over
-//! the points at which something enters. Of an inflow that varies, `b` there is the largest over
-//! the stages.
+//! For degree 0 `λ` is at most the larger of `γ` and `θ = max κ_i²/(2 g_i)`, or
+//! `θ = Σ κ_i²/(2 g_i)` for the scalar.
 //!
-//! Of degree 0 `λ` is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2
-//! g_i)`, whichever is larger.
+//! For degrees above 0 the inflow through a face may be spread over several rows, so that `g_i` is
+//! only the loss of row `i` itself, and may be zero. Planned couplings are then
+//! `κ_i² = 2 g_i θ + 4θ²`, and the growth of the scalar is at most `Σ_i π_i Σ rate b²/(2 δ² π_r)`
+//! by Cauchy–Schwarz over the points of inflow. With a time-dependent inflow, `b` is here the
+//! largest value over the stages.
 //!
-//! **`δ`.** A given one means `κ_i = |b_i|/δ`, so `r_i(0) = ±δ` (the paper's `diag(b)/δ`, up to the
-//! signs of the unknowns). Planned, `θ` is [`crate::matrix::bounds::INFLOW_GROWTH`]`/T`:
-//! `κ_i² = 2 g_i θ` for each row on its own, and for the scalar `δ² = Σ b_i²/(2 g_i θ)`. Several
-//! fields share one matrix: `|b_i|` is then the largest over the fields.
+//! **`δ`.** A given `δ` means `κ_i = |b_i|/δ`, so `r_i(0) = ±δ` (the paper's `diag(b)/δ`, up to the
+//! signs of the unknowns). A planned one follows from `θ =`
+//! [`crate::matrix::bounds::INFLOW_GROWTH`]`/T`: `κ_i² = 2 g_i θ` for each row on its own, and
+//! `δ² = Σ b_i²/(2 g_i θ)` for the scalar. If several fields share one matrix, `|b_i|` is the
+//! largest over the fields.
 //!
-//! In weighted unknowns an auxiliary unknown has the weight of its row, the scalar
-//! `π_r = Σ π_i b_i²/g_i / Σ b_i²/g_i`: the bounds stay as they are.
+//! In weighted unknowns an auxiliary unknown has the weight of its row, and the scalar has
+//! `π_r = Σ π_i b_i²/g_i / Σ b_i²/g_i`. The bounds do not change.
 //!
-//! Every rank of the space group has a copy of the scalar; its row is a sum over all ranks, exact
-//! in fixed point, so the same bits everywhere. That takes two reductions an application.
+//! Every rank of the space group has a copy of the scalar. Its row is a sum over all ranks, exact
+//! in fixed point, so that the bits are the same everywhere. This takes two reductions an
+//! application.
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
@@ -45,8 +47,8 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Delta};
 
 impl BlockMatrix {
-    /// Sets the couplings of an inflow that does not vary, and the weights `pi` of the auxiliary
-    /// unknowns, whose cells are known. Collective over `space`.
+    /// Sets the couplings of a constant inflow, and the weights of the auxiliary unknowns in `pi`,
+    /// which already has those of the cells. Collective over `space`.
     pub fn couple(&mut self, space: &Group, case: &Case, pi: &mut [f64]) {
         self.inflow_rows = space.sum_count(self.inflow.len());
         let largest = space.max(self.inflow.iter().fold(0.0, |m, aux| m.max(aux.largest())));
@@ -58,11 +60,11 @@ impl BlockMatrix {
         };
         self.uncoupled = if largest > 0.0 { given.unwrap_or(0.0) } else { 0.0 };
         if case.varies() || largest == 0.0 {
-            self.weigh(pi, 1.0);
+            self.set_auxiliary_weights(pi, 1.0);
             return;
         }
         if self.shared {
-            // Σ b_i²/(2 g_i), and the same with the rows' weights; one field has inflow.
+            // Σ b_i²/(2 g_i), and the same with the weights of the rows; only one field has inflow.
             let share = |aux: &AuxiliaryRow| {
                 let term = 0.5 * aux.strength;
                 [term, pi[aux.row as usize] * term]
@@ -71,7 +73,7 @@ impl BlockMatrix {
             let delta = given.unwrap_or_else(|| (sum / allowed).sqrt());
             let weight = weighted / sum;
             self.uncoupled = delta;
-            self.weigh(pi, weight);
+            self.set_auxiliary_weights(pi, weight);
             for aux in &mut self.inflow {
                 let b: f64 = aux.values.iter().sum();
                 aux.coupling = b / delta * (pi[aux.row as usize] / weight).sqrt();
@@ -87,12 +89,13 @@ impl BlockMatrix {
                 Some(delta) => aux.largest() / delta,
             };
         }
-        self.weigh(pi, 1.0);
+        self.set_auxiliary_weights(pi, 1.0);
         self.set_couplings();
     }
 
-    /// The bound on `λ⁺` of the system that the inflow enlarges, for the certificate `γ` of the
-    /// weights and couplings row by row of [`inflow`](Self::inflow). Collective over `space`.
+    /// The bound on `λ⁺` of the system augmented with inflow unknowns, for the certificate `γ` of
+    /// the weights and a coupling for each row of [`inflow`](Self::inflow). Collective over
+    /// `space`.
     pub fn coupled_growth(&self, space: &Group, gamma: f64, couplings: &[f64]) -> f64 {
         let least = gamma.max(0.0);
         let rows = || {
@@ -110,7 +113,7 @@ impl BlockMatrix {
             };
             return space.max(rows().map(own).fold(least, f64::max));
         }
-        // λ ≥ ¼ Σ κ²/(λ − c) holds at the upper end of the interval, which bisection keeps.
+        // λ ≥ ¼ Σ κ²/(λ − c) holds at the upper end of the interval at every step of the bisection.
         let [theta] = space
             .sum_lanes(self.inflow_rows, rows().map(|(c, square)| [square / (4.0 * (gamma - c))]));
         let (mut low, mut high) = (least, least.max(theta));
@@ -127,8 +130,8 @@ impl BlockMatrix {
         high
     }
 
-    /// Weights of the auxiliary unknowns in their places of `pi`: those of their rows, or `common`.
-    fn weigh(&self, pi: &mut [f64], common: f64) {
+    /// Sets the weights of the auxiliary unknowns in `pi`: those of their rows, or `common`.
+    fn set_auxiliary_weights(&self, pi: &mut [f64], common: f64) {
         let cells = self.block.cells();
         if self.shared {
             pi[cells] = common;
@@ -139,8 +142,8 @@ impl BlockMatrix {
         }
     }
 
-    /// Writes the couplings into their entries: the last of a row, the only one of an auxiliary
-    /// unknown's.
+    /// Writes the couplings into their entries: the last entry of a row of a cell, the only one of
+    /// an auxiliary unknown.
     fn set_couplings(&mut self) {
         let cells = self.block.cells();
         let mut coupled = self.inflow.iter().filter(|aux| aux.enters()).peekable();
@@ -159,8 +162,8 @@ impl BlockMatrix {
         });
     }
 
-    /// The auxiliary unknowns of field number `k` at time zero, not weighted; zero if nothing
-    /// `enters` of it.
+    /// The unweighted auxiliary unknowns of field number `k` at time zero; zero if the field has no
+    /// inflow (`enters`).
     pub fn auxiliary(&self, k: usize, enters: bool) -> impl Iterator<Item = f64> + '_ {
         let uncoupled = if enters { self.uncoupled } else { 0.0 };
         let own = move |aux: &AuxiliaryRow| {

@@ -1,20 +1,20 @@
-//! The rows that something enters through the boundary.
+//! The rows with inflow through the boundary.
 
 use crate::problem::case::{LiouvilleField, MOST_FIELDS};
 use crate::scheme::rows::Row;
 
-/// The rows that have an auxiliary unknown, or a share in the common one.
+/// The rows that have an auxiliary unknown, or are coupled to the common one.
 pub(crate) struct InflowRows {
-    /// In their order.
+    /// The rows in order.
     pub list: Vec<AuxiliaryRow>,
-    /// The sources of a varying inflow for each row of `list`; empty if the inflow is constant.
+    /// The sources of a time-dependent inflow for each row of `list`; empty if it is constant.
     pub entering: VaryingInflow,
-    /// Whether one auxiliary unknown serves all rows.
+    /// Whether all rows share one auxiliary unknown.
     pub shared: bool,
 }
 
 impl InflowRows {
-    /// Auxiliary unknowns of this rank.
+    /// Number of auxiliary unknowns of this rank.
     pub fn unknowns(&self) -> usize {
         if self.shared { 1 } else { self.list.len() }
     }
@@ -25,26 +25,26 @@ impl InflowRows {
 pub struct AuxiliaryRow {
     /// Local number of row `i`.
     pub row: u32,
-    /// `b_i` of each field; at the start, if it varies.
+    /// `b_i` of each field; at the start, if it depends on time.
     pub values: [f64; MOST_FIELDS],
-    /// `g_i`: the row adds `−½ g_i x_i²` to `xᵀSx` on its own account.
+    /// `g_i`: the row itself adds `−½ g_i x_i²` to `xᵀSx`.
     pub damping: f64,
-    /// `Σ rate b²` over what enters: of degree 0, `b_i²/g_i`. Times the row's weight, summed over
-    /// rows, twice what the inflow adds at most to half the square of the norm a unit of time.
+    /// `Σ rate b²` over the points of inflow; for degree 0 it is `b_i²/g_i`. Summed over rows with
+    /// their weights, it bounds the growth of the squared norm by the inflow in a unit of time.
     pub strength: f64,
-    /// `κ_i`, in weighted unknowns; zero where it varies with time.
+    /// `κ_i` in weighted unknowns; zero if it depends on time.
     pub coupling: f64,
 }
 
 impl AuxiliaryRow {
-    /// The coupling that lets this row and its unknown grow by at most `growth`: of degree 0 that
-    /// of `κ² = 2 g θ`; of a higher degree, where `g` may be zero, the root of `λ_i = θ`.
+    /// The coupling with which this row and its unknown grow by at most the rate `growth`, `θ`: for
+    /// degree 0 `κ² = 2 g θ`; for higher degrees, where `g` may be zero, the root of `λ_i = θ`.
     pub fn planned_coupling(&self, growth: f64, by_elements: bool) -> f64 {
         let rate = if by_elements { self.damping + 2.0 * growth } else { self.damping };
         (2.0 * rate * growth).sqrt()
     }
 
-    /// Whether anything enters, of any field.
+    /// Whether any field has inflow here.
     pub fn enters(&self) -> bool {
         self.values.iter().any(|&b| b != 0.0)
     }
@@ -55,11 +55,12 @@ impl AuxiliaryRow {
     }
 }
 
-/// The sources of a varying inflow: `b_i(t) = Σ rate · value(ghost centre, t)`, row by row.
+/// The sources of a time-dependent inflow: `b_i(t) = Σ rate · value(ghost centre, t)` for each row.
 #[derive(Clone, Debug, Default)]
 pub struct VaryingInflow {
     /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.
     ends: Vec<usize>,
+    /// Rate and centre of each ghost.
     ghosts: Vec<(f64, [f64; 6])>,
 }
 
@@ -70,13 +71,13 @@ impl VaryingInflow {
         self.ends.push(self.ghosts.len());
     }
 
-    /// `b_i(time)` of `field`, row by row of the list of inflow rows.
+    /// `b_i(time)` of `field` for each row with inflow.
     pub fn values(&self, field: &LiouvilleField, time: f64) -> impl Iterator<Item = f64> {
         let formula = field.entering();
         self.sums(move |point| formula.at_point(point, time))
     }
 
-    /// `Σ rate · value(ghost centre)`, row by row of the list of inflow rows.
+    /// `Σ rate · value(ghost centre)` for each row with inflow.
     pub fn sums(&self, value: impl Fn(&[f64; 6]) -> f64) -> impl Iterator<Item = f64> {
         let all = 0..self.ends.len();
         all.map(move |m| self.ghosts_of(m).iter().map(|(rate, point)| rate * value(point)).sum())
@@ -88,8 +89,9 @@ impl VaryingInflow {
         &self.ghosts[start..self.ends[m]]
     }
 
-    /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
-    pub fn worst(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
+    /// The value of `field`'s inflow at the first ghost of row `m` where it is not finite, and the
+    /// centre of that ghost.
+    pub fn not_finite(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
         let value =
             |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
         let mut values = self.ghosts_of(m).iter().map(value);

@@ -5,12 +5,13 @@
 //! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start
 //! ```
 //!
-//! where each lane has a scale `a`, a shift `c` and a wavenumber `μ` of its own, and `start` is
-//! what a series is of: a real vector that the lanes share, a vector for each lane, or nothing.
+//! Each lane, that is each mode of the batch, has its own scale `a`, shift `c` and wavenumber `μ`.
+//! `start` is the vector to which the series is applied: a real vector that the lanes share, a
+//! vector for each lane, or nothing.
 //!
-//! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same
-//! loop is compiled three times, for AVX-512, for AVX2 with FMA and for any processor; which one
-//! runs is decided once at start.
+//! Vectors are `[row][re: B lanes][im: B lanes]`, so that no operation mixes lanes. The same loop
+//! is compiled three times, for AVX-512, for AVX2 with FMA and for any processor. Which one runs is
+//! decided once at the start.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
@@ -61,7 +62,7 @@ impl<V: Vector> KernelConstants<V> {
     }
 }
 
-/// `S x` and `K x` of a row, real and imaginary parts: sums so far.
+/// Partial sums of `S x` and `K x` of a row, real and imaginary parts.
 #[derive(Clone, Copy)]
 struct Products<V> {
     s: [V; 2],
@@ -69,7 +70,7 @@ struct Products<V> {
 }
 
 impl<V: Vector> Products<V> {
-    /// Adds the entries of row `i` that are not to the nodes of its line.
+    /// Adds the entries of row `i` but those of the nodes of its line.
     #[inline(always)]
     fn add_others(&mut self, matrix: &Rows, template: usize, i: usize, x: &[Lanes]) {
         for (column, s, k) in matrix.others(template, i) {
@@ -104,7 +105,7 @@ struct Vectors<'a, R> {
     start: &'a [R],
 }
 
-/// The loop over lines that are one row.
+/// The loop over lines of a single row.
 #[inline(always)]
 fn step_rows<V: Vector, R: StartRow>(
     matrix: &Rows,
@@ -125,8 +126,8 @@ fn step_rows<V: Vector, R: StartRow>(
     }
 }
 
-/// So many rows of a line are many.
-const MANY: usize = 8;
+/// Lines of at least this many rows are stepped as a whole, if `WHOLE` is set.
+const LONG_LINE: usize = 8;
 
 /// The loop over lines of several rows, compiled for each number of them.
 #[inline(always)]
@@ -147,14 +148,13 @@ fn step_nodes<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
         MOST_NODES => {
             step_nodes_of::<V, ROWS, WHOLE, MOST_NODES, R>(matrix, lines, constants, vectors)
         }
-        // Lines of one row are in the other loop.
+        // Lines of one row are in the loop of `step_rows`.
         1 => {}
         nodes => unreachable!("an element has at most {MOST_NODES} nodes, not {nodes}"),
     }
 }
 
-/// The loop over lines of `NODES` rows, `ROWS` of them at a time: each node is read once for all of
-/// these.
+/// The loop over lines of `NODES` rows, `ROWS` rows at a time, for which each node is read once.
 #[inline(always)]
 fn step_nodes_of<
     V: Vector,
@@ -177,7 +177,7 @@ fn step_nodes_of<
         for line in next..end {
             let first = line + layer * (NODES - 1) * stride;
             let line = NodeLine { first, stride, template: matrix.template(line) };
-            if WHOLE && NODES >= MANY {
+            if WHOLE && NODES >= LONG_LINE {
                 line.step::<V, NODES, NODES, R>(matrix, 0, constants, vectors);
                 continue;
             }
@@ -201,7 +201,7 @@ fn step_nodes_of<
 struct NodeLine {
     /// Its first row.
     first: usize,
-    /// From one row to the next.
+    /// Distance from one row to the next.
     stride: usize,
     /// The template of its first row.
     template: usize,
@@ -241,9 +241,9 @@ impl NodeLine {
     }
 }
 
-/// The loop over lines, of several rows `ROWS` at a time: so many that their sums stay in
-/// registers beside the nodes, which are kept there where a line takes several turns. `WHOLE` where
-/// there is room for the sums of a whole line of many rows, but not for its nodes, too.
+/// The loop over lines, `ROWS` rows at a time. `ROWS` is the number of rows whose sums stay in
+/// registers together with the nodes of the line. `WHOLE` tells that the sums of a whole long line
+/// fit into registers, though not together with its nodes.
 #[inline(always)]
 fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     matrix: &Rows,
@@ -290,8 +290,8 @@ impl<R: StartRow> Vectorized for LineStep<'_, R> {
 
 /// Work that is compiled for each instruction set.
 pub trait Vectorized {
-    /// Does it. `#[inline(always)]`, as only then it is compiled for the set: with vectors `V`, and
-    /// as many rows of a line at a time as registers take (`step_lines`). `FMA` only where the
+    /// Does the work with vectors `V` and `ROWS` rows of a line at a time (see `step_lines`). It
+    /// must be `#[inline(always)]` to be compiled for the instruction set. `FMA` is set only if the
     /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self);
 }
@@ -315,25 +315,25 @@ pub enum InstructionSet {
     Avx512,
     /// AVX2 with fused multiply-add.
     Avx2,
-    /// The set of every processor of the architecture.
+    /// The set that every processor of the architecture has.
     Generic,
 }
 
-/// Variable of the environment that names an instruction set.
+/// Environment variable that names an instruction set.
 pub const VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
 
 impl InstructionSet {
-    /// The set that [`VARIABLE`] names, else the best of this processor; determined once.
+    /// The set that [`VARIABLE`] names, or else the best of this processor; determined once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
         let best = || Self::all().next().unwrap_or(Self::Generic);
         *HERE.get_or_init(|| Self::chosen().ok().flatten().unwrap_or_else(best))
     }
 
-    /// The one that [`VARIABLE`] names; none where it is not set.
+    /// The set that [`VARIABLE`] names; none if it is not set.
     ///
     /// # Errors
-    /// [`Error::Input`] where this processor has none of that name.
+    /// [`Error::Input`] if this processor has no set of that name.
     pub fn chosen() -> Result<Option<Self>> {
         let Some(name) = std::env::var_os(VARIABLE) else {
             return Ok(None);
@@ -348,8 +348,8 @@ impl InstructionSet {
         }
     }
 
-    /// Whether it rounds `a b + c` once, as a fused multiply-add does: those that do so give the
-    /// same bits.
+    /// Whether it rounds `a b + c` once, by a fused multiply-add. All sets that do give the same
+    /// bits.
     pub fn is_fused(self) -> bool {
         match self {
             Self::Avx512 | Self::Avx2 => true,
@@ -358,17 +358,17 @@ impl InstructionSet {
         }
     }
 
-    /// All that this processor has, the best first.
+    /// All sets that this processor has, the best first.
     pub fn all() -> impl Iterator<Item = Self> {
         [Self::Avx512, Self::Avx2, Self::Generic].into_iter().filter(|set| set.is_here())
     }
 
-    /// Does some work as it was compiled for this set.
+    /// Does `work` as compiled for this set.
     ///
     /// # Panics
-    /// Where the processor does not have it.
+    /// If the processor does not have the set.
     pub fn run(self, work: impl Vectorized) {
-        assert!(self.is_here(), "{self:?} is not there");
+        assert!(self.is_here(), "this processor has no {self:?}");
         match self {
             // SAFETY: the processor has AVX-512, as was just checked.
             #[cfg(target_arch = "x86_64")]
@@ -414,7 +414,7 @@ mod tests {
     use crate::matrix::lanes::LANES;
     use crate::matrix::rows::{MatrixEntry, RowLines, RowsBuilder};
 
-    /// Numbers of anything between −1 and 1.
+    /// Reproducible numbers between −1 and 1.
     fn noise(number: usize) -> f64 {
         (number as f64 * 12.9898).sin()
     }
@@ -423,9 +423,8 @@ mod tests {
         Lanes(std::array::from_fn(|part| noise(100 * row + part)))
     }
 
-    /// Rows of cells that reach around a circle and, the first ones, to ghosts behind the rows.
-    /// What couples a row to itself and to the row `stride` behind it has no part in `S`, as in a
-    /// line.
+    /// Rows of cells on a circle, the first of which also have ghost columns behind the rows. The
+    /// entries of a row at itself and at the row `stride` behind it have `s = 0`, as in a line.
     fn entries(rows: usize, cells: usize, ghosts: usize, stride: usize) -> Vec<Vec<MatrixEntry>> {
         let row = |i: usize| {
             let mut columns = vec![i, (i + stride) % cells];
@@ -441,8 +440,8 @@ mod tests {
         (0..rows).map(row).collect()
     }
 
-    /// Every set against the formula, on rows one by one and gathered into lines of every number of
-    /// nodes, of which the last reads the last ghost.
+    /// Every instruction set against the formula, with single rows and with lines of every number
+    /// of nodes.
     #[test]
     fn steps_are_those_of_the_formula() {
         for nodes in 1..=MOST_NODES {

@@ -53,23 +53,23 @@ pub struct StepConstants {
     pub shift: [f64; LANES],
     /// `μ`.
     pub wavenumber: [f64; LANES],
-    /// The multiple of the start vector that is added.
+    /// Factor of the start vector that is added.
     pub coefficient: [f64; LANES],
 }
 
-/// A row of the vector that a series is of.
+/// A row of the start vector, to which a series is applied.
 pub trait StartRow: Copy {
-    /// `sum`, real and imaginary parts, and `coefficient` times row `i` of `start`.
+    /// `sum` (real and imaginary parts) plus `coefficient` times row `i` of `start`.
     fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, sum: [V; 2]) -> [V; 2];
 
-    /// Adds the same to a row without fused operations: the same bits on any processor.
+    /// Adds the same to `row` without fused operations, so with the same bits on any processor.
     fn add_unfused(start: &[Self], i: usize, coefficient: &[f64; LANES], row: &mut Lanes) {
         let coefficient = Portable::<false>::load(coefficient);
         row.store(Self::add(start, i, coefficient, row.load()));
     }
 }
 
-/// A complex vector a lane.
+/// A complex vector for each lane.
 impl StartRow for Lanes {
     #[inline(always)]
     fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {

@@ -9,37 +9,39 @@
 //! ```
 //!
 //! where `B` is the identity or the coupling at a jump. With `2|t_i||t_o| ≤ |t_i|² + |t_o|²` a line
-//! may be **cut** at any face: each side takes `−(½αμ ± |c|)|t|²` to the lower and upper bound. Cut
-//! at every face, an element of width 1 is bounded by itself:
+//! may be **cut** at any face: each side then has the term `−(½αμ ± |c|)|t|²` in the lower and the
+//! upper bound. Cut at every face, an element of width 1 has the bounds
 //!
 //! ```text
 //! λ_min(iQ̂ − (½αμ + |c|) P)  ≤  H  ≤  λ_max(iQ̂ − (½αμ − |c|) P),      P = l̂ l̂ᵀ + r̂ r̂ᵀ
 //! ```
 //!
 //! which the Bloch waves of the periodic line attain. Other faces have the coefficients of
-//! [`FaceKind`]; a short line without jumps is taken whole.
+//! [`FaceKind`]; a short line without jumps is not cut.
 //!
 //! Lines along a space axis have the speeds `|v_j|/Δx`, so that bounds `x` of an element at speed 1
-//! are the diagonal `x |v_j|/Δx` in velocity. To it comes the force, a velocity line of the speed
-//! `s = |∂V/∂x|/Δv`. Eigenvalues are convex in `s`, so that the steepest slope of the elements with
-//! these faces and `s = 0` bound all between, and
+//! become the diagonal matrix `x |v_j|/Δx` in velocity. The force adds a velocity line with the
+//! speed `s = |∂V/∂x|/Δv`. Eigenvalues are convex in `s`, so that the bounds at `s = 0` and at the
+//! steepest slope of the elements with these faces hold for all slopes in between. The bound
 //!
 //! ```text
 //! λ_min(x |v_j|/Δx + s H_v)      over the velocity line, with its ends
 //! ```
 //!
-//! is narrower than the sum of both bounds: where the fastest velocities are the ends are, too. A
-//! long velocity line is cut into its two ends and the elements in between. The pairs of axes add.
+//! is narrower than the sum of both bounds, as the fastest velocities are at the ends. A long
+//! velocity line is cut into its two ends and the elements in between. Bounds of the pairs of axes
+//! are added.
 //!
-//! Eigenvalues are convex in `μ` (the lowest concave), so that linear interpolation between
-//! tabulated `μ` stays on the safe side. For degree 0 and constant `V` the bounds are
+//! The highest eigenvalue is convex in `μ` and the lowest concave, so that linear interpolation
+//! between tabulated `μ` keeps the bounds. For degree 0 and constant `V` the bounds are
 //! `−(μ + √(1 + μ²))` and `√(1 + μ²) − μ` times `s/h`.
 
 use crate::problem::element::Nodes;
 use faer::{Mat, c64};
 use std::sync::{Arc, OnceLock};
 
-/// Wavenumbers of the table are geometric: from a power of 10 to another, so many a factor of 10.
+/// Wavenumbers of the table: from one power of 10 to another, with a number of steps for each
+/// factor of 10.
 const DECADES: [[i32; 3]; 3] = [[-3, -2, 6], [-2, 2, 24], [2, 5, 4]];
 
 /// Wavenumbers `μ ≥ 0` of the table, ascending.
@@ -54,27 +56,28 @@ fn wavenumbers() -> &'static [f64] {
     })
 }
 
-/// Most unknowns of a stretch of elements that is solved as a whole.
+/// Most unknowns of consecutive elements whose eigenvalues are computed together.
 pub const MOST_UNKNOWNS: usize = 24;
 
 /// The kind of a face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum FaceKind {
-    /// The next element, maybe behind a jump of `V`.
+    /// A face to the next element, possibly with a jump of `V`.
     Inner,
     /// An open end of the box: the flux is upwind.
     Open,
-    /// A closed end.
+    /// A closed end of the box.
     Closed,
-    /// A jump of `V` from which some velocities go beyond the velocity box: an open end to these.
+    /// A jump of `V` beyond which some velocities leave the velocity box. For these it is an open
+    /// end.
     Beyond,
     /// A jump of `V` with partial reflection: the flux is upwind.
     Upwind,
-    /// No contribution, to isolate the other faces.
-    Unseen,
+    /// A face without a contribution, to isolate those of other faces.
+    Ignored,
 }
 
-/// The form `μS + i skew K` of the scheme with flux `α`.
+/// The Hermitian form `μS + i skew K` of the scheme with flux `α`.
 #[derive(Clone, Copy)]
 struct HermitianForm {
     flux: f64,
@@ -83,8 +86,9 @@ struct HermitianForm {
 }
 
 impl HermitianForm {
-    /// The contribution of a face to the form at one side of it, in the lower and the upper bound.
-    fn taken(self, face: FaceKind) -> [f64; 2] {
+    /// The coefficient of `−|t|²` for a face that is cut, on one side, in the lower and the upper
+    /// bound.
+    fn at_cut(self, face: FaceKind) -> [f64; 2] {
         let cut = |flux: f64| {
             let (half, root) = (0.5 * flux * self.mu, 0.5 * (flux * self.mu).hypot(self.skew));
             [half + root, half - root]
@@ -96,17 +100,17 @@ impl HermitianForm {
             FaceKind::Closed => [self.flux * end, self.flux * end],
             FaceKind::Beyond => [most.max(end), least.min(end)],
             FaceKind::Upwind => cut(1.0),
-            FaceKind::Unseen => [0.0, 0.0],
+            FaceKind::Ignored => [0.0, 0.0],
         }
     }
 }
 
-/// The elements of a line along a space axis that have the same faces.
+/// A part of a line along a space axis, and all parts with the same faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinePiece {
-    /// So many elements, one behind the other.
+    /// Number of consecutive elements.
     pub elements: usize,
-    /// The faces at the two ends.
+    /// The faces at its two ends.
     pub faces: [FaceKind; 2],
     /// Steepest force on them, `|∂V/∂x|/Δv`.
     pub steepest: f64,
@@ -127,7 +131,7 @@ pub struct PhaseLines {
     pub ends: FaceKind,
 }
 
-/// The matrix of an element: `Q̂` and its traces.
+/// The skew matrix `Q̂` of an element, and its traces.
 struct ElementMatrix {
     skew: Vec<Vec<f64>>,
     left: Vec<f64>,
@@ -137,7 +141,7 @@ struct ElementMatrix {
 impl ElementMatrix {
     fn new(nodes: Nodes) -> Self {
         let e = nodes.reference();
-        // Weighted unknowns √(w/2) f: of width 1, `w/2` is the quadrature weight.
+        // Weighted unknowns √(w/2) f: in an element of width 1 the quadrature weight is `w/2`.
         let root = |m: usize| (0.5 * e.weights[m]).sqrt();
         let count = nodes.count();
         let q = |m: usize, n: usize| 0.5 * e.weights[m] * 2.0 * e.derivative[m][n];
@@ -151,7 +155,7 @@ impl ElementMatrix {
     }
 }
 
-/// Elements one behind the other, of speed 1.
+/// Consecutive elements of a line at speed 1.
 struct Stretch {
     elements: usize,
     faces: [FaceKind; 2],
@@ -184,7 +188,7 @@ impl Stretch {
         c64::new(-faces, form.skew * of.skew[m][n])
     }
 
-    /// Bounds of `rate` times the form, and `added` times the speeds, below and above.
+    /// Lower and upper bound of `rate` times the form plus `added` times the speeds.
     fn interval(
         &self,
         of: &ElementMatrix,
@@ -192,7 +196,7 @@ impl Stretch {
         rate: f64,
         added: [f64; 2],
     ) -> [f64; 2] {
-        let taken = self.faces.map(|face| form.taken(face));
+        let taken = self.faces.map(|face| form.at_cut(face));
         let size = self.elements * of.left.len();
         [0, 1].map(|side| {
             let taken = taken.map(|taken| taken[side]);
@@ -221,7 +225,7 @@ impl PhaseLines {
             let faces = [self.ends; 2];
             return vec![Stretch { elements, faces, speeds: speeds.clone() }];
         }
-        // The faster of both ends bounds either: they are mirror images.
+        // Both ends are bounded by one with the faster of their speeds, as they are mirror images.
         let length = (MOST_UNKNOWNS / count).min(elements / 2);
         let mirrored = speeds.iter().rev();
         let ends = speeds.iter().zip(mirrored).take(length * count).map(|(a, b)| a.max(*b));
@@ -237,7 +241,7 @@ impl PhaseLines {
         if inside.is_empty() { vec![end] } else { vec![end, inner] }
     }
 
-    /// Bounds of `form`, at most and at least 0.
+    /// Bounds of `form`, the lower at most 0 and the upper at least 0.
     fn interval(&self, form: HermitianForm) -> [f64; 2] {
         let of = self.nodes.map(ElementMatrix::new);
         let fastest = self.speeds.iter().copied().fold(0.0, f64::max);
@@ -263,8 +267,8 @@ impl PhaseLines {
         -self.interval(HermitianForm { flux: self.flux, mu: 1.0, skew: 0.0 })[0]
     }
 
-    /// The same of the faces in space for which `seen` alone, with this flux and these ends of the
-    /// velocity axis.
+    /// The same with the faces in space replaced by `seen(face)`, with this flux and these ends of
+    /// the velocity axis.
     pub fn dissipation_of(
         &self,
         flux: f64,
@@ -276,7 +280,7 @@ impl PhaseLines {
     }
 }
 
-/// Bounds of the lines along an axis, by `μ ≥ 0`.
+/// Bounds of the lines along an axis, as a function of `μ ≥ 0`.
 #[derive(Clone, Debug)]
 pub struct LineBounds(Arc<Bounded>);
 
@@ -314,7 +318,7 @@ impl LineBounds {
     /// `[lower, upper]` at a tabulated wavenumber, by its number.
     fn tabulated(&self, k: usize) -> [f64; 2] {
         let Bounded { lines, table, .. } = &*self.0;
-        // A plan evaluates this for all modes of a run, whose loop does not allocate.
+        // A plan evaluates this for all modes, so that the time loop does not allocate.
         *table[k].get_or_init(|| {
             lines.interval(HermitianForm { flux: lines.flux, mu: wavenumbers()[k], skew: 1.0 })
         })
@@ -327,7 +331,7 @@ impl LineBounds {
         let last = next.saturating_sub(1);
         let before = self.tabulated(last);
         if next == all.len() {
-            // S is at most zero and at least −dissipation.
+            // The spectrum of S is in [−dissipation, 0].
             return [before[0] - (mu - all[last]) * self.0.dissipation, before[1]];
         }
         let (after, part) = (self.tabulated(next), (mu - all[last]) / (all[next] - all[last]));
@@ -409,8 +413,7 @@ mod tests {
         }
     }
 
-    /// However a velocity axis is cut, the bounds hold for the whole of it, and longer stretches
-    /// come nearer.
+    /// The bounds from a cut velocity axis hold for the whole axis, and are nearly as narrow.
     #[test]
     fn a_cut_velocity_axis_is_bounded_by_its_ends() {
         for (degree, flux) in [(0, 0.3), (1, 0.0), (3, 1.0)] {

@@ -1,9 +1,9 @@
 //! Moments of the result and norms of its error, on a rank's share of space; velocities are never
 //! split.
 //!
-//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)`: of degree 0 with a
-//! discrete delta function (see [`level_sets`]), of elements over the zeros of `ψ` (see
-//! [`surface`]).
+//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)`. For degree 0 the delta
+//! function is discrete (see [`level_sets`]); for elements it is integrated over the zeros of `ψ`
+//! (see [`surface`]).
 
 pub mod level_sets;
 pub mod surface;
@@ -23,19 +23,19 @@ const VACUUM: f64 = 1e-12;
 pub struct Moments {
     /// `ρ = ∫ f dv`.
     pub density: Vec<f64>,
-    /// `m_a = ∫ v_a f dv`, one vector an axis.
+    /// `m_a = ∫ v_a f dv`, one vector for each axis.
     pub momentum: Vec<Vec<f64>>,
-    /// `u_a = m_a/ρ`; NaN where the density is (almost) zero.
+    /// `u_a = m_a/ρ`; NaN where the density is zero or nearly so.
     pub velocity: Vec<Vec<f64>>,
     /// `½ ∫ |v|² f dv`.
     pub kinetic: Vec<f64>,
 }
 
-/// Moments that are kept at a point: density, momentum along three axes, kinetic energy.
+/// Number of moments at a point: density, momentum along three axes, kinetic energy.
 pub const MOMENTS: usize = 5;
 
-/// The contribution of a velocity cell to the moments, per unit of `f`: `(1, v, ½|v|²)` times its
-/// volume beside the mean one.
+/// The contributions of the velocity cells to the moments, per unit of `f`: `(1, v, ½|v|²)` times
+/// the volume of a cell relative to the mean.
 pub struct VelocityFactors {
     each: Vec<[f64; MOMENTS]>,
     volume: f64,
@@ -71,7 +71,7 @@ impl VelocityFactors {
         self.dimension
     }
 
-    /// `(1, v_x, v_y, v_z, ½|v|²)` of each times its volume beside the mean; missing axes are 0.
+    /// `(1, v_x, v_y, v_z, ½|v|²)` of each cell times its relative volume; missing axes are 0.
     pub fn each(&self) -> &[[f64; MOMENTS]] {
         &self.each
     }
@@ -98,13 +98,13 @@ impl VelocityFactors {
     }
 }
 
-/// How moments of `f` follow from the weighted unknowns `ũ = √π f`.
+/// Data for moments of `f` from the weighted unknowns `ũ = √π f`.
 pub struct MomentsOf<'a> {
-    /// The weight of each velocity cell in each moment.
+    /// The factor of each velocity cell in each moment.
     pub factors: &'a VelocityFactors,
     /// `π` of the block's cells.
     pub pi: &'a [f64],
-    /// A bound from below on `π` over all cells; the same on all ranks.
+    /// A lower bound on `π` over all cells, the same on all ranks.
     pub least: f64,
 }
 
@@ -116,8 +116,8 @@ impl MomentsOf<'_> {
 }
 
 impl Moments {
-    /// From the sums over the velocity cells at each point of a share of space in `n` dimensions.
-    /// Collective over `world` (the largest density).
+    /// The moments from sums over the velocity cells at each point of a share of space in `n`
+    /// dimensions. Collective over `world`, for the largest density.
     pub fn of_sums(
         world: &Group,
         n: usize,
@@ -127,8 +127,8 @@ impl Moments {
         Self::new(world, n, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
     }
 
-    /// From density, momenta and kinetic energy at each point of a share of space in `n`
-    /// dimensions. Collective over `world` (the largest density).
+    /// The moments from density, momenta and kinetic energy at each point of a share of space in
+    /// `n` dimensions. Collective over `world`, for the largest density.
     pub fn new(world: &Group, n: usize, points: impl Iterator<Item = [f64; MOMENTS]>) -> Self {
         let mut moments = Moments {
             momentum: vec![Vec::new(); n],
@@ -154,9 +154,9 @@ impl Moments {
     }
 }
 
-/// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a
-/// `share` of space with all velocities. Values at the points; of measure-valued data on elements
-/// averages over the cells of space. Collective over `world`.
+/// Moments of the result with these `fields`, in the order of `case.fields`, each given on a
+/// `share` of space with all velocities. They are values at the points, or averages over space
+/// cells for measure-valued data on elements. Collective over `world`.
 pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f64]]) -> Moments {
     let space = &case.space;
     if space.degree() > 0 && matches!(case.data, Data::Measure { .. }) {
@@ -219,7 +219,7 @@ pub struct Totals {
     pub potential: f64,
 }
 
-/// Volumes of the cells of a share of the grid beside their mean: 1 of degree 0.
+/// Volumes of the cells of a share of the grid relative to their mean; 1 for degree 0.
 #[derive(Clone, Debug)]
 pub struct CellVolumes {
     /// Relative volume of each space cell of the share.
@@ -258,7 +258,7 @@ impl CellVolumes {
         self.mean
     }
 
-    /// Volume of cell `i` of the share, velocities fastest, beside the mean.
+    /// Volume of cell `i` of the share, velocities fastest, relative to the mean.
     pub fn relative(&self, i: usize) -> f64 {
         let nv = self.velocity.len();
         self.space[i / nv] * self.velocity[i % nv]
@@ -270,8 +270,7 @@ impl CellVolumes {
         world.sum_terms(&terms) * self.mean_space
     }
 
-    /// Mass and energies in all of space, where `potential` is `V` on the share. Collective over
-    /// `world`.
+    /// Mass and energies in all of space; `potential` is `V` on the share. Collective over `world`.
     pub fn totals(&self, world: &Group, moments: &Moments, potential: &[f64]) -> Totals {
         let weighted: Vec<f64> =
             moments.density.iter().zip(potential).map(|(rho, v)| rho * v).collect();
@@ -282,8 +281,8 @@ impl CellVolumes {
         }
     }
 
-    /// `Σ |a_i|^power` over the cells of the share, each with its relative volume, by point of
-    /// space, then exactly over all. Collective over `world`.
+    /// `Σ |a_i|^power` over the cells of all shares, each weighted with its relative volume. The
+    /// sums over the velocities at each point of space are added exactly. Collective over `world`.
     pub fn power_sum(&self, world: &Group, power: i32, term: impl Fn(usize) -> f64) -> f64 {
         let nv = self.velocity.len();
         let terms: Vec<f64> = (self.space.iter().enumerate())

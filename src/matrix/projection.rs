@@ -1,8 +1,8 @@
 //! The `L2` projection of a function onto the polynomials of an element, by Gauss's rule.
 //!
-//! An element in which the function jumps is cut into halves along every axis, again and again,
-//! where it does. The rules on the parts, and the matrices from their points to the nodes, depend
-//! on the degree alone: they are made once for all elements.
+//! An element in which the function jumps is repeatedly cut into halves along every axis, where it
+//! jumps. The rules on the parts, and the matrices from their points to the nodes, depend only on
+//! the degree: they are made once for all elements.
 
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
 use crate::matrix::elements::{Element, apply_in_elements};
@@ -12,7 +12,7 @@ use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
 /// grid is cut.
 const ROUGH: f64 = 1e-2;
-/// So is one whose polynomial misses the value at an end by this fraction of it.
+/// So is a part whose polynomial is off at an end by this fraction of the largest value.
 const MISSED: f64 = 5e-2;
 
 /// A matrix by rows.
@@ -22,7 +22,7 @@ type Matrix = Vec<Vec<f64>>;
 pub struct Projection {
     /// The rules along each axis of phase space.
     axes: Vec<AxisRules>,
-    /// How often an element may be cut.
+    /// Largest number of successive cuts of an element.
     cuts: usize,
     /// Largest value of the function on the grid.
     largest: f64,
@@ -32,24 +32,24 @@ pub struct Projection {
 struct AxisRules {
     /// The rule on each part, by level and number.
     parts: Vec<Vec<PartRule>>,
-    /// From values at a rule's points to the two highest Legendre coefficients.
+    /// Maps values at the points of a rule to the two highest Legendre coefficients.
     highest: Matrix,
-    /// From values at the nodes to the two highest Legendre coefficients.
+    /// Maps values at the nodes to the two highest Legendre coefficients.
     highest_of_nodes: Matrix,
-    /// From values at a rule's points to those next to the two ends of its part.
+    /// Maps values at the points of a rule to those just inside the two ends of its part.
     to_ends: Matrix,
 }
 
 /// Gauss's rule on a part of the reference element.
 struct PartRule {
     points: Vec<f64>,
-    /// Next to the ends of the part, just inside.
+    /// Points just inside the ends of the part.
     ends: Vec<f64>,
     /// Maps values at the quadrature points to their contributions to the projection at the nodes.
     projector: Matrix,
 }
 
-/// The part `[−1 + 2 index/2^level, …]` of an axis of the reference element.
+/// Part number `index` of `2^level` equal parts of an axis of the reference element.
 #[derive(Clone, Copy)]
 struct IntervalPart {
     level: usize,
@@ -70,8 +70,8 @@ impl IntervalPart {
 }
 
 impl Projection {
-    /// Onto the elements of `space`, cut at most `cuts` times, of a function whose largest value is
-    /// `largest`.
+    /// The projection onto the elements of `space`, cut at most `cuts` times, for a function with
+    /// the largest value `largest`.
     pub fn new(space: &PhaseSpace, cuts: usize, largest: f64) -> Self {
         let axes = space.x.iter().chain(&space.v);
         Self { axes: axes.map(|a| AxisRules::new(a.nodes, cuts)).collect(), cuts, largest }
@@ -82,7 +82,8 @@ impl Projection {
         self.any_rough(nodal, |axis| &axis.highest_of_nodes)
     }
 
-    /// The projection of the function of many points `values_at` on `element`: values at the nodes.
+    /// The projection onto `element` of the function with `values_at(points)`, as values at the
+    /// nodes.
     pub fn onto(
         &self,
         element: &Element<'_>,
@@ -121,8 +122,8 @@ impl Projection {
         self.axes.iter().zip(parts).map(|(axis, part)| &axis.parts[part.level][part.index])
     }
 
-    /// Whether the polynomial through `values` has, along an axis, highest Legendre coefficients
-    /// beyond [`ROUGH`] times the largest value; `matrix` gives them.
+    /// Whether the polynomial through `values` has, along an axis, one of its highest Legendre
+    /// coefficients, by `matrix`, above [`ROUGH`] times the largest value.
     fn any_rough(&self, values: &[f64], matrix: impl Fn(&AxisRules) -> &Matrix) -> bool {
         let mut stride = 1;
         for axis in self.axes.iter().rev() {
@@ -143,8 +144,8 @@ impl Projection {
     }
 
     /// Whether the polynomial through `values` misses the function at an end of the parts of
-    /// `rules`, where a jump beyond the outermost points is not seen otherwise. Looked at in one
-    /// space dimension only: in more the ends are too many.
+    /// `rules`: there is then a jump beyond the outermost points. Only in one space dimension; in
+    /// more there are too many ends.
     fn jumps_at_an_end(
         &self,
         element: &Element<'_>,
@@ -205,10 +206,10 @@ impl PartRule {
     }
 }
 
-/// `[m][q]`: what the value at point `q` of a rule adds to the projection's value at node `m`:
+/// `[m][q]`: the factor of the value at point `q` of a rule in the projection's value at node `m`,
 /// `Σ_n (M⁻¹)_mn ℓ_n(ξ_q) w_q`, with the exact mass matrix `M_mn = ∫ ℓ_m ℓ_n`.
 ///
-/// By the orthogonal Legendre polynomials, `Σ_j (2j + 1)/2 P_j(ξ_m) P_j(ξ_q) w_q`.
+/// With the orthogonal Legendre polynomials this is `Σ_j (2j + 1)/2 P_j(ξ_m) P_j(ξ_q) w_q`.
 fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
     let at_rule: Vec<Vec<f64>> =
         rule.iter().map(|p| legendre_values(nodes.degree, p.node)).collect();
@@ -225,9 +226,9 @@ fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// `[j][m]`: what the value at node `m` adds to the coefficient of the Legendre polynomial `P_j` of
-/// the polynomial through all nodes: `w_m P_j(ξ_m)/γ_j` with the discrete norms `γ_j = 2/(2j + 1)`,
-/// and `2/k` of `P_k` at Gauss–Lobatto nodes.
+/// `[j][m]`: the factor of the value at node `m` in the coefficient of the Legendre polynomial
+/// `P_j` of the polynomial through all nodes, `w_m P_j(ξ_m)/γ_j`. The discrete norms are
+/// `γ_j = 2/(2j + 1)`, and `2/k` for `P_k` at Gauss–Lobatto nodes.
 pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
     let (k, reference) = (nodes.degree, nodes.reference());
     (0..=k)
@@ -249,8 +250,8 @@ fn lagrange_values(points: &[f64], x: f64) -> Vec<f64> {
     (0..points.len()).map(value).collect()
 }
 
-/// `[j][q]`: what the value at point `q` adds to each of the two highest Legendre coefficients (to
-/// the one, of two points) of the polynomial through all.
+/// `[j][q]`: the factor of the value at point `q` in each of the two highest Legendre coefficients
+/// of the polynomial through all points; with two points only the highest.
 fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
     let count = points.len();
     let (middle, half) = (0.5 * (points[0] + points[count - 1]), points[count - 1] - points[0]);

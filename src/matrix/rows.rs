@@ -1,12 +1,13 @@
-//! Sparse rows of `(S, K)`, those that repeat stored once.
+//! Sparse rows of `(S, K)`; equal rows are stored once.
 //!
-//! Far from jumps, ends and weights the row of a cell is that of the next cell along x: the same
-//! values at the same distances from the diagonal. Such rows share a template, so that the inner
-//! loop reads four bytes a row instead of a hundred, and templates stay in the first cache.
+//! Away from jumps and ends, and without weights, the row of a cell equals that of the next cell
+//! along x: the same values at the same distances from the diagonal. Such rows share a template, so
+//! that the inner loop reads four bytes a row instead of a hundred, and templates stay in the first
+//! cache.
 //!
-//! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the
-//! first space axis are a line, whose couplings to each other are a dense block of `K`. A kernel
-//! reads the nodes of a line once for all of its rows.
+//! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the first
+//! space axis form a line, whose couplings to each other are a dense block of `K`. A kernel reads
+//! the nodes of a line once for all of its rows.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -17,18 +18,18 @@ pub type MatrixEntry = (u32, f64, f64);
 /// Most rows of a line: the nodes of an element of the largest degree.
 pub const MOST_NODES: usize = 9;
 
-/// Rows in their order, gathered into lines of one row or, of cells, of an element's nodes. Only
-/// the order of a row's entries matters to the bits of a product, and it is kept.
+/// Rows in order, gathered into lines: of one row each, or of the rows of an element's nodes.
+/// Gathering keeps the order of a row's entries, and so the bits of products.
 #[derive(Clone, Debug)]
 pub struct Rows {
-    /// How the rows of cells are gathered.
+    /// The lines that the rows of cells are gathered into.
     lines: RowLines,
-    /// Template of the first row of each line; those of its other rows follow.
+    /// Template of the first row of each line; those of its other rows are the next ones.
     template: Vec<u32>,
-    /// `k` of each template to the nodes of its line, `lines.nodes` a template; empty where a line
-    /// is one row.
+    /// `k` of each template at the nodes of its line, `lines.nodes` numbers a template; empty if a
+    /// line is one row.
     dense: Vec<f64>,
-    /// Entries `offsets[t]..offsets[t + 1]` are the others of template `t`.
+    /// Entries `offsets[t]..offsets[t + 1]` are the other entries of template `t`.
     offsets: Vec<usize>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
@@ -38,23 +39,23 @@ pub struct Rows {
     reach: usize,
 }
 
-/// How rows of cells are gathered into lines: the nodes of a line are `stride` rows apart, and the
-/// lines of a layer of elements begin in its first `stride` rows.
+/// The lines that rows of cells are gathered into. The nodes of a line are `stride` rows apart, and
+/// the lines of a layer of elements begin in its first `stride` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowLines {
     /// Rows of a line of cells.
     pub nodes: usize,
-    /// From one to the next.
+    /// Distance from one row of a line to the next.
     pub stride: usize,
-    /// Rows of cells; those behind them are lines of one row.
+    /// Number of rows of cells; the rows behind them are lines of one row.
     pub cells: usize,
 }
 
 impl RowLines {
-    /// Every row is a line.
+    /// Every row is a line of its own.
     const SINGLE: RowLines = RowLines { nodes: 1, stride: 1, cells: 0 };
 
-    /// Lines of cells.
+    /// Number of lines of cells.
     pub fn of_cells(&self) -> usize {
         self.cells / self.nodes
     }
@@ -81,7 +82,7 @@ impl RowLines {
         (0..count).map(move |node| first + node * stride)
     }
 
-    /// The line of a row, and which of its rows that is.
+    /// The line of a row, and the number of the row in the line.
     #[inline(always)]
     pub fn place(&self, row: usize) -> (usize, usize) {
         if self.nodes == 1 {
@@ -96,7 +97,7 @@ impl RowLines {
 }
 
 impl Rows {
-    /// How they are gathered.
+    /// The lines of the rows.
     pub fn lines(&self) -> &RowLines {
         &self.lines
     }
@@ -111,19 +112,18 @@ impl Rows {
         self.template.len() + self.lines.of_cells() * (self.lines.nodes - 1)
     }
 
-    /// Rows that differ.
+    /// Number of different rows.
     pub fn templates(&self) -> usize {
         self.offsets.len() - 1
     }
 
-    /// Bytes it takes.
+    /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         let entries = 20 * self.distances.len() + 8 * self.dense.len();
         4 * self.template.len() + 8 * self.offsets.len() + entries
     }
 
-    /// The entries of row `i`: those to the nodes of its line, then the others in the order they
-    /// were given.
+    /// The entries of row `i`: those of the nodes of its line, then the others in the given order.
     #[inline(always)]
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let (line, node) = self.lines.place(i);
@@ -140,21 +140,21 @@ impl Rows {
         self.template[line] as usize
     }
 
-    /// `k` to the nodes of its line, of a template.
+    /// `k` of a template at the nodes of its line.
     #[inline(always)]
     pub(crate) fn dense_row(&self, template: usize) -> &[f64] {
         let nodes = self.lines.nodes;
         if self.dense.is_empty() { &[] } else { &self.dense[template * nodes..][..nodes] }
     }
 
-    /// The same of lines of `NODES` rows.
+    /// The same for lines of `NODES` rows.
     #[inline(always)]
     pub(crate) fn dense_nodes<const NODES: usize>(&self, template: usize) -> &[f64; NODES] {
         let (rows, _) = self.dense.as_chunks::<NODES>();
         &rows[template]
     }
 
-    /// The entries of a template that are not to the nodes of its line, as those of row `i`.
+    /// The entries of a template but those of the nodes of its line, with the columns for row `i`.
     #[inline(always)]
     pub(crate) fn others(
         &self,
@@ -166,13 +166,13 @@ impl Rows {
         entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
     }
 
-    /// One more than the largest column: a vector that long can be multiplied.
+    /// One more than the largest column: the length that a vector must have.
     pub fn reach(&self) -> usize {
         self.reach
     }
 
-    /// Fused multiply-adds of a Chebyshev step of one mode: two an entry to a node of its line, as
-    /// `K` has those alone, four any other, and seven more a row.
+    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry at a node of its line,
+    /// which only `K` has, four for any other entry, and seven more for a row.
     pub fn multiply_adds(&self) -> usize {
         let of_row = |template: usize, i: usize| {
             7 + 2 * self.dense_row(template).len() + 4 * self.others(template, i).count()
@@ -184,8 +184,8 @@ impl Rows {
         (0..self.line_count()).map(of_line).sum()
     }
 
-    /// The same rows with entries changed by `change(row, entries)`, which for the rows that are
-    /// `plain` depends on the entries' values alone.
+    /// The rows with entries changed by `change(row, entries)`. For `plain` rows the change depends
+    /// only on the values of the entries.
     pub fn changed(
         &self,
         plain: impl Fn(usize) -> bool,
@@ -193,7 +193,7 @@ impl Rows {
     ) -> Self {
         let mut builder = RowsBuilder::with_capacity(self.len());
         let mut entries: Vec<MatrixEntry> = Vec::new();
-        // By template, the first plain row.
+        // The first plain row of each template.
         let mut first: Vec<Option<u32>> = vec![None; self.templates()];
         for i in 0..self.len() {
             if plain(i) {
@@ -214,9 +214,9 @@ impl Rows {
         builder.finish()
     }
 
-    /// The same rows gathered into `lines`, of rows that are not. Couplings between the nodes of a
-    /// line whose `s` is round-off of `k` are of `K` alone, as they are in exact arithmetic: the
-    /// derivative in an element is skew but for its ends.
+    /// Rows that are not gathered yet, gathered into `lines`. Couplings between the nodes of a line
+    /// whose `s` is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an
+    /// element is skew but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines) -> Self {
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
         let mut gathered = Self {
@@ -228,10 +228,10 @@ impl Rows {
             values: Vec::new(),
             reach: self.reach,
         };
-        // The templates of a line's rows tell which line it is like.
+        // Lines are equal if the templates of their rows are.
         let mut seen: HashMap<[u32; MOST_NODES], u32> = HashMap::default();
         for line in 0..lines.of_cells() + self.len() - lines.cells {
-            // One row is not like the first of several.
+            // A line of one row differs from a line of several.
             let mut of_rows = [u32::MAX; MOST_NODES];
             for (of_row, i) in of_rows.iter_mut().zip(lines.rows(line)) {
                 *of_row = self.template[i];
@@ -254,7 +254,7 @@ impl Rows {
         gathered
     }
 
-    /// The template of row `i` with `entries`.
+    /// Adds the template of row `i` with these `entries`.
     fn push_gathered(&mut self, i: usize, entries: impl Iterator<Item = (usize, f64, f64)>) {
         let RowLines { nodes, cells, .. } = self.lines;
         let begin = self.dense.len();
@@ -274,11 +274,11 @@ impl Rows {
     }
 }
 
-/// Hashes are used as they are.
+/// A hasher for keys that are already hashes.
 #[derive(Default)]
-struct AsItIs(u64);
+struct IdentityHasher(u64);
 
-impl Hasher for AsItIs {
+impl Hasher for IdentityHasher {
     fn finish(&self) -> u64 {
         self.0
     }
@@ -288,14 +288,15 @@ impl Hasher for AsItIs {
     }
 }
 
-/// Makes [`Rows`], row by row.
+/// Builds [`Rows`], row by row.
 pub struct RowsBuilder {
     rows: Rows,
     /// Templates by hash.
-    seen: HashMap<u64, u32, BuildHasherDefault<AsItIs>>,
+    seen: HashMap<u64, u32, BuildHasherDefault<IdentityHasher>>,
 }
 
-/// Templates that are remembered: rows that repeat do so within a few layers of cells.
+/// Number of templates in which equal rows are searched: equal rows repeat within a few layers of
+/// cells.
 const REMEMBERED: usize = 1 << 20;
 
 impl RowsBuilder {
@@ -315,7 +316,7 @@ impl RowsBuilder {
         }
     }
 
-    /// The next row.
+    /// Adds the next row.
     pub fn push(&mut self, entries: &[MatrixEntry]) {
         let rows = &mut self.rows;
         let i = rows.template.len() as u32;
@@ -325,7 +326,7 @@ impl RowsBuilder {
         let words = |&(column, s, k): &MatrixEntry| {
             [u64::from(column.wrapping_sub(i)), s.to_bits(), k.to_bits()]
         };
-        // Multiply and fold (as wyhash does): all bits of a word reach all bits of the hash.
+        // Multiply and fold, as in wyhash: all bits of a word affect all bits of the hash.
         let mix = |hash: u64, word: u64| {
             let product = u128::from(hash ^ word ^ 0x9e37_79b9_7f4a_7c15) * 0xd1b5_4a32_d192_ed03;
             (product as u64) ^ (product >> 64) as u64
@@ -356,7 +357,7 @@ impl RowsBuilder {
         rows.template.push(template);
     }
 
-    /// The next row, with the entries of row `earlier` at the same distances from the diagonal.
+    /// Adds a row with the entries of row `earlier`, at the same distances from the diagonal.
     pub fn repeat(&mut self, earlier: usize) {
         let rows = &mut self.rows;
         let (template, i) = (rows.template[earlier], rows.template.len());
@@ -365,7 +366,7 @@ impl RowsBuilder {
         rows.template.push(template);
     }
 
-    /// All rows.
+    /// The finished rows.
     pub fn finish(mut self) -> Rows {
         let rows = &mut self.rows;
         rows.offsets.shrink_to_fit();
@@ -412,8 +413,7 @@ mod tests {
         }
     }
 
-    /// With a flux of little dissipation, the symmetric part of an entry is small beside the rest.
-    /// It is kept.
+    /// With a flux of little dissipation, the symmetric part of an entry is small, but it is kept.
     #[test]
     fn gathered_rows_keep_small_symmetric_parts() {
         let list: Vec<Vec<MatrixEntry>> =

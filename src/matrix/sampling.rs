@@ -1,9 +1,9 @@
 //! Formulas and exact solutions on a rank's cells, evaluated at many points at a time.
 //!
-//! Of degree 0, the value at the centre of each cell. Of a higher degree, the `L2` projection onto
-//! the polynomials of each element, by Gauss's rule; an element in which a formula jumps is cut
-//! into halves along every axis, again and again, where it does. On grids so large that this would
-//! take too long, elements that look smooth have the values at their nodes.
+//! For degree 0 the sample is the value at the centre of each cell. For higher degrees it is the
+//! `L2` projection onto the polynomials of each element, by Gauss's rule; an element in which a
+//! formula jumps is repeatedly cut into halves along every axis. On grids for which this takes too
+//! long, elements with smooth data have nodal values.
 
 use crate::base::error::Result;
 use crate::matrix::elements::for_each_element;
@@ -18,11 +18,12 @@ use std::ops::Range;
 /// Largest number of quadrature points for a whole grid. Beyond it, elements with smooth data use
 /// nodal values.
 const MOST_POINTS: f64 = 4e7;
-/// Points beyond which nothing is cut once more in two and three dimensions, if all were.
+/// In two and three dimensions, elements may be cut as often as all together then have at most this
+/// many points.
 const MOST_CUT_POINTS: f64 = 1e8;
-/// How often an element is cut where a formula jumps, by space dimension.
+/// Largest number of successive cuts of an element at a jump, by space dimension.
 const MOST_CUTS: [usize; MAX_DIMENSION] = [6, 2, 1];
-/// Points that are evaluated together.
+/// Number of points that are evaluated together.
 const BATCH: usize = 1024;
 
 /// The cells of a block that a rank samples: whole elements.
@@ -42,7 +43,7 @@ impl<'a> SampledCells<'a> {
         Self { block, cells: 0..block.cells(), ranges: &block.ranges }
     }
 
-    /// A function of many points at `point` of each cell.
+    /// The values `values_at(points)` of a function, at `point` of each cell.
     fn at_cells(
         &self,
         space: &PhaseSpace,
@@ -67,7 +68,8 @@ impl<'a> SampledCells<'a> {
     }
 }
 
-/// A function of many points at the centres of the cells of `part`, of those on a face just inside.
+/// The values `values_at(points)` of a function at the centres of the cells of `part`. A centre on
+/// a face is moved just inside its element.
 pub fn sample_with(
     space: &PhaseSpace,
     part: &SampledCells<'_>,
@@ -76,10 +78,10 @@ pub fn sample_with(
     part.at_cells(space, |cell| space.inner_point(cell), values_at)
 }
 
-/// A formula on the cells of `part`. Collective over `world` (the largest value).
+/// A formula on the cells of `part`. Collective over `world`, for its largest value.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Formula`] where it is not finite, on the rank that finds it.
+/// [`crate::base::error::Error::Formula`] if it is not finite, on the rank that finds it.
 pub fn sample(
     world: &Group,
     space: &PhaseSpace,
@@ -106,8 +108,8 @@ pub fn sample(
     }
 }
 
-/// The `L2` projection of a function of many points on the cells of `part`. Collective over
-/// `world`.
+/// The `L2` projection of a function with `values_at(points)` on the cells of `part`. Collective
+/// over `world`.
 fn projected(
     world: &Group,
     space: &PhaseSpace,
@@ -134,7 +136,8 @@ fn projected(
     values
 }
 
-/// How often an element of a grid may be cut whose rules have `points` points in all.
+/// Largest number of successive cuts of an element, on a grid whose rules have `points` points in
+/// all.
 fn most_cuts(dimension: usize, points: f64) -> usize {
     let most = MOST_CUTS[dimension - 1];
     let after = |cuts: usize| points * f64::powi(4.0, (dimension * cuts) as i32);

@@ -1,7 +1,7 @@
-//! A term of a series that is summed forwards, read: into the sum of the terms, and its moments
-//! into those at several times.
+//! Reads a term of a series that is summed forwards: adds it to the sum of the terms, and its
+//! moments to those at several times.
 //!
-//! As the steps of [`kernel`](crate::matrix::kernel), compiled for each instruction set.
+//! Like the steps of [`kernel`](crate::matrix::kernel), this is compiled for each instruction set.
 
 use crate::matrix::kernel::{InstructionSet, Vectorized};
 use crate::matrix::lanes::{LANES, Lanes};
@@ -23,13 +23,13 @@ pub struct TermRows<'a> {
     pub factors: &'a [[f64; MOMENTS]],
     /// Dimensions of space.
     pub dimension: usize,
-    /// At how many times there are moments.
+    /// Number of times with moments.
     pub times: usize,
     /// The times to whose moments the term adds.
     pub active: Range<usize>,
     /// Its factors at each of these times: real parts, then imaginary parts.
     pub weights: &'a [[f64; 2 * LANES]],
-    /// The moments by point, time, and moment: density, momenta, energy.
+    /// The moments, by point, time and moment (density, momenta, energy).
     pub values: &'a mut [[f64; LANES]],
 }
 
@@ -41,7 +41,7 @@ impl Vectorized for TermRows<'_> {
 }
 
 impl TermRows<'_> {
-    /// Reads them.
+    /// Reads the term.
     pub fn read(self) {
         InstructionSet::here().run(self);
     }
@@ -81,8 +81,8 @@ fn read_some<const FMA: bool, const COUNT: usize>(rows: TermRows<'_>) {
         let values = &mut values[active.start * COUNT..active.end * COUNT];
         let (values, _) = values.as_chunks_mut::<COUNT>();
         for (values, weights) in values.iter_mut().zip(weights) {
-            // One time after the other: a compiler that sees through this gathers over times, which
-            // takes six times as long.
+            // The black box keeps the compiler from vectorising over times, which takes six times
+            // as long.
             let mut new: [[f64; LANES]; COUNT] = *std::hint::black_box(&*values);
             for (new, moments) in new.iter_mut().zip(&moments) {
                 for l in 0..LANES {
@@ -100,7 +100,7 @@ fn read_some<const FMA: bool, const COUNT: usize>(rows: TermRows<'_>) {
     }
 }
 
-/// `sum` and a row of a term.
+/// `sum` plus `coefficients` times a row of a term.
 #[inline(always)]
 fn added<const FMA: bool>(
     coefficients: &[f64; 2 * LANES],

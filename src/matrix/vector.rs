@@ -1,8 +1,8 @@
-//! A number for each mode of a batch, in registers.
+//! Vectors with a number for each mode of a batch, in registers.
 //!
-//! Automatic vectorisation of loops over lanes fails where several rows are summed at once: the
-//! compiler shuffles registers, which is three times as slow for elements of degree 1. So each
-//! instruction set has explicit vectors.
+//! Automatic vectorisation of loops over lanes fails when several rows are summed at once: the
+//! compiler shuffles registers, which is three times as slow for elements of degree 1. So there are
+//! explicit vectors for each instruction set.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
@@ -13,7 +13,7 @@ use std::arch::x86_64::{
 /// Modes in a batch, `B`.
 pub const LANES: usize = 8;
 
-/// `a b + c`, rounded once where `FMA` says so.
+/// `a b + c`, rounded once if `FMA` is set.
 #[inline(always)]
 pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
@@ -24,17 +24,17 @@ pub trait Vector: Copy {
     /// The same number in every lane.
     fn splat(value: f64) -> Self;
 
-    /// From memory.
+    /// Loads from memory.
     fn load(from: &[f64; LANES]) -> Self;
 
-    /// Into memory.
+    /// Stores to memory.
     fn store(self, to: &mut [f64; LANES]);
 
     /// `self + a b`, lane by lane.
     fn add_product(self, a: Self, b: Self) -> Self;
 }
 
-/// For any processor; with fused multiply-add if the compiler's target has it.
+/// A vector for any processor, with fused multiply-add if `FMA` is set.
 #[derive(Clone, Copy)]
 pub struct Portable<const FMA: bool>([f64; LANES]);
 
@@ -65,8 +65,9 @@ impl<const FMA: bool> Vector for Portable<FMA> {
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512(__m512d);
 
-// SAFETY, of all that follows: the loads and stores are of whole arrays, and the instructions are
-// there, as `kernel` uses these types only in functions that it calls where the processor has them.
+// SAFETY of all that follows: loads and stores access whole arrays. The processor has the
+// instructions, as `kernel` uses these types only in functions that it calls after it has checked
+// this.
 #[cfg(target_arch = "x86_64")]
 impl Vector for Avx512 {
     #[inline(always)]

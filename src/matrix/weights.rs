@@ -1,4 +1,4 @@
-//! Dissipative weights: a diagonal change of norm in which the hat interface does not grow.
+//! Dissipative weights: a weighted norm in which solutions with the hat interface do not grow.
 //!
 //! `A` has off-diagonals ≥ 0 and row sums ≤ 0, but at an interface some column sums are positive,
 //! so `S` has positive eigenvalues that grow like `1/Δx`. For any `π > 0` with `D = diag(√π)`,
@@ -8,20 +8,20 @@
 //! Σ π_i y_i A_ij y_j ≤ ½ Σ π_i (A1)_i y_i² + ½ Σ (Aᵀπ)_j y_j²
 //! ```
 //!
-//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve
+//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`, the certificate. Weights that make it small solve
 //! the M-matrix system `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`, by Jacobi
-//! sweeps. Where every particle leaves what lies behind it for good, `s = 0` is solved exactly by
-//! as many sweeps as the longest path has cells, and `λ⁺ = 0`. Where particles are trapped (a
-//! well), `Aᵀ` is singular: after so many sweeps `s > 0` takes over, until the first certificate
-//! that suffices. Maxima only: the same on any ranks.
+//! sweeps. If no particle returns to a cell that it has left, the system with `s = 0` is solved
+//! exactly by as many sweeps as the longest path has cells, and `λ⁺ = 0`. If particles are trapped,
+//! as in a well, `Aᵀ` is singular: after some sweeps the system with `s > 0` is used, until the
+//! certificate suffices. Only maxima are reduced over ranks, so that the result is the same on any
+//! ranks.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::problem::grid::{Axis, PhaseSpace};
 
-/// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to
-/// gain.
+/// A Jacobi sweep contracts by `d/(d + s)`; after this many times `d/s` sweeps it has converged.
 const MOST_SWEEPS: f64 = 100.0;
 /// A certificate below this fraction of the sufficient one is as good as zero.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -36,8 +36,9 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
     )
 }
 
-/// The bound on `λ⁺` takes off-diagonal entries `(row, column, A_ij)` that are not negative.
-fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()> {
+/// Refuses negative off-diagonal entries `(row, column, A_ij)`: the bound on `λ⁺` does not hold
+/// then.
+fn refuse_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()> {
     for (row, column, value) in entries {
         if row != column && (value.is_nan() || value < 0.0) {
             return Err(Error::Negative { row, column, value });
@@ -49,8 +50,8 @@ fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()
 /// The weights `π` and the bounds that they give.
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are
-    /// coupled.
+    /// `π` for the rows and ghosts of the matrix, at least 1 if dissipative; 1 for auxiliary
+    /// unknowns until they are coupled.
     pub pi: Vec<f64>,
     /// `½ max (Aᵀπ)/π`, a bound on `λ⁺`.
     pub certificate: f64,
@@ -58,25 +59,25 @@ pub struct Weights {
     pub sweeps: usize,
     /// `max √π / min √π`.
     pub spread: f64,
-    /// Whether they are the volumes of the cells, beside their mean.
+    /// Whether they are the volumes of the cells relative to their mean.
     pub are_volumes: bool,
 }
 
-/// The kind of weights.
+/// The goal of dissipative weights.
 #[derive(Clone, Copy, Debug)]
 pub struct WeightGoal {
-    /// Largest certificate.
+    /// Largest certificate that suffices.
     pub limit: f64,
-    /// Shift `s > limit` of the system that is solved where the one without does not get there.
+    /// Shift `s > limit` of the system that is used if the one without shift does not suffice.
     pub shift: f64,
     /// Sweeps of the system without shift.
     pub max_weight_sweeps: usize,
 }
 
 impl Weights {
-    /// The quadrature weights of a scheme of a degree above 0, beside their mean: in these unknowns
-    /// `S ≤ 0` by construction (see [`crate::scheme::galerkin`]), and the square of their norm is
-    /// the integral of `f²`.
+    /// The quadrature weights of a scheme of a degree above 0, relative to their mean. In these
+    /// unknowns `S ≤ 0` by construction (see [`crate::scheme::galerkin`]), and the square of the
+    /// norm is proportional to the integral of `f²`.
     pub fn volumes(matrix: &BlockMatrix, space: &PhaseSpace) -> Self {
         let mut pi = vec![1.0; matrix.length()];
         let (rows, nv) = (matrix.rows(), matrix.block.velocity_cells);
@@ -96,7 +97,7 @@ impl Weights {
         Self { pi, certificate: 0.0, sweeps: 0, spread, are_volumes: true }
     }
 
-    /// `π = 1`, with its certificate, for `matrix` as it is.
+    /// No weights, `π = 1`, with the certificate of `matrix`.
     pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
         let mut state = SweepState::new(matrix);
         let certificate = state.certificate(matrix, exchange, space);
@@ -109,11 +110,12 @@ impl Weights {
         }
     }
 
-    /// Weights that reach `goal`, better where it costs little. Collective over the space group.
+    /// Weights that reach `goal`, or better ones within its sweeps without shift. Collective over
+    /// the space group.
     ///
     /// # Errors
-    /// [`Error::Negative`] where the bound does not hold; [`Error::Weights`] if the sweeps do not
-    /// get there.
+    /// [`Error::Negative`] if an off-diagonal entry is negative; [`Error::Weights`] if the sweeps
+    /// do not reach the goal.
     pub fn dissipative(
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,
@@ -123,7 +125,7 @@ impl Weights {
         let WeightGoal { shift, limit, max_weight_sweeps } = goal;
         let cells = matrix.block.cells();
         let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
-        space.agree(not_negative(entries))?;
+        space.agree(refuse_negative(entries))?;
         let mut state = SweepState::new(matrix);
         let mut sweeps = 0;
         let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
@@ -158,7 +160,7 @@ struct SweepState {
     image: Vec<f64>,
     /// `−A_ii`.
     diagonal: Vec<f64>,
-    /// `e_j − (Aᵀ1)_j`: what turns `Aᵀπ` into `Aᵀπ' + e`.
+    /// `e_j − (Aᵀ1)_j`, the difference of `Aᵀπ' + e` and `Aᵀπ`.
     offset: Vec<f64>,
     cells: usize,
     pi: Vec<f64>,
@@ -192,7 +194,7 @@ impl SweepState {
         }
         matrix.apply(exchange, Operator::Transpose, &mut self.image, &mut self.pi);
         if self.offset.is_empty() {
-            // First call: π = 1, the image is the column sums.
+            // On the first call `π = 1`, so that the image has the column sums.
             self.offset = self.image[..self.cells].iter().map(|&c| c.max(0.0) - c).collect();
         }
         let quotients = self.image[..self.cells].iter().zip(&self.pi);
@@ -218,10 +220,10 @@ mod tests {
     #[test]
     fn negative_entries_are_refused() {
         let good = [(0, 0, -2.0), (0, 1, 1.0), (1, 1, -1.0), (1, 0, 0.0)];
-        assert!(not_negative(good.into_iter()).is_ok());
+        assert!(refuse_negative(good.into_iter()).is_ok());
         let bad = good.into_iter().chain([(2, 1, -1e-3)]);
-        let message = not_negative(bad).map_err(|e| e.to_string());
+        let message = refuse_negative(bad).map_err(|e| e.to_string());
         assert!(message.is_err_and(|m| m.contains("row 2") && m.contains("-1e-3")));
-        assert!(not_negative([(0, 1, f64::NAN)].into_iter()).is_err());
+        assert!(refuse_negative([(0, 1, f64::NAN)].into_iter()).is_err());
     }
 }

@@ -5,6 +5,7 @@
 
 pub mod transpose;
 pub mod vote;
+mod watch;
 
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
@@ -23,6 +24,8 @@ use std::time::Instant;
 /// MPI, from initialisation to the end of the process.
 pub struct World {
     universe: mpi::environment::Universe,
+    /// Over after MPI is.
+    _watch: Option<watch::Watch>,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
     /// The time at which MPI was started.
@@ -30,8 +33,9 @@ pub struct World {
 }
 
 impl World {
-    /// Starts MPI; a panic on any rank then ends the whole job. Must be called before the program
-    /// starts a thread, as it may set environment variables.
+    /// Starts MPI; a panic on any rank then ends the whole job, and so does a rank that was stopped
+    /// for too long. Must be called before the program starts a thread, as it may set
+    /// environment variables.
     ///
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
@@ -49,7 +53,8 @@ impl World {
                 world.abort(1);
             }
         }));
-        Some(Self { universe, start_seconds, started })
+        let watch = watch::Watch::start(&Group { communicator: universe.world() });
+        Some(Self { universe, _watch: watch, start_seconds, started })
     }
 
     /// All ranks, as one group.

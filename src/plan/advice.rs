@@ -1,4 +1,4 @@
-//! Resources to request from a batch system: the process mesh with its reason, memory of a node.
+//! Resources to request from a batch system: the process mesh, and the memory of a node.
 
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
@@ -8,13 +8,13 @@ use crate::problem::case::Case;
 use serde::Serialize;
 use std::fmt;
 
-/// Meshes that are shown.
+/// Largest number of meshes that are printed.
 const SHOWN: usize = 4;
 
 /// A node of the machine that a run is planned for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct MachineNode {
-    /// Bytes it has for its ranks, if known.
+    /// Bytes for all ranks on it, if known.
     pub memory: Option<u64>,
     /// Ranks on it.
     pub ranks: usize,
@@ -31,30 +31,30 @@ impl MachineNode {
         self.ranks.min(ranks) as u64 * memory
     }
 
-    /// What each of so many ranks has of its memory, if that is known. A node that is not full has
-    /// more for each.
+    /// Bytes for each of `ranks` ranks, if its memory is known. On a node that is not full each
+    /// rank has more.
     pub fn share(&self, ranks: usize) -> Option<u64> {
         Some(self.memory? / self.ranks.min(ranks) as u64)
     }
 }
 
-/// A process mesh that the ranks can have.
+/// A process mesh that the ranks can form.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshCandidate {
-    /// Blocks along each x-axis: what `--ranks-x` takes.
+    /// Blocks along each x-axis, as for `--ranks-x`.
     pub space: Vec<usize>,
     /// Mode groups.
     pub groups: usize,
     /// Modelled time over that of the first mesh.
     pub cost: f64,
-    /// Largest and mean modelled cost of a mode group, as a ratio.
+    /// Largest modelled cost of a mode group over the mean.
     pub imbalance: f64,
-    /// Part of the modelled time that splitting space adds: the exchange of ghosts, and a solver's
-    /// further iterations.
+    /// Part of the modelled time that splitting space adds: ghost exchange, and more iterations of
+    /// a solver.
     pub split: f64,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
-    /// Whether that is within the memory of a rank.
+    /// Whether this is within the memory of a rank.
     pub fits: bool,
 }
 
@@ -64,30 +64,30 @@ pub struct Advice {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
     pub meshes: Vec<MeshCandidate>,
     /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
-    /// with most to do, in which the exchange of ghosts counts as rows.
+    /// with most to do. Ghost exchange counts as rows.
     pub row_applications: f64,
     /// The node.
     pub node: Option<MachineNode>,
-    /// Nodes that the ranks take.
+    /// Number of nodes for the ranks.
     pub nodes: Option<usize>,
-    /// Planned bytes on a full node, each of its ranks as the fullest.
+    /// Planned bytes on a full node, if each of its ranks takes as much as the fullest.
     pub memory_per_node: Option<u64>,
-    /// The most points `N_p` of which a run can keep all modes, whatever `N_p` this one has. One
-    /// that drops them takes as much memory for any `N_p`.
+    /// The most points `N_p` with which a run can keep all modes, for whatever `N_p` this one has.
+    /// The memory of a run that drops its modes does not depend on `N_p`.
     pub largest_points: Option<usize>,
-    /// Blocks along each x-axis of the mesh which that takes.
+    /// Blocks along each x-axis of the mesh for this `N_p`.
     pub largest_points_mesh: Option<Vec<usize>>,
-    /// Bytes a rank may take for that: those that were given, else this machine's.
+    /// Bytes a rank may take for this: the given limit, or else the memory of this machine.
     pub largest_points_memory: u64,
-    /// Whether they were given.
+    /// Whether the limit was given.
     pub memory_given: bool,
     /// Whether `solver.warp.points` can be given.
     pub takes_points: bool,
 }
 
 impl Advice {
-    /// For `plan` on `resources`, where a node is `node` and so many ranks would have `here` bytes
-    /// each on this machine.
+    /// The advice for `plan` on `resources` and nodes like `node`. On this machine each of as many
+    /// ranks would have `here` bytes.
     pub fn new(
         case: &Case,
         plan: &Plan,
@@ -176,13 +176,13 @@ impl fmt::Display for Advice {
                 bytes_text(self.largest_points_memory),
                 match self.memory_given {
                     true => "",
-                    false => " (what is free on this machine)",
+                    false => " (free on this machine)",
                 },
                 match self.takes_points {
                     true => "",
                     false =>
-                        " The profile of this case has an N_p of its own: for another one \
-                        give another solver.warp.profile and solver.warp.points.",
+                        " The profile of this case fixes N_p: to choose it, give another \
+                        solver.warp.profile and solver.warp.points.",
                 },
             )?;
         }
@@ -203,7 +203,7 @@ impl fmt::Display for Advice {
     }
 }
 
-/// As `--ranks-x` takes it.
+/// `blocks` as text for `--ranks-x`.
 pub(crate) fn joined(blocks: &[usize]) -> String {
     let blocks: Vec<String> = blocks.iter().map(usize::to_string).collect();
     blocks.join(",")
@@ -239,7 +239,7 @@ mod tests {
                 let limited = Resources { memory_per_rank: Some(limit), ..resources.clone() };
                 let advice = Advice::new(&case, &first, &limited, None, 0);
                 let points = advice.largest_points.expect("some fit");
-                // As a plan for so many points says itself; groups differ by a batch or two.
+                // A plan for so many points agrees; groups differ by a batch or two.
                 let space = advice.largest_points_mesh.clone();
                 assert!(plan(points, space).1.memory() <= limit);
                 let more = points + 32 * ranks;

@@ -1,10 +1,10 @@
-//! Modes into batches, and batches to mode groups, so that the group with most to do has as little
-//! as can be.
+//! Divides modes into batches, and batches among mode groups, so that the largest work of a group
+//! is as small as possible.
 //!
-//! Where the lanes of a batch are independent, batches are cut from the modes in the order of
-//! falling work, each full but the last. No other choice has a cheaper batch anywhere: the `b − 1`
-//! costliest hold at most `(b − 1) B` modes, so the `b`-th of any choice costs at least as much as
-//! mode `(b − 1) B + 1` of that order. It remains to assign whole batches to groups.
+//! If the lanes of a batch are independent, batches are cut from the modes in the order of falling
+//! work, each with `B` modes but the last. No other division has a cheaper `b`-th costliest batch:
+//! the `b − 1` costlier ones hold at most `(b − 1) B` modes, so the `b`-th costs at least as much
+//! as mode `(b − 1) B + 1` of that order. Then whole batches are assigned to groups.
 
 use crate::matrix::lanes::LANES;
 use crate::propagate::method::BatchCoupling;
@@ -12,9 +12,9 @@ use serde::Serialize;
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
-/// Up to so many pieces are dealt by search, ...
+/// Up to this number of pieces are assigned by search, ...
 const SEARCHED: usize = 24;
-/// ... which gives up after so many steps.
+/// ... which ends after this number of steps.
 const MOST_STEPS: usize = 100_000;
 
 /// Modes that are propagated together.
@@ -22,7 +22,7 @@ const MOST_STEPS: usize = 100_000;
 pub struct Batch {
     /// The modes, at most [`LANES`].
     pub modes: Vec<usize>,
-    /// Modelled cost: so many applications (or solves) of one mode, idle lanes included.
+    /// Modelled cost in applications (or solves) of one mode, idle lanes included.
     pub cost: usize,
 }
 
@@ -39,8 +39,8 @@ pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()
 }
 
-/// The batches of each of `groups` mode groups, longest first, for modes that take `work`; those
-/// that are `finished`, coupled ones all of a batch, are left out.
+/// The batches of each of `groups` mode groups, longest first, for modes that take `work`. Modes
+/// that are `finished` are left out; coupled modes of a batch finish together.
 pub fn share_out(
     work: &[usize],
     finished: &BTreeSet<usize>,
@@ -53,7 +53,7 @@ pub fn share_out(
     // Pieces of work that stay together.
     let pieces: Vec<&[usize]> = match coupling {
         BatchCoupling::Independent => falling.chunks(LANES).collect(),
-        // From the top, so that the block that is not full is the cheapest.
+        // From the highest mode down, so that the batch that is not full is the cheapest.
         BatchCoupling::Coupled => {
             (neighbours.rchunks(LANES)).filter(|piece| !finished.contains(&piece[0])).collect()
         }
@@ -76,8 +76,8 @@ pub fn share_out(
     shares
 }
 
-/// The group of each piece: the longest first, each to the group with least to do; of few pieces,
-/// the best of all ways.
+/// The group of each piece. The longest pieces come first, each to the group with least to do. For
+/// few pieces a search improves this to the best assignment.
 fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..costs.len()).collect();
     order.sort_by_key(|&k| (Reverse(costs[k]), k));
@@ -105,23 +105,24 @@ fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
     dealt
 }
 
-/// The search for the least load of the group with most to do, piece by piece.
+/// The search for the assignment with the smallest largest load, piece by piece.
 struct LoadSearch<'a> {
-    /// Falling.
+    /// Costs of the pieces, falling.
     costs: &'a [usize],
-    /// No choice is better than this.
+    /// A lower bound on the largest load.
     least: usize,
-    /// The best distribution so far, and its largest load of a group.
+    /// Largest load of the best assignment so far.
     most: usize,
+    /// The best assignment so far: the group of each piece.
     best: Vec<usize>,
-    /// Steps that are left.
+    /// Steps left.
     steps: usize,
 }
 
 impl LoadSearch<'_> {
     fn place(&mut self, choice: &mut Vec<usize>, loads: &mut [usize]) {
         let Some(cost) = self.costs.get(choice.len()) else {
-            // Everything fits below the best so far.
+            // All pieces are assigned, with a smaller largest load than before.
             self.most = loads.iter().copied().max().unwrap_or(0);
             self.best.clone_from(choice);
             return;
@@ -147,7 +148,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Degrees of so many modes, as Chebyshev series of a designed profile have them.
+    /// Degrees like those of Chebyshev series for the modes of a designed profile.
     fn degrees(modes: usize) -> Vec<usize> {
         (0..modes).map(|l| 85 + 85 * l / modes).collect()
     }
@@ -205,8 +206,7 @@ mod tests {
         assert_eq!(blocks(1)[0], [0, 1, 2, 3, 4]);
     }
 
-    /// Every way to put modes into groups, and in a group into batches of two kinds of cost, by
-    /// brute force.
+    /// The smallest largest load over all assignments of pieces to groups.
     fn least_by_force(costs: &[usize], groups: usize) -> usize {
         let ways = groups.pow(costs.len() as u32);
         let most = |way: usize| {

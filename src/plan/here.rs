@@ -10,8 +10,8 @@ use crate::problem::potential::Potential;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Bytes a rank of `world` may take: its share of what the ranks on its node have together, within
-/// its own limits, the least over all. Collective.
+/// Bytes a rank of `world` may take: its share of the memory of its node, within its own limits,
+/// and the least of these over all ranks. Collective.
 pub fn memory_per_rank(world: &Group) -> u64 {
     let available = memory::available();
     let share = available.together / world.ranks_on_node() as u64;
@@ -19,16 +19,21 @@ pub fn memory_per_rank(world: &Group) -> u64 {
 }
 
 impl Resources {
-    /// All ranks of `world` and the memory that they have here. Collective.
+    /// All ranks of `world`, without a limit on memory.
+    pub fn unlimited(world: &World) -> Self {
+        Self { ranks: world.group().size(), ..Self::default() }
+    }
+
+    /// All ranks of `world` with the memory that they have on this machine. Collective.
     pub fn here(world: &World) -> Self {
         let all = world.group();
         Self { ranks: all.size(), ranks_x: None, memory_per_rank: Some(memory_per_rank(&all)) }
     }
 }
 
-/// Seconds that it takes to evaluate `V` on all cells of space, from some of them; 0 where they are
-/// few. By one rank's clock.
-pub fn seconds_to_look(case: &Case) -> f64 {
+/// Seconds to evaluate `V` on all cells of space, extrapolated from some of them; 0 for a small
+/// grid. By one rank's clock.
+pub fn seconds_to_evaluate(case: &Case) -> f64 {
     const FEW: usize = 1 << 21;
     const SAMPLE: f64 = 16384.0;
     let axes = &case.space.x;
@@ -44,9 +49,9 @@ pub fn seconds_to_look(case: &Case) -> f64 {
     started.elapsed().as_secs_f64() * case.space.space_cells() as f64 / some as f64
 }
 
-/// Reports on the first rank which steps before the plan take long: evaluating `V` on a fine grid,
-/// and millions of points in `p`.
-pub fn announce_look(world: &World, case: &Case) {
+/// Reports on the first rank that the steps before the plan take long: evaluating `V` on a fine
+/// grid, and planning millions of modes.
+pub fn announce_slow_steps(world: &World, case: &Case) {
     const LONG: f64 = 1.0;
     const MANY: usize = 1 << 20;
     if world.group().rank() > 0 {
@@ -56,10 +61,12 @@ pub fn announce_look(world: &World, case: &Case) {
         let each = "the work of each mode is planned, which takes some seconds";
         report(&format!("solver.warp.points = {points}: {each}"));
     }
-    let seconds = seconds_to_look(case);
+    let seconds = seconds_to_evaluate(case);
     if seconds > LONG {
         let cells = case.space.space_cells() as f64;
-        report(&format!("V on {cells:.3e} cells of space: each look takes about {seconds:.0} s"));
+        report(&format!(
+            "V on {cells:.3e} cells of space: evaluating it takes about {seconds:.0} s"
+        ));
     }
 }
 

@@ -1,4 +1,5 @@
-//! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
+//! The layout of a run: the process mesh of least modelled cost that fits, the modes of each group,
+//! and memory.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::{bytes_text, counted};
@@ -19,35 +20,36 @@ use std::collections::BTreeSet;
 /// The most points `N_p` that are planned for.
 pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
-/// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent
-/// and unpacked. Measured within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a
-/// row.
+// Costs of an exchange in rows of a step, measured within a node (docs/performance.md): 4 µs a
+// round and 40 ns a ghost, against 7 to 20 ns a row.
+/// Cost of a round of messages.
 const ROWS_A_ROUND: f64 = 300.0;
+/// Cost of a ghost that is packed, sent and unpacked.
 const ROWS_A_GHOST: f64 = 3.0;
 
-/// How many times as fast a mesh of more blocks must be, by the model, to be taken: ranks that
-/// split space wait for each other in every step, which the model does not count.
+/// A mesh of more blocks is taken if it is at least this many times as fast by the model, which
+/// does not count that ranks with neighbouring blocks wait for each other in every step.
 const WORTH_A_SPLIT: f64 = 1.08;
 
-/// Who computes it, and in how much memory.
+/// The distribution of a run over the ranks, and its memory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Layout {
     /// The process mesh.
     pub mesh: ProcessMesh,
     /// The batches of each mode group, longest first.
     pub groups: Vec<Vec<Batch>>,
-    /// Largest and mean modelled cost of a group, as a ratio.
+    /// Largest modelled cost of a group over the mean.
     pub imbalance: f64,
-    /// Bytes by array, on the fullest rank.
+    /// Names of arrays with their bytes on the fullest rank.
     pub arrays: Vec<(String, u64)>,
 }
 
-/// The limits of the layout.
+/// The ranks and the memory that a layout may use.
 #[derive(Clone, Debug, Default)]
 pub struct Resources {
     /// Number of ranks.
     pub ranks: usize,
-    /// Blocks along each x-axis, if the user says.
+    /// Blocks along each x-axis, if given by the user.
     pub ranks_x: Option<Vec<usize>>,
     /// Bytes a rank may take, if known.
     pub memory_per_rank: Option<u64>,
@@ -60,8 +62,8 @@ impl Resources {
     }
 }
 
-/// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before
-/// anything is evaluated on the grid.
+/// Refuses a grid that no layout fits into the memory of `resources`, before anything is evaluated
+/// on the grid.
 ///
 /// # Errors
 /// [`Error::Memory`].
@@ -69,8 +71,8 @@ pub fn refuse_too_large(case: &Case, resources: &Resources) -> Result<()> {
     let (ranks, limit) = (resources.ranks, resources.memory_per_rank.unwrap_or(u64::MAX));
     // The tracer keeps V and distances for all of space on every rank.
     let tracer = if matches!(case.exact, Some(Exact::Characteristics)) { 80.0 } else { 0.0 };
-    // Less than any layout takes: two batch vectors, a state and the sums of a reading; four real
-    // vectors and the field.
+    // A lower bound for any layout. By modes: two batch vectors, a state and the sums of a reading.
+    // Classical: four real vectors and the field.
     let bytes_per_cell = match case.method {
         Method::Schrodingerized => 2.0 * size_of::<Lanes>() as f64 + 32.0,
         Method::Classical => 48.0,
@@ -105,8 +107,7 @@ impl Layout {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
             return layout.within(case, bounds, warp, resources)?.numbered(case);
         }
-        // The cheapest split of the ranks that fits, fewest blocks first; more where they are worth
-        // it.
+        // The cheapest mesh that fits. Fewest blocks come first; more must be faster by a factor.
         let mut best: Option<(bool, f64, Self)> = None;
         for layout in Self::every(case, bounds, warp, ranks) {
             let fits = layout.memory() <= limit;
@@ -125,7 +126,7 @@ impl Layout {
         }
     }
 
-    /// Refuses more cells on a rank than can be numbered.
+    /// Refuses more cells on a rank than 32-bit column numbers can address.
     fn numbered(self, case: &Case) -> Result<Self> {
         let largest = self.mesh.fullest_block(&case.space);
         if 2 * largest.cells + largest.ghosts <= u32::MAX as usize {
@@ -140,7 +141,7 @@ impl Layout {
         )))
     }
 
-    /// Every split of `ranks` into blocks × groups, fewest blocks first.
+    /// The layouts of all splits of `ranks` into blocks × groups, fewest blocks first.
     pub(crate) fn every(
         case: &Case,
         bounds: &Bounds,
@@ -163,9 +164,9 @@ impl Layout {
         Self { mesh, groups, imbalance, arrays }
     }
 
-    /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it
-    /// takes; none where no memory is given or not even two fit. Depends on nothing that `N_p`
-    /// changes.
+    /// The most points `N_p` with which a run on `resources` can keep all modes, and its mesh. None
+    /// if no memory is given, or not even two points fit. The result does not depend on `N_p` of
+    /// `warp`.
     pub(crate) fn largest_points(
         case: &Case,
         bounds: &Bounds,
@@ -209,7 +210,7 @@ impl Layout {
         group * (rows + split) / case.space.cells() as f64
     }
 
-    /// Rows of the fullest block, and what splitting space adds, in rows.
+    /// Rows of the fullest block, and the cost that splitting space adds, in rows.
     pub(crate) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
         let fullest = self.mesh.fullest_block(&case.space);
         let rows = fullest.cells as f64;
@@ -285,14 +286,14 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
     format!("{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells)")
 }
 
-/// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file
-/// has its own.
+/// Whether `solver.warp.points` can be given. A designed profile has its own `N_p`, as it is no
+/// function on the whole line; so has a file.
 pub(crate) fn takes_points(warp: &WarpPlan) -> bool {
     !matches!(warp.profile, None | Some(Profile::Designed(_) | Profile::Constant(_)))
 }
 
-/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not
-/// fall.
+/// The largest even number from 2 to `most` whose `memory`, which does not decrease, is within
+/// `limit`.
 fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
     let fits = |half: usize| memory(2 * half) <= limit;
     let (mut low, mut high) = (0, most / 2 + 1);
@@ -391,8 +392,7 @@ mod tests {
                 layout.expect("a layout")
             };
             let alone = layout(1).cost(&case, Some(&warp));
-            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is
-            // faster.
+            // By the model: whole batches or blocks of space, whichever is faster.
             for (ranks, least) in [(2, 0.84), (3, 0.75), (4, 0.71)] {
                 let found = layout(ranks);
                 let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;

@@ -16,35 +16,36 @@ use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
-/// What the program and its libraries allocate, buffers of HDF5 and MPI included: what is left of
-/// the peaks without pages of files in the table of `docs/reliability.md`.
+/// Bytes that the program and its libraries allocate, with buffers of HDF5 and MPI. It is the rest
+/// of the peaks in the table of `docs/reliability.md`, without pages of files.
 const PROGRAM_BYTES: u64 = 11 << 19;
 
-/// What MPI allocates beside where there are several ranks.
+/// Bytes that MPI allocates in addition on several ranks.
 const EXCHANGE_BYTES: u64 = 1 << 20;
 
-/// Bytes that HDF5 takes while a dataset is written in chunks, on the fullest rank: those of the
-/// larger of two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
+/// Bytes that HDF5 takes on the fullest rank while a dataset is written in chunks: the larger of
+/// two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
 mod chunk {
-    /// Of the first step, for each chunk of the dataset.
+    /// The first step, for each chunk of the dataset.
     pub const OF_ALL: u64 = 4720;
-    /// Of the second one, for each chunk of the dataset, whatever is in it.
+    /// The second step, for each chunk of the dataset.
     pub const WRITING: u64 = 950;
-    /// Beside these, for each chunk that the rank writes a part of.
+    /// The second step in addition, for each chunk that the rank writes a part of.
     pub const WRITING_OWN: u64 = 10_430;
 }
 
-/// Pages of the files of the program and its libraries on a rank, of `ranks` in all. How many are
-/// there depends on the kernel's page cache: these are as many as were seen.
+/// Bytes of a rank, of `ranks` in all, that are pages of the files of the program and its
+/// libraries. Their number depends on the kernel's page cache; this is the largest that was
+/// measured.
 pub fn program_file_bytes(ranks: usize) -> u64 {
-    // Beside them those by which MPI connects ranks.
+    // Several ranks also load the parts of MPI that connect them.
     if ranks > 1 { 59 << 19 } else { 53 << 19 }
 }
 
-/// Bytes of a rank's buffers, if those of one cell are not more.
+/// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
 
-/// Bytes beside its rows that a kept mode takes: its number and its progress.
+/// Bytes of a kept mode in addition to its rows: its number and its progress.
 pub const KEPT_MODE_BYTES: u64 = 48;
 
 /// Bytes that `modes` kept modes of `rows` rows each take.
@@ -52,8 +53,8 @@ pub fn kept_modes_bytes(rows: u64, modes: u64) -> u64 {
     modes * (rows * size_of::<Complex64>() as u64 + KEPT_MODE_BYTES)
 }
 
-/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in
-/// `p`.
+/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes, with `points` points
+/// in `p`.
 pub(crate) fn memory_of_points(
     case: &Case,
     bounds: &Bounds,
@@ -72,12 +73,12 @@ pub(crate) fn memory_of_points(
     list.iter().map(|a| a.1).sum()
 }
 
-/// What HDF5 takes while it writes a dataset of the user's grid in chunks: 11.4 kB a chunk on one
-/// rank, in one and two dimensions, 6.2 kB on two, 4.7 kB on three to eight.
+/// Bytes that HDF5 takes while it writes a dataset of the user's grid in chunks. Measured: 11.4 kB
+/// a chunk on one rank, 6.2 kB on two, 4.7 kB on three to eight, in one and two dimensions.
 fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let (space, storage) = (grid(case), &case.storage);
     let chunks = storage.most_chunks(&space);
-    // Ranks have their shares along the first axis, and the chunks at their ends together.
+    // Ranks have shares along the first axis; chunks at the ends of a share belong to two ranks.
     let cells = space.x[0].cells;
     let length = storage.chunks.as_ref().map_or(1, |chunks| chunks[0]);
     let layers = cells.div_ceil(length);
@@ -88,9 +89,9 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     (chunk::OF_ALL * chunks).max(chunk::WRITING * chunks + chunk::WRITING_OWN * own)
 }
 
-/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes, when they take
-/// most: while it solves, while the error of the grid is estimated, or while results are spread to
-/// the grid on which they are shown.
+/// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
+/// of three lists: during the solve, while the error of the grid is estimated, and while results
+/// are expanded to the user's grid.
 pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
@@ -104,14 +105,15 @@ pub(crate) fn arrays(
         None => rank.classical(),
     };
     let results = rank.results(warp);
-    let [estimating, showing] = [rank.estimate(), rank.as_shown()]
+    let [estimating, expanding] = [rank.estimate(), rank.expanded()]
         .map(|more| results.iter().cloned().chain(more).collect::<Vec<_>>());
     let bytes = |list: &Vec<(String, u64)>| -> u64 { list.iter().map(|a| a.1).sum() };
-    let largest = [showing, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
+    let largest =
+        [expanding, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
     [rank.system(), largest].concat()
 }
 
-/// How much of the grid the fullest rank of a mesh has.
+/// The sizes of the fullest rank of a mesh.
 struct FullestRank<'a> {
     case: &'a Case,
     bounds: &'a Bounds,
@@ -120,12 +122,12 @@ struct FullestRank<'a> {
     points: u64,
     /// Cells of the block.
     cells: u64,
-    /// Cells of neighbours.
+    /// Ghosts of the block.
     ghosts: u64,
     /// Auxiliary unknowns.
     auxiliary: u64,
-    /// Rows that are listed as inflow.
-    listed: u64,
+    /// Rows with inflow.
+    inflow_rows: u64,
 }
 
 impl<'a> FullestRank<'a> {
@@ -133,13 +135,13 @@ impl<'a> FullestRank<'a> {
         let BlockSize { points, cells, ghosts, .. } = mesh.fullest_block(&case.space);
         let [points, cells, ghosts] = [points, cells, ghosts].map(|n| n as u64);
         let ends = inflow_rows(case, bounds, cells);
-        let (listed, auxiliary) = match (bounds.inflow, case.warp.inflow) {
+        let (inflow_rows, auxiliary) = match (bounds.inflow, case.warp.inflow) {
             (false, _) => (0, 0),
             (true, Embedding::Boundary) => (ends, ends),
             (true, Embedding::Full) => (cells, cells),
             (true, Embedding::Scalar) => (ends, 1),
         };
-        Self { case, bounds, mesh, points, cells, ghosts, auxiliary, listed }
+        Self { case, bounds, mesh, points, cells, ghosts, auxiliary, inflow_rows }
     }
 
     /// Rows of the matrix.
@@ -167,19 +169,19 @@ impl<'a> FullestRank<'a> {
         self.cells / layers * largest_share(first, self.mesh)
     }
 
-    /// Matrix, states, inflow.
+    /// Arrays that exist during the whole run: matrix, states, inflow.
     fn system(&self) -> Vec<(String, u64)> {
         let (case, bounds, rows) = (self.case, self.bounds, self.rows());
         let n = case.space.dimension() as u64;
-        // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a
-        // kind. Weights differ from cell to cell, rows of elements from node to node.
+        // Equal rows are stored once: those of cells of one kind with neighbours of the same kinds.
+        // With weights all rows differ; with elements rows differ from node to node.
         let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
         let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
         let distinct = match bounds.weighted {
             true => rows,
             false => rows.min(case.space.velocity_cells() as u64 * around + 2 * self.auxiliary),
         };
-        // Bounds that hold for any weights, until it is there.
+        // Before the matrix is assembled: a bound for any weights.
         let stored = match bounds.matrix_bytes {
             Some(each) => (each * rows as f64) as u64,
             None => 4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct,
@@ -193,7 +195,7 @@ impl<'a> FullestRank<'a> {
             ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
         ];
         if case.method == Method::Schrodingerized {
-            // They are dropped; the allocator keeps their place.
+            // They are freed, but the allocator keeps their memory.
             list.push(("values at the start".to_owned(), 8 * self.cells));
         }
         let chunks = chunk_bytes(case, self.mesh);
@@ -202,17 +204,20 @@ impl<'a> FullestRank<'a> {
         }
         list.extend(self.exact());
         for (file, table) in case.table_values() {
-            // Copies of a case share it.
+            // Copies of a case share the table.
             list.push((format!("table of {}", file.of.key()), 8 * table.values().len() as u64));
         }
-        if self.listed > 0 {
+        if self.inflow_rows > 0 {
             let each = size_of::<AuxiliaryRow>() as u64 + 8 * bounds.stages as u64;
-            list.push(("inflow".to_owned(), self.listed * each));
+            list.push(("inflow".to_owned(), self.inflow_rows * each));
+        }
+        if bounds.stages > 0 {
+            list.push(("field of the time steps".to_owned(), 8 * self.cells));
         }
         list
     }
 
-    /// Memory of a run by modes beside the system, with at most `most` modes on a rank.
+    /// Arrays of a run by modes in addition to the system, with at most `most` modes on a rank.
     fn modes(&self, warp: &WarpPlan, most: usize) -> Vec<(String, u64)> {
         let case = self.case;
         let share = MatrixShare {
@@ -234,7 +239,7 @@ impl<'a> FullestRank<'a> {
                 list.push(("start between its points".to_owned(), line_bytes(points as u64)));
             }
         }
-        // Sums of one field at a time, on the block; fields, on a rank's share of it.
+        // Sums of one field at a time on the block; recovered fields on a rank's share of it.
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
         let steps = u64::from(case.propagator.method.order() > 0);
         let sums = 16 * (readings + plateau + steps) * self.cells;
@@ -258,30 +263,31 @@ impl<'a> FullestRank<'a> {
             list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
-        // For each earlier field; the last field stores one number instead of two integers.
+        // For each earlier field; the last field stores one number in place of the two integers of
+        // a sum.
         let before = (readings + steps) * (self.fields() - 1);
         list.push(("recovered fields".to_owned(), 8 * (before + 1) * self.share()));
         list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
         list
     }
 
-    /// The fields at time zero, of so many cells, where they are kept to be written.
+    /// The fields at time zero, of `cells` cells each, if they are kept to be written.
     fn at_start(&self, cells: u64) -> Option<(String, u64)> {
         self.case.at_start.filter(|start| start.fields)?;
         Some(("fields at time 0".to_owned(), 8 * self.fields() * cells))
     }
 
-    /// Memory of a classical run beside the system: initial values, results and the vectors of the
-    /// integrator.
+    /// Arrays of a classical run in addition to the system: initial values, results and the vectors
+    /// of the integrator.
     fn classical(&self) -> Vec<(String, u64)> {
         let (case, cells, length) = (self.case, self.cells, self.length());
-        // Those that are touched.
+        // Only vectors whose memory is touched count.
         let vectors = match case.integrator {
             Integrator::ForwardEuler => 1,
             Integrator::Exponential | Integrator::SspRk3 => 2,
         };
         let mut list = vec![
-            // The earlier fields, the state of this one and its readings.
+            // All fields, and the state of the current one.
             ("fields".to_owned(), 8 * (self.fields() * cells + length)),
             ("integrator".to_owned(), 8 * vectors * length),
         ];
@@ -290,8 +296,8 @@ impl<'a> FullestRank<'a> {
         }
         list.extend(self.at_start(cells));
         if case.limiter != Limiter::None {
-            // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends
-            // and at about as many jumps.
+            // A slope for each unknown, two neighbours for each space cell and axis, faces at the
+            // ends of the box and at about as many jumps.
             let n = case.space.dimension() as u64;
             let force = u64::from(self.bounds.forces && self.bounds.inflow);
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
@@ -302,7 +308,7 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// The results, which exist beside the system after the solve.
+    /// The results, which exist in addition to the system after the solve.
     fn results(&self, warp: Option<&WarpPlan>) -> Vec<(String, u64)> {
         let case = self.case;
         let (readings, plateau) =
@@ -318,67 +324,68 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// Memory of the estimate of the grid's error: vectors along one axis after the other, or
+    /// Memory of the estimate of the grid's error: vectors for one axis after the other, or the
     /// coefficients of elements.
     fn estimate(&self) -> Option<(String, u64)> {
         let space = &self.case.space;
         let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
         let of_a_cell = match &self.case.data {
             Data::Measure { .. } => return None,
-            // Four vectors, and two bytes that say what is known.
+            // Four vectors, and two bytes of flags.
             Data::Density if space.axes().any(is_coarse) => 4 * 8 + 2,
             Data::Density => 2 * 8,
         };
         Some(("estimate of the grid's error".to_owned(), of_a_cell * self.cells))
     }
 
-    /// The results on the grid on which they are shown, where that is another.
-    fn as_shown(&self) -> Option<(String, u64)> {
+    /// The results on the user's grid, if the computed one is another.
+    fn expanded(&self) -> Option<(String, u64)> {
         let Self { case, mesh, .. } = self;
         let shown = grid(case);
         if shown == case.space {
             return None;
         }
-        let there = self.cells_as_shown(&shown);
+        let cells = self.cells_on(&shown);
         let layers = largest_part(&shown.x[0], mesh.space[0]) as u64;
-        // One cell is not shared among the groups.
+        // A single layer of cells is not divided among the groups.
         let groups = mesh.groups.min(case.space.x[0].cells);
         let mesh = ProcessMesh { space: mesh.space.clone(), groups };
-        let share = there / layers * largest_share(&shown.x[0], &mesh);
+        let share = cells / layers * largest_share(&shown.x[0], &mesh);
         let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
         Some(("results as shown".to_owned(), 8 * self.fields() * times * share))
     }
 
-    /// Cells of the block on the grid on which results are shown.
-    fn cells_as_shown(&self, shown: &PhaseSpace) -> u64 {
+    /// Cells of the block on the user's grid.
+    fn cells_on(&self, shown: &PhaseSpace) -> u64 {
         let layers = (shown.x.iter().zip(&self.mesh.space)).map(|(a, p)| largest_part(a, *p));
         (layers.product::<usize>() * shown.velocity_cells()) as u64
     }
 
-    /// The exact solution, of which there is one copy.
+    /// The exact solution, which is stored once.
     fn exact(&self) -> Option<(String, u64)> {
         let case = self.case;
         case.exact.as_ref()?;
         let shown = grid(case);
-        let there = self.cells_as_shown(&shown);
+        let cells = self.cells_on(&shown);
         let n = case.space.dimension() as u64;
         let points = case.space.space_cells() as u64;
-        let here = there / shown.velocity_cells() as u64;
+        let space_cells = cells / shown.velocity_cells() as u64;
         let values = match case.data {
-            Data::Density => 8 * there,
-            // Mass and momentum of the share, what is made of them, and the curve, whose arrays
-            // grow by doubling; and the ranks of all cells.
+            Data::Density => 8 * cells,
+            // Mass and momentum of the share and their results, the curve, whose arrays grow by
+            // doubling, and the owners of all cells.
             Data::Measure { .. } => {
-                32 * (1 + n) * here + 64 * curve_points(case) as u64 + 4 * points
+                32 * (1 + n) * space_cells + 64 * curve_points(case) as u64 + 4 * points
             }
         };
         // Its moments at every time.
         let times = 1 + case.shown_times().count() as u64;
-        let moments = 8 * MOMENTS as u64 * times * here;
+        let moments = 8 * MOMENTS as u64 * times * space_cells;
         Some(("exact solution".to_owned(), values + 80 * points + moments))
     }
 
-    /// Numbers of a field at each output time at a point of space: its moments, or all velocities.
+    /// Numbers that are stored for a field at a point of space, at each output time: its moments,
+    /// or the values of all velocities.
     fn early_numbers(&self) -> impl Iterator<Item = u64> + '_ {
         let velocities = self.case.space.velocity_cells() as u64;
         self.case.times.iter().map(move |time| match (time.fields, &self.case.data) {
@@ -387,48 +394,49 @@ impl<'a> FullestRank<'a> {
         })
     }
 
-    /// Sums of one field at the output times, on the block: of all of them, or of one after the
-    /// other where the modes are kept.
+    /// Sums of one field at the output times, on the block: for all times, or for one time after
+    /// the other if the modes are kept.
     fn early_sums(&self, kept: bool) -> u64 {
         let numbers = self.early_numbers();
         16 * self.points * if kept { numbers.max().unwrap_or(0) } else { numbers.sum() }
     }
 
-    /// Results of so many fields at the output times.
+    /// Results of `fields` fields at the output times.
     fn early(&self, fields: u64) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
         self.early_numbers().map(|numbers| 8 * points * fields * numbers).sum()
     }
 
-    /// Moments at the output times, and the exact ones or a copy of these, where they are written.
+    /// Moments at the output times, and the exact ones, or a copy while they are written.
     fn early_moments(&self) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
         2 * 8 * MOMENTS as u64 * points * self.case.times.len() as u64
     }
 }
 
-/// Rows of a block of so many cells at which something may enter.
+/// Rows with inflow of a block of `cells` cells, at most.
 fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
-    // Half of each of the two x-ends of an axis that has ends.
+    // Half of the velocities at each of the two ends of an x-axis that is not periodic.
     let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
         .filter(|(_, periodic)| !periodic)
         .map(|(a, _)| cells / a.cells as u64)
         .sum();
-    // Elements have all their nodes at the end of a velocity axis at which a force lets enter.
+    // With elements and a force, all nodes of the elements at one end of a velocity axis have
+    // inflow.
     match bounds.forces && case.space.degree() > 0 {
         true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
         false => ends,
     }
 }
 
-/// Cells along the first space axis of the largest share of a rank of a block.
+/// Cells along the first space axis of the largest share that a rank has of its block.
 fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
     let elements = axis.elements().div_ceil(mesh.space[0]).div_ceil(mesh.groups);
     (elements * axis.nodes.count()) as u64
 }
 
-/// Entries of a row of `(S, K)` away from jumps of `V`, couplings to auxiliary unknowns aside; of
-/// elements with jumps as many as there.
+/// Entries of a row of `(S, K)`, without couplings to auxiliary unknowns: for degree 0 of a row
+/// away from jumps of `V`, for elements of a row at a jump, if there are any.
 fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
     let along = |x: &Axis, v: &Axis| {
         // The element's other nodes, and the one across a face.
@@ -436,12 +444,12 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
             0 => 2,
             k => k + 1,
         };
-        // Also all of both neighbours, as traces are those of Gauss nodes.
+        // Also all nodes of both neighbours: traces depend on all Gauss nodes of an element.
         let force = match v.nodes.degree {
             0 => 2,
             k => 3 * (k + 1) - 1,
         };
-        // Energies of an element lie in two or three others, and the reflected ones in one.
+        // The energies of an element overlap up to three elements across the jump.
         let jump = match space.degree() {
             0 => 0,
             _ => 3 * v.nodes.count(),
@@ -451,20 +459,21 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
     1 + space.x.iter().zip(&space.v).map(|(x, v)| along(x, v) as u64).sum::<u64>()
 }
 
-/// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and messages in
-/// both directions.
+/// Bytes of a rank's buffers for one cell: all its modes, its values, and messages in both
+/// directions.
 pub(crate) fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
     let messages = if groups > 1 { 2 * most } else { 0 };
     16 * (modes + messages) + 8 * points
 }
 
-/// Cells of a rank in a round: of `cells` that `groups` ranks share, as many as fit into `buffers`.
+/// Cells of a rank in a round: as many of the `cells` that `groups` ranks share as fit into
+/// `buffers`.
 pub(crate) fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u64) -> u64 {
     (buffers / cell_bytes).clamp(1, cells.div_ceil(groups))
 }
 
-/// Bytes of a rank's buffers for so many modes of a block of so many cells, at most `most` of them
-/// on one of `groups` ranks.
+/// Bytes of a rank's buffers for `modes` modes on a block of `cells` cells, with at most `most`
+/// modes on one of `groups` ranks.
 pub fn buffer_bytes(modes: u64, points: u64, cells: u64, most: u64, groups: u64) -> u64 {
     let cell = cell_bytes(modes, points, most, groups);
     cell * cells_at_once(BUFFERS, cell, cells, groups) + line_bytes(points)

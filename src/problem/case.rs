@@ -1,10 +1,12 @@
 //! The case file: a problem, and how to solve it.
 //!
-//! [`Case::parse`] reads a case in three steps, without MPI: `file` reads TOML and `--set` into a
-//! tree that remembers where each value stands; serde makes a `Tables` of it, by `reader`, which
-//! refuses unknown keys and wrong types, and takes formulas of constants for numbers; `Case::new`
-//! turns that into a [`Case`], a section after the other, and `Case::validate` refuses what does
-//! not go together.
+//! [`Case::parse`] reads a case in four steps, without MPI:
+//!
+//! 1. `file` reads TOML and `--set` into a tree that remembers the place of each value.
+//! 2. serde makes `Tables` of the tree through `reader`, which refuses unknown keys and wrong
+//!    types, and evaluates formulas of constants given for numbers.
+//! 3. `Case::new` makes a [`Case`] of the tables, section by section.
+//! 4. `Case::validate` refuses settings that contradict each other.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
@@ -70,7 +72,7 @@ use std::time::Duration;
 struct Tables {
     title: String,
     reference: String,
-    /// Read before all else, as numbers may be formulas of them.
+    /// Already read by `constants::resolved`, as numbers may be formulas of constants.
     #[serde(rename = "constants")]
     _constants: ConstantsTable,
     axis: List<AxisPair>,
@@ -86,15 +88,15 @@ struct Tables {
     readout: Option<ReadoutTable>,
 }
 
-/// All keys that a case file may have, as the table that the whole file is.
+/// All keys that a case file may have, as a table for the whole file.
 pub fn keys() -> ValueKind {
     keys::of::<Tables>()
 }
 
-/// The values of a case file with its `--set` options, as JSON; they are not checked.
+/// The values of a case file with its `--set` options, as JSON. They are not checked.
 ///
 /// # Errors
-/// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits it.
+/// [`Error::Input`] if the text is not TOML, or an override is not a `key=value` that fits it.
 pub fn values(name: &str, text: &str, overrides: &[String]) -> Result<Value> {
     Ok(CaseFile::parse(name, text, overrides)?.json())
 }
@@ -104,11 +106,11 @@ pub fn values(name: &str, text: &str, overrides: &[String]) -> Result<Value> {
 pub struct Case {
     /// Name of the file it was read from.
     pub name: String,
-    /// `title`; the name of the case's file where it gives none.
+    /// `title`; by default the name of the case file.
     pub title: String,
     /// `reference`.
     pub reference: String,
-    /// `[constants]`, by their names.
+    /// `[constants]`, by name.
     pub constants: Constants,
     /// The grid.
     pub space: PhaseSpace,
@@ -119,13 +121,14 @@ pub struct Case {
     /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets
     /// `ψ_a`.
     pub fields: Vec<LiouvilleField>,
-    /// `initial.warped`. Then `f(0)` is not known, and its formula is not used.
+    /// `initial.warped`. With it `f(0)` is unknown, and its formula is not used.
     pub start: Option<WarpedStart>,
-    /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
+    /// `initial.field`: `f` at [`begin`](Self::begin), in place of `initial.f` at time 0.
     pub start_field: Option<StartField>,
-    /// The files of `f0`, `V` and what enters, where these are no formulas.
+    /// The files that give `f0`, `V` or the inflow in place of formulas.
     pub tables: Vec<TableFile>,
-    /// `time.start`, 0 unless a file gives `f` there. Formulas and outputs count from 0.
+    /// `time.start`: 0 unless a file gives `f` at that time. Times in formulas and output times
+    /// count from 0.
     pub begin: f64,
     /// `time.end`: final time `T`.
     pub end: f64,
@@ -148,7 +151,8 @@ pub struct Case {
     pub tolerance_place: String,
     /// File and line of `solver.warp.interval`, for errors.
     pub interval_place: String,
-    /// `solver.verify`: whether to measure that distance (one classical solve).
+    /// `solver.verify`: whether to measure the distance that `tolerance` bounds, which takes one
+    /// classical solve.
     pub verify: bool,
     /// `solver.strict`: whether a run that misses its tolerance or accuracy ends with an error.
     pub strict: bool,
@@ -162,7 +166,7 @@ pub struct Case {
     pub cfl: f64,
     /// `[solver.reduce]`.
     pub reduce: Allowed,
-    /// The reductions of the case: cells, axes and modes that were left out.
+    /// The reductions: what was left out of the computation, and what could not be left out.
     pub reductions: Reductions,
     /// `[exact]`.
     pub exact: Option<Exact>,
@@ -172,11 +176,11 @@ pub struct Case {
     pub plateau: Option<Plateau>,
     /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
     pub at_start: Option<OutputTime>,
-    /// The rest of these and of `output.moments_every`, ascending.
+    /// All other output times before the end, ascending.
     pub times: Vec<OutputTime>,
-    /// `output.warped_field`: whether all modes are kept, and `w(t, x, v, p)` is written.
+    /// `output.warped_field`: whether all modes are kept and `w(t, x, v, p)` is written.
     pub warped_field: bool,
-    /// `output.expand`: whether results are shown on axes that were left out.
+    /// `output.expand`: whether results are written on the whole grid, reduced axes included.
     pub expand: bool,
     /// `output.positive`: whether `f` is limited to positive values before it is written.
     pub positive: bool,
@@ -184,8 +188,7 @@ pub struct Case {
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
     pub storage: Storage,
-    /// `checkpoint.minutes`: how often a checkpoint is made; never by the clock where there is
-    /// none.
+    /// `checkpoint.minutes`: time between checkpoints; `None` if they are not made by the clock.
     pub checkpoint_every: Option<Duration>,
     /// `[readout]`.
     pub readout: Option<ReadoutSettings>,
@@ -193,7 +196,7 @@ pub struct Case {
     pub text: String,
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
-    /// Every value that both give, by its key.
+    /// Every value that the file and the options give, by key.
     pub settings: Settings,
 }
 
@@ -294,19 +297,19 @@ impl Case {
         })
     }
 
-    /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0,
-    /// with another flux than upwind, or with partial reflection.
+    /// Whether the scheme is that of [`galerkin`](crate::scheme::galerkin): for a degree above 0, a
+    /// flux other than upwind, or partial reflection.
     pub fn is_galerkin(&self) -> bool {
         self.space.degree() > 0 || self.flux < 1.0 || self.reflects()
     }
 
-    /// Whether its scheme of degree 0 is the upwind one, with laws at jumps and slopes; of a case
-    /// of a higher degree, whether it would be.
+    /// Whether the scheme of degree 0 for this case is the upwind scheme, with interface laws and
+    /// limiters. For a case of a higher degree: whether it would be at degree 0.
     pub fn has_upwind_cells(&self) -> bool {
         !self.reflects() && (self.space.degree() > 0 || self.flux >= 1.0)
     }
 
-    /// `scheme.flux`, where the scheme is not the upwind one of degree 0.
+    /// `scheme.flux`; `None` for the upwind scheme of degree 0.
     pub fn flux_of_elements(&self) -> Option<f64> {
         (self.space.degree() > 0 || self.flux < 1.0).then_some(self.flux)
     }
@@ -316,18 +319,18 @@ impl Case {
         self.ends == EndFlux::Closed
     }
 
-    /// Whether the scheme is the unitary one, but for partial reflection: the central flux and
-    /// closed ends.
+    /// Whether the scheme has the central flux and closed ends. It is unitary then, unless there is
+    /// partial reflection.
     pub fn is_unitary(&self) -> bool {
         self.flux == 0.0 && self.is_closed()
     }
 
-    /// Whether anything is reflected in part at jumps of `V`.
+    /// Whether a region reflects part of the particles that could be transmitted.
     pub fn reflects(&self) -> bool {
         self.potential.iter().any(|region| region.reflection.is_some())
     }
 
-    /// The text that represents the values of a table.
+    /// The expression that holds the values of a table.
     fn of_table(&self, of: TableOf) -> Option<&Expression> {
         match of {
             TableOf::Initial => self.fields.first().map(|field| &field.initial),
@@ -336,7 +339,7 @@ impl Case {
         }
     }
 
-    /// The same case with `values` of table number `k`, and its checksum.
+    /// The same case with `values` and `checksum` of table number `k`.
     fn with_values(mut self, k: usize, values: Expression, checksum: Option<u64>) -> Self {
         self.tables[k].checksum = checksum;
         match (self.tables[k].of, self.fields.first_mut()) {
@@ -348,7 +351,7 @@ impl Case {
         self
     }
 
-    /// The same case with the values that were read of table number `k`.
+    /// The same case with the values of table number `k`, which were read from its file.
     #[must_use]
     pub fn with_table(self, k: usize, table: Table) -> Self {
         let TableFile { of, interpolation, .. } = self.tables[k];
@@ -360,7 +363,7 @@ impl Case {
         }
     }
 
-    /// The same case with the tables that `other` has read of the same files.
+    /// The same case with the tables that `other` read from the same files.
     #[must_use]
     pub fn with_tables_of(mut self, other: &Self) -> Self {
         for k in 0..self.tables.len() {
@@ -385,13 +388,12 @@ impl Case {
         if is_table { "inflow.table" } else { "inflow.value" }
     }
 
-    /// Whether anything may enter, of any field.
+    /// Whether any field may have inflow.
     pub fn enters(&self) -> bool {
         self.fields.iter().any(LiouvilleField::enters)
     }
 
-    /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all
-    /// the same.
+    /// Whether there are auxiliary unknowns: with inflow, and if they are kept without it.
     pub fn embeds(&self) -> bool {
         self.enters() || self.reductions.idle_unknowns
     }
@@ -405,13 +407,13 @@ impl Case {
         case
     }
 
-    /// The times at which results are written, but for the end.
+    /// The times before the end at which results are written.
     pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
         self.at_start.iter().chain(&self.times)
     }
 
-    /// What `error` says of this case, for a record that other people read: without the case's name
-    /// in front, and without the directories of its file.
+    /// The text of `error` for a record that other people read: without the leading name of the
+    /// case, and with the file's name in place of its path.
     pub fn reason(&self, error: &Error) -> String {
         let text = error.to_string();
         let text = text.strip_prefix(&format!("{}: ", self.name)).unwrap_or(&text);
@@ -419,19 +421,19 @@ impl Case {
         file.map_or_else(|| text.to_owned(), |file| text.replace(&self.name, file))
     }
 
-    /// How long the run is: `time.end − time.start`.
+    /// Simulated time of the run: `time.end − time.start`.
     pub fn duration(&self) -> f64 {
         self.end - self.begin
     }
 
-    /// How long each leg of the run takes: from one output time to the next, the last to the end.
+    /// Simulated time of each leg of the run, from one output time to the next and to the end.
     pub fn legs(&self) -> Vec<f64> {
         let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
         let mut now = self.begin;
         ends.map(|end| end - std::mem::replace(&mut now, end)).collect()
     }
 
-    /// Whether what enters depends on time, of any field.
+    /// Whether the inflow of any field depends on time.
     pub fn varies(&self) -> bool {
         self.fields.iter().any(LiouvilleField::varies)
     }
@@ -440,7 +442,7 @@ impl Case {
 /// The text of a case file.
 ///
 /// # Errors
-/// [`Error::Input`] when it cannot be read or is larger than 1 MiB.
+/// [`Error::Input`] if it cannot be read or is larger than 1 MiB.
 pub fn read_text(path: &Path) -> Result<String> {
     let fail = |e: &dyn std::fmt::Display| Error::Input(format!("{}: {e}", path.display()));
     let mut text = String::new();
@@ -450,19 +452,19 @@ pub fn read_text(path: &Path) -> Result<String> {
     if text.len() as u64 > LONGEST_FILE {
         return Err(fail(&format!("a case file has at most {LONGEST_FILE} bytes")));
     }
-    // A byte order mark is no part of the text.
+    // Some editors put a byte order mark in front of the text.
     Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
-/// The reductions of a case, and those that looked possible but were not made; a line each.
+/// The reductions that were made and those that could not be made, one line each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
-    /// Left out.
+    /// What was left out of the computation.
     pub dropped: Vec<String>,
-    /// Kept, and why.
+    /// What could not be left out, and why.
     pub kept: Vec<String>,
-    /// Whether there are auxiliary unknowns without inflow.
+    /// Whether auxiliary unknowns are kept although nothing enters.
     pub idle_unknowns: bool,
-    /// Whether modes of both signs are propagated.
+    /// Whether modes of both signs are propagated, and not only `l ≥ 0`.
     pub every_mode: bool,
 }

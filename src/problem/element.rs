@@ -17,15 +17,15 @@ pub const LARGEST_DEGREE: usize = 8;
 /// The family of an element's nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum NodeFamily {
-    /// Gauss–Legendre: inside of the element.
+    /// Gauss–Legendre: all nodes are inside of the element.
     #[default]
     Gauss,
     /// Gauss–Lobatto: both ends are nodes.
     Lobatto,
 }
 
-/// Points of Gauss's rule beyond the nodes of an element, along each axis, by which functions are
-/// projected.
+/// Gauss's rule by which functions are projected on an element has this many more points along each
+/// axis than the element has nodes.
 pub const MORE_POINTS: usize = 2;
 /// Distance from the ends of an element, in widths, at which a projection samples them.
 pub const AT_END: f64 = 1e-9;
@@ -35,12 +35,12 @@ pub const AT_END: f64 = 1e-9;
 pub struct Nodes {
     /// Degree `k` of the polynomials.
     pub degree: usize,
-    /// Where the `k + 1` nodes are.
+    /// Family of the `k + 1` nodes.
     pub family: NodeFamily,
 }
 
 impl Nodes {
-    /// The nodes of a space axis of degree `degree`.
+    /// The nodes of a space axis of this degree.
     pub fn of_space(degree: usize) -> Self {
         match degree {
             0 => Self::default(),
@@ -48,7 +48,7 @@ impl Nodes {
         }
     }
 
-    /// The nodes of a velocity axis of degree `degree`.
+    /// The nodes of a velocity axis of this degree.
     pub fn of_velocity(degree: usize) -> Self {
         Self { degree, family: NodeFamily::Gauss }
     }
@@ -76,7 +76,7 @@ impl Nodes {
 /// Nodes of an element on `[−1, 1]`, with their weights and matrices.
 #[derive(Clone, Debug)]
 pub struct ReferenceElement {
-    /// The `k + 1` nodes, ascending; mirror images exactly.
+    /// The `k + 1` nodes, ascending. Their bits are symmetric about 0.
     pub nodes: Vec<f64>,
     /// Quadrature weights, of sum 2.
     pub weights: Vec<f64>,
@@ -147,7 +147,8 @@ fn barycentric_weights(nodes: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// `ℓ_n'(ξ_m)`; rows of sum zero exactly, so that constants have no derivative.
+/// `ℓ_n'(ξ_m)`. The diagonal is minus the sum of the other entries, so that constants have
+/// derivative zero.
 fn differentiation(nodes: &[f64], barycentric: &[f64]) -> Vec<Vec<f64>> {
     let count = nodes.len();
     (0..count)

@@ -6,22 +6,25 @@
 //! through `(x, v)`, or the inflow value at the point of the phase-space box through which it came
 //! in.
 //!
-//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with
-//! `w = −v`, and forward in time, for measure-valued data ([`sheet`]), with `w = v`. `V` is the
-//! scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and
-//! with jumps at faces, where a particle meets the scheme's own rule (`scheme::interface`, whose
-//! `rise` is `V` here minus `V` there):
+//! Back in time, `(x, −v)` obeys Newton's equations again. That motion is followed here, with
+//! `w = −v`; forward in time, for measure-valued data ([`sheet`]), `w = v`. `V` is that of the
+//! scheme: linear in a cell, so that a particle moves along each axis on a parabola
+//! `x + w s − slope s²/2`, and with jumps at faces, where a particle obeys the rule of the scheme
+//! (`scheme::interface`; `rise` is `V` before the face minus `V` behind it):
 //!
 //! ```text
 //! w² + 2 rise > 0    transmitted; the normal speed becomes √(w² + 2 rise)
 //! otherwise          reflected; the normal velocity becomes −w
 //! ```
 //!
-//! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs
-//! to the cell above it; a particle that comes from a face at time zero starts on the face, with
-//! the velocity it has on the side it leaves to, and the initial formula decides (at the end of a
-//! periodic axis, that at the end where it is); of several faces met at once (an edge or a corner
-//! of a cell) the one of the lowest axis is crossed first.
+//! On sets of measure zero, where the solution may jump, these rules hold:
+//!
+//! - A point on a face belongs to the cell above it.
+//! - A particle that is on a face at time zero starts there with the velocity of the side to which
+//!   it moves. Its initial value is that of the formula on the face; at the end of a periodic axis,
+//!   on the end to which it was traced.
+//! - If several faces are met at once, at an edge or a corner of a cell, that of the lowest axis is
+//!   crossed first.
 
 mod by_axes;
 pub mod sheet;
@@ -36,10 +39,10 @@ use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
 
-/// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face
-/// reached so close to time zero is not crossed.
+/// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
+/// close to time zero is not crossed.
 const ROUND_OFF: f64 = 1e-13;
-/// Feet closer to a face than this fraction of a cell lie on it.
+/// A particle that ends closer to a face than this fraction of a cell is moved onto it.
 const ON_FACE: f64 = 1e-11;
 
 /// The origin of a characteristic.
@@ -47,24 +50,25 @@ const ON_FACE: f64 = 1e-11;
 pub struct Foot {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
-    /// Time at which the particle entered the phase-space box there; zero if it was in the box from
-    /// the start.
+    /// Time at which the particle entered the phase-space box at that point; zero if it was in the
+    /// box from the start.
     pub entry: f64,
 }
 
-/// Where a particle is that was followed for a time.
+/// The end of a path that was followed for a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Followed {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
-    /// The part of the time that was left when it left the phase-space box; `None` if it did not.
-    pub left: Option<f64>,
-    /// Where it left; `None` if it did not, or was outside from the start.
+    /// The time that remained when the particle left the phase-space box; `None` if it did not.
+    pub remaining: Option<f64>,
+    /// The end of the box through which it left; `None` if it did not, or was outside from the
+    /// start.
     pub exit: Option<Exit>,
     /// A hash of the jumps that the particle met, in order, and of whether they transmitted it.
     /// Among particles with the same hash, the point depends continuously on the start.
     pub history: u64,
-    /// How often it went around each periodic axis, upwards minus downwards.
+    /// Number of turns around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
 }
 
@@ -75,8 +79,8 @@ pub struct Exit {
     pub axis: usize,
     /// Whether it is the upper end.
     pub upper: bool,
-    /// Whether a jump of `V` gave the particle a velocity outside of the box; a slope, or its own
-    /// motion in space, otherwise.
+    /// Whether a jump of `V` gave the particle a velocity outside of the box. Otherwise a slope
+    /// did, or the particle moved out of the box in space.
     pub at_jump: bool,
 }
 
@@ -93,14 +97,14 @@ pub struct Crossing {
 
 /// The exact solution of a case's boundary-value problem.
 ///
-/// `V` is that of the case where it is linear or constant in regions whose edges are planes across
-/// an axis, wherever they lie. Where it is curved, the solution is approached with the order Δx² of
-/// the cells it is traced in, with Δx^(3/2) by particles that turn around on the way; edges that
-/// are not across an axis are the staircase of the case's grid, as in the scheme.
+/// The solution is exact if `V` is linear in regions whose edges are planes across an axis,
+/// wherever these lie. If `V` is curved, its error is `O(Δx²)` with the width `Δx` of the traced
+/// cells, and `O(Δx^(3/2))` for particles that turn around on the way. Edges of another shape are
+/// staircases of the traced cells, which are the case's cells unless `V` is curved.
 ///
-/// Energy is conserved to round-off where every region's `V` is a sum of functions of one
-/// coordinate each and jumps are constant along faces. Elsewhere slopes and jumps are those at the
-/// centre of a cell and of a face, and a particle's energy is conserved up to the mesh width.
+/// Energy is conserved to round-off if `V` of every region is a sum of functions of one coordinate
+/// each, and jumps are constant along faces. Otherwise slopes and jumps are taken at the centre of
+/// a cell and of a face, and energy is conserved to `O(Δx)`.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
@@ -111,29 +115,29 @@ pub struct Tracer<'a> {
     direction: f64,
     /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
     faces: Vec<Vec<f64>>,
-    /// By space cell: the layers of cells around it that are, like itself, free of slopes and
-    /// jumps. The particle crosses this block in one step.
+    /// By space cell: the number of layers of cells around it that are, like itself, free of slopes
+    /// and jumps. A particle crosses this block of cells in one step.
     free: Vec<u32>,
     /// Bound on the number of faces a particle meets in unit time.
     face_rate: f64,
-    /// The paths along the axes, where these do not depend on each other.
+    /// Known paths along the axes, if the motions along them are independent.
     paths: Option<AxisPaths>,
-    /// What particles meet along each axis, where that depends on the place along it alone.
+    /// Faces, slopes and jumps along each axis, if they depend on the position along it alone.
     lines: Vec<AxisLine>,
 }
 
 /// A particle that is traced.
 struct TracedParticle {
-    /// The space cell it is in. It decides on which side of a face the particle is, independent of
-    /// round-off in `x`.
+    /// The space cell it is in. The cell, and not `x`, tells on which side of a face the particle
+    /// is, so that round-off in `x` does not matter.
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
     /// `direction · v`.
     w: [f64; MAX_DIMENSION],
-    /// Axes along which it rests at a face to which both sides push it.
+    /// Axes along which it rests at a face towards which both sides push it.
     rests: [bool; MAX_DIMENSION],
-    /// Axes along which it does not move at all.
+    /// Axes along which it is not moved at all.
     held: [bool; MAX_DIMENSION],
     /// See [`Followed::history`].
     history: u64,
@@ -152,7 +156,7 @@ struct FreeBlock<'a> {
     slopes: &'a [f64; MAX_DIMENSION],
 }
 
-/// One more event in a history (FNV-1a, over words).
+/// A history with one more event (FNV-1a, over words).
 fn append(history: u64, event: u64) -> u64 {
     (history ^ event).wrapping_mul(0x0100_0000_01b3)
 }
@@ -160,13 +164,13 @@ fn append(history: u64, event: u64) -> u64 {
 /// The next event of a particle, on one axis.
 #[derive(Clone, Copy)]
 struct Event {
-    /// After which time.
+    /// Time until the event.
     time: f64,
     axis: usize,
     /// The new `w` on this axis.
     w: f64,
-    /// The face it arrives at and whether that is the cell's upper one; none if the velocity leaves
-    /// its box.
+    /// The face at which it arrives, and whether that is the upper one; `None` if the velocity
+    /// leaves its box.
     face: Option<(f64, bool)>,
 }
 
@@ -218,7 +222,7 @@ impl<'a> Tracer<'a> {
         Self::with_cells(case, MOST_TRACED_CELLS)
     }
 
-    /// The same, with elements cut into at most so many cells of space.
+    /// The same, with elements cut into cells of which there are at most `most` in space.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -228,8 +232,8 @@ impl<'a> Tracer<'a> {
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
             let fastest = v.lower.abs().max(v.upper.abs());
-            // The shortest way back to a face without resting on it takes the time √(8 · REST · Δx
-            // / slope).
+            // A particle that returns to a face without resting on it takes at least the time
+            // √(8 · REST · Δx / slope).
             fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
         };
         let face_rate = (0..space.dimension()).map(rate).sum();
@@ -247,15 +251,15 @@ impl<'a> Tracer<'a> {
     /// The same, but [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
         let paths = self.paths.is_some().then(AxisPaths::default);
-        // What is only followed needs no lines.
+        // The lines are those of motion back in time, and only save time.
         Self { direction: 1.0, paths, lines: Vec::new(), ..self }
     }
 
     /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time
     /// ≥ 0`.
     ///
-    /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes
-    /// from is undefined.
+    /// Outside the phase-space box it is the inflow value at the point. It is NaN where the formula
+    /// that gives it is undefined.
     pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
         self.values(std::slice::from_ref(point), time)[0]
     }
@@ -267,7 +271,7 @@ impl<'a> Tracer<'a> {
             matches!(&field.inflow, Inflow::Formula(inflow) if inflow.constant().is_some());
         let foot = |point: &[f64; 6]| match self.end_by_axes(point, time) {
             Some(EndByAxes::Inside(point)) => Foot { point, entry: 0.0 },
-            // Wherever and whenever it came in.
+            // The inflow is constant, so neither place nor time of entry matter.
             Some(EndByAxes::Leaves) if inflow_is_constant => Foot { point: *point, entry: time },
             _ => self.foot(point, time),
         };
@@ -282,8 +286,8 @@ impl<'a> Tracer<'a> {
         values
     }
 
-    /// What becomes of the particle at `point` after `time`, axis by axis; `None` where axes depend
-    /// on each other, or the point is outside of the box.
+    /// The end of the path from `point` after `time`, found axis by axis; `None` if the motions
+    /// along the axes are not independent, or the point is outside of the box.
     fn end_by_axes(&self, point: &[f64; 6], time: f64) -> Option<EndByAxes> {
         let paths = self.paths.as_ref()?;
         self.start(point)?;
@@ -291,8 +295,8 @@ impl<'a> Tracer<'a> {
         Some(paths.end(self.space.dimension(), point, time, follow))
     }
 
-    /// Where a particle is after `time` that moves along axis `a` alone; `None` if it leaves the
-    /// box.
+    /// Position and velocity after `time` of a particle that moves along axis `a` alone; `None` if
+    /// it leaves the box.
     fn path_along(&self, a: usize, [x, v]: [f64; 2], time: f64) -> Option<[f64; 2]> {
         let mut point = [0.0; 6];
         for (b, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
@@ -305,11 +309,11 @@ impl<'a> Tracer<'a> {
         if let Some(end) = self.along_line(&particle, a, time) {
             return (end.left == 0.0).then_some([end.x, 0.0 + self.direction * end.w]);
         }
-        let Followed { point, left, .. } = self.follow_particle(particle, time, &mut |_| {});
-        left.is_none().then(|| [point[a], point[3 + a]])
+        let Followed { point, remaining, .. } = self.follow_particle(particle, time, &mut |_| {});
+        remaining.is_none().then(|| [point[a], point[3 + a]])
     }
 
-    /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.
+    /// `∂V/∂x_a` for `a = axis` in the cell that holds `point`, which is in the box.
     pub fn slope_at(&self, point: &[f64; 6], axis: usize) -> f64 {
         let cells: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < self.faces.len() {
             true => self.cell_at(a, point[a]),
@@ -328,11 +332,11 @@ impl<'a> Tracer<'a> {
             return Foot { point, entry: end.left };
         }
         let followed = self.follow(point, time);
-        Foot { point: followed.point, entry: followed.left.unwrap_or(0.0) }
+        Foot { point: followed.point, entry: followed.remaining.unwrap_or(0.0) }
     }
 
-    /// A particle after `time` that moves along axis `a` alone, or when it leaves the box; `None`
-    /// where [`follow`](Self::follow) is to be asked.
+    /// A particle that moves along axis `a` alone, after `time` or when it leaves the box; `None`
+    /// if only [`follow`](Self::follow) can tell.
     fn along_line(&self, particle: &TracedParticle, a: usize, time: f64) -> Option<LineParticle> {
         let line = self.lines.get(a)?;
         let left = time.max(0.0);
@@ -343,24 +347,24 @@ impl<'a> Tracer<'a> {
         Some(LineParticle { x, ..end })
     }
 
-    /// Faces that a particle may meet in `time`, before it is left where it stands.
+    /// Number of faces that a particle may meet in `time`. One that meets more is not followed on.
     fn most_faces(&self, time: f64) -> usize {
-        // A particle sent on by one axis may meet two faces of each other axis before it rests
-        // there again.
+        // Each face met along one axis may end a rest along another one, where the particle then
+        // meets two faces before it rests again.
         (64.0 + 16.0 * self.face_rate * time) as usize
     }
 
-    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a
-    /// tracer that goes [`forward`](Self::forward), where it will be.
+    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier. For a
+    /// tracer that goes [`forward`](Self::forward): where it will be.
     ///
-    /// The work is bounded: a particle that met more faces than physics allows (in the cells around
-    /// a corner, the slopes of a `V` that is no sum over axes may drive one at rest in a circle) is
-    /// left where it stands.
+    /// The work is bounded: a particle that has met more faces than physics allows stays where it
+    /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
+    /// a particle at rest in a circle.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
         self.follow_with(point, time, &mut |_| {})
     }
 
-    /// The same; calls `meet` for every jump of `V` on the path.
+    /// The same, and calls `meet` for every jump of `V` on the path.
     pub fn follow_with(
         &self,
         point: &[f64; 6],
@@ -371,7 +375,7 @@ impl<'a> Tracer<'a> {
             Some(particle) => self.follow_particle(particle, time, meet),
             None => Followed {
                 point: *point,
-                left: Some(time.max(0.0)),
+                remaining: Some(time.max(0.0)),
                 exit: None,
                 history: 0,
                 turns: [0; MAX_DIMENSION],
@@ -410,13 +414,13 @@ impl<'a> Tracer<'a> {
                 None => Some(self.velocity_end(&particle, event.axis, false)),
             };
             if exit.is_some() {
-                return Followed { left: Some(left), exit, ..self.followed(&particle) };
+                return Followed { remaining: Some(left), exit, ..self.followed(&particle) };
             }
         }
         self.followed(&particle)
     }
 
-    /// A place along axis `a`, on the face that it has reached but for round-off.
+    /// `x` on axis `a`, moved onto a face that it misses by round-off only.
     fn snapped(&self, a: usize, x: f64) -> f64 {
         let faces = &self.faces[a];
         let i = self.cell_at(a, x);
@@ -424,6 +428,7 @@ impl<'a> Tracer<'a> {
         [faces[i], faces[i + 1]].into_iter().find(near).unwrap_or(x)
     }
 
+    /// The particle at `point`; `None` if that is outside of the box.
     fn start(&self, point: &[f64; 6]) -> Option<TracedParticle> {
         let space = &self.space;
         let mut particle = TracedParticle {
@@ -436,7 +441,7 @@ impl<'a> Tracer<'a> {
             turns: [0; MAX_DIMENSION],
         };
         for a in 0..space.dimension() {
-            // The ends of the box as faces may differ from it by round-off.
+            // The outermost faces may differ from the ends of the box by round-off.
             particle.x[a] = point[a].clamp(self.faces[a][0], self.faces[a][space.x[a].cells]);
             particle.w[a] = self.direction * point[3 + a];
             let inside = space.x[a].lower <= point[a] && point[a] <= space.x[a].upper;
@@ -448,19 +453,19 @@ impl<'a> Tracer<'a> {
         Some(particle)
     }
 
-    /// Where a particle is that is still in the box.
+    /// The end of the path of a particle that is still in the box.
     fn followed(&self, particle: &TracedParticle) -> Followed {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
-            // Zero added, so that −0 does not come out for a particle at rest.
+            // Adding zero turns the −0 of a particle at rest into 0.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
         let TracedParticle { history, turns, .. } = *particle;
-        Followed { point, left: None, exit: None, history, turns }
+        Followed { point, remaining: None, exit: None, history, turns }
     }
 
-    /// The end of its velocity box, along axis `a`, at or beyond which a particle is.
+    /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.
     fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> Exit {
         let v = &self.space.v[a];
         let velocity = self.direction * particle.w[a];
@@ -477,7 +482,7 @@ impl<'a> Tracer<'a> {
     fn cell_at(&self, a: usize, x: f64) -> usize {
         let (axis, faces) = (&self.space.x[a], &self.faces[a]);
         let last = axis.cells - 1;
-        // At most one off, by round-off.
+        // Round-off may make this one too large or too small.
         let i = (((x - axis.lower) / axis.width()) as usize).min(last);
         if x < faces[i] {
             i.saturating_sub(1)
@@ -509,8 +514,8 @@ impl<'a> Tracer<'a> {
         block
     }
 
-    /// The first event on any axis that moves; of those at the same time but for `round_off`, that
-    /// of the lowest axis, and arrivals at a face before velocities that leave their box.
+    /// The first event along any axis on which the particle moves. Of events within `round_off` of
+    /// each other, an arrival at a face comes first, and then the lowest axis.
     fn next_event(
         &self,
         particle: &TracedParticle,
@@ -542,7 +547,7 @@ impl<'a> Tracer<'a> {
         first
     }
 
-    /// Moves on all axes for a time in which no face is met, but for round-off.
+    /// Moves the particle for a time in which it stays in the block, up to round-off.
     fn advance(&self, particle: &mut TracedParticle, block: &FreeBlock<'_>, time: f64) {
         for (a, slope) in block.slopes.iter().enumerate().take(self.space.dimension()) {
             if !particle.rests[a] {
@@ -563,7 +568,7 @@ impl<'a> Tracer<'a> {
         meet: &mut dyn FnMut(&Crossing),
     ) -> Option<Exit> {
         let i = particle.cell[a];
-        // V here minus V there, and the direction.
+        // V before the face minus V behind it, and the direction.
         let (rise, step) = if upper {
             (-self.potential.jump_above(&particle.cell, a), 1)
         } else {
@@ -603,8 +608,8 @@ impl<'a> Tracer<'a> {
         (!stays).then(|| self.velocity_end(particle, a, true))
     }
 
-    /// The cell of its `block` in which the particle is that has arrived at the block's upper or
-    /// lower face along `a`.
+    /// The cell, within `block`, of a particle that has arrived at the block's upper or lower face
+    /// along `a`.
     fn cell_at_face(
         &self,
         particle: &TracedParticle,
@@ -626,8 +631,8 @@ impl<'a> Tracer<'a> {
         cell
     }
 
-    /// How far from a face the slope of its cell lets a particle get that is there:
-    /// `w²/(2|slope|)`, infinite unless the slope pushes it in the direction `to_face`.
+    /// How far a particle at a face can move away from it within its cell: `w²/(2|slope|)` if the
+    /// slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }

@@ -1,5 +1,5 @@
-//! `description.json` of an export or of pictures: whose files a directory holds. Those of another
-//! case are not replaced unasked.
+//! `description.json` of an export or of pictures says which case the files in a directory belong
+//! to. Files of another case are not replaced unless the user asks for it.
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -7,10 +7,10 @@ use crate::problem::case::{Case, Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The name of the description.
+/// File name of the description.
 pub const DESCRIPTION: &str = "description.json";
 
-/// The contents of an export.
+/// The kind of files in a directory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExportKind {
@@ -25,7 +25,7 @@ pub enum ExportKind {
 }
 
 impl ExportKind {
-    /// The word for it.
+    /// Its name in messages and directories.
     pub fn word(self) -> &'static str {
         match self {
             Self::Matrix => "matrix",
@@ -41,18 +41,18 @@ impl ExportKind {
 pub struct Owner {
     /// The kind of export.
     pub export: ExportKind,
-    /// Every value of its case, by its key.
+    /// Every setting of the case, by key.
     pub settings: Settings,
 }
 
 impl Owner {
-    /// An export of `case`.
+    /// The owner of an export of `case`.
     pub fn new(export: ExportKind, case: &Case) -> Self {
         Self { export, settings: case.settings.clone() }
     }
 
-    /// Refuses to replace, in `directory`, the export of another case, one of another kind, and
-    /// those of `names` that belong to none. By one rank.
+    /// Refuses to replace, in `directory`, an export of another case or another kind, and files
+    /// called `names` that no description claims. Only one rank calls it.
     ///
     /// # Errors
     /// [`Error::Directory`].
@@ -60,7 +60,7 @@ impl Owner {
         let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
         let what = if there(DESCRIPTION) {
             match Self::read(directory) {
-                None => format!("a {DESCRIPTION} that is of no export"),
+                None => format!("a {DESCRIPTION} that no export wrote"),
                 Some(owner) if owner.export != self.export => {
                     format!("an export of another kind, \"{}\"", owner.export.word())
                 }
@@ -72,20 +72,21 @@ impl Owner {
         } else {
             match names.iter().find(|name| there(name)) {
                 None => return Ok(()),
-                Some(name) => format!("{name}, which belongs to no {DESCRIPTION} there"),
+                Some(name) => format!("{name} without a {DESCRIPTION} beside it"),
             }
         };
         let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
         Err(Error::Directory { path: directory.to_owned(), reason })
     }
 
-    /// The case that was exported into `directory`.
+    /// The owner that the description in `directory` names.
     fn read(directory: &Path) -> Option<Self> {
         serde_json::from_str(&disk::read_text(&directory.join(DESCRIPTION)).ok()?).ok()
     }
 }
 
-/// Writes the description of an export, the last of its files.
+/// Writes the description of an export. It is the last file of an export, so that it describes a
+/// complete one.
 ///
 /// # Errors
 /// [`Error::Output`].

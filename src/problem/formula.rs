@@ -1,9 +1,10 @@
 //! Formulas of the case file: `V`, `f0`, `where`, inflow and exact solutions.
 //!
-//! [`Expression::parse`] reads a formula by recursive descent; [`Expression::eval`] walks the tree,
-//! [`Expression::at_points`] does so once for many points.
-//! The conventions are those of mathematics: `-x^2` is `-(x^2)`, powers associate to the right, all
-//! else to the left. From the loosest binding to the tightest:
+//! [`Expression::parse`] reads a formula by recursive descent. [`Expression::eval`] walks its tree;
+//! [`Expression::at_points`] walks it once for many points.
+//!
+//! The conventions are those of mathematics: `-x^2` is `-(x^2)`, powers associate to the right, and
+//! all other operators to the left. From the loosest binding to the tightest:
 //!
 //! ```text
 //! a if c else b    a || b    a && b    a == b, a < b, …
@@ -32,8 +33,8 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// Reads `text`; `names[i]` lists the names under which coordinate `i` may appear, beside those
-    /// of `constants`.
+    /// Reads `text`. `names[i]` lists the names of coordinate `i`; names of `constants` may occur,
+    /// too.
     ///
     /// # Errors
     /// A sentence that says what is wrong and at which character.
@@ -42,25 +43,25 @@ impl Expression {
         Ok(Self { text: text.to_owned(), tree, place: String::new() })
     }
 
-    /// The values of a file, which stands at `place`, of coordinates at `positions` at most;
-    /// undefined until [`with_table`](Self::with_table) has them.
+    /// The values of a file that the key at `place` names, as a function of the coordinates at
+    /// `positions`. They are undefined until [`with_table`](Self::with_table) provides them.
     pub fn of_file(text: String, place: String, positions: Vec<usize>) -> Self {
         Self { text, tree: FormulaNode::Unread(positions), place }
     }
 
-    /// The same with the values that were read of the file.
+    /// The same with the values that were read from the file.
     pub fn with_table(&self, table: Table) -> Self {
         let steps = if table.is_stepped() { ", constant around each" } else { "" };
         let text = format!("{} ({} points{steps})", self.text, table.shape_text());
         Self { text, tree: FormulaNode::Table(Arc::new(table)), place: self.place.clone() }
     }
 
-    /// Whether it jumps between the points of a table: whether it is the same all over a cell.
+    /// Whether it contains a table that is constant around each of its points.
     pub fn is_stepped(&self) -> bool {
         self.tree.is_stepped()
     }
 
-    /// The table, if this is the values of a file.
+    /// The table, if the formula is the values of a file.
     pub fn table(&self) -> Option<&Table> {
         match &self.tree {
             FormulaNode::Table(table) => Some(table),
@@ -82,8 +83,8 @@ impl Expression {
         }
     }
 
-    /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN
-    /// where undefined.
+    /// The formula's value, or NaN if undefined; `coordinates` are in the order of the `names` with
+    /// which it was read.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
         self.tree.eval(coordinates)
     }
@@ -94,8 +95,8 @@ impl Expression {
         self.eval(&[x, y, z, vx, vy, vz, time])
     }
 
-    /// The values at points `(x, y, z, vx, vy, vz)` and a time: the bits of
-    /// [`at_point`](Self::at_point), in less time.
+    /// The values at points `(x, y, z, vx, vy, vz)` and a time: faster than
+    /// [`at_point`](Self::at_point), with the same bits.
     pub fn at_points(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let mut values = vec![0.0; points.len()];
         let mut coordinates = [[time; LANES]; COORDINATES];
@@ -110,7 +111,7 @@ impl Expression {
         values
     }
 
-    /// The formula read as a condition; `None` where it is undefined.
+    /// Whether the formula, as a condition, holds; `None` if it is undefined.
     pub fn holds(&self, coordinates: &[f64]) -> Option<bool> {
         let value = self.eval(coordinates);
         (!value.is_nan()).then_some(value != 0.0)
@@ -126,7 +127,7 @@ impl Expression {
         Self { place, ..self }
     }
 
-    /// The error of this formula having `value` at `point`, written for people.
+    /// The error that this formula has `value` at `point`.
     pub fn undefined(&self, value: f64, point: String) -> Error {
         Error::Formula {
             key: self.place.clone(),
@@ -144,7 +145,7 @@ impl Expression {
         }
     }
 
-    /// Whether coordinate `position` of the names it was read with occurs.
+    /// Whether the coordinate at this position of the names occurs.
     pub fn depends_on(&self, position: usize) -> bool {
         self.tree.depends_on(position)
     }
@@ -196,7 +197,7 @@ mod tests {
         }
     }
 
-    /// Many points whose number is not a multiple of the batch, with undefined values.
+    /// The number of points is not a multiple of the batch, and some values are undefined.
     #[test]
     fn many_points_have_the_bits_of_each() {
         let texts = [

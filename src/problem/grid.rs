@@ -1,8 +1,8 @@
 //! The phase-space grid: axes, cells, and the one ordering of unknowns.
 //!
 //! An axis has elements of equal width with `degree + 1` nodes each (see
-//! [`element`](crate::problem::element)). A *cell* is what belongs to one node: one unknown along
-//! the axis, with the node as its centre and the quadrature weight as its width. Of degree 0 an
+//! [`element`](crate::problem::element)). A *cell* belongs to one node: it is one unknown along the
+//! axis, with the node as its centre and the quadrature weight as its width. For degree 0 an
 //! element is a cell.
 //!
 //! Cells are ordered `(x1..xn, v1..vn)` row-major, the last velocity axis running fastest.
@@ -20,7 +20,7 @@ pub struct PhaseSpace {
     pub x: Vec<Axis>,
     /// Velocity axes v1..vn.
     pub v: Vec<Axis>,
-    /// Which of the space axes close on themselves: behind the last cell comes the first.
+    /// Which space axes are periodic: the first cell follows the last one.
     pub periodic: [bool; MAX_DIMENSION],
 }
 
@@ -39,7 +39,7 @@ impl PhaseSpace {
         space
     }
 
-    /// The grid that the case gives.
+    /// The grid of the case, before it was reduced.
     pub fn whole(&self) -> Self {
         let mut space = self.clone();
         for axis in space.x.iter_mut().chain(&mut space.v) {
@@ -63,7 +63,7 @@ impl PhaseSpace {
         self.axes().map(|a| a.cells).collect()
     }
 
-    /// Elements along each axis; of degree 0 its cells.
+    /// Number of elements along each axis.
     pub fn elements(&self) -> Vec<usize> {
         self.axes().map(Axis::elements).collect()
     }
@@ -83,18 +83,18 @@ impl PhaseSpace {
         self.space_cells() * self.velocity_cells()
     }
 
-    /// Mean volume of a phase-space cell; of degree 0 that of each, `Π Δx Δv`.
+    /// Mean volume of a phase-space cell. For degree 0 all cells have this volume, `Π Δx Δv`.
     pub fn cell_volume(&self) -> f64 {
         self.axes().map(|a| a.width() / a.nodes.count() as f64).product()
     }
 
-    /// Mean volume of a velocity cell; of degree 0 that of each, `Π Δv`.
+    /// Mean volume of a velocity cell. For degree 0 all cells have this volume, `Π Δv`.
     pub fn velocity_volume(&self) -> f64 {
         self.v.iter().map(|a| a.width() / a.nodes.count() as f64).product()
     }
 
-    /// Volume of a cell beside the mean: 1 exactly of degree 0. The product over the axes of
-    /// `w_m (k + 1)/2` with the quadrature weights `w_m`.
+    /// Volume of a cell relative to the mean: the product over the axes of `w_m (k + 1)/2` with the
+    /// quadrature weights `w_m`. For degree 0 it is exactly 1.
     pub fn relative_volume(&self, cell: &Cell) -> f64 {
         self.axes().zip(cell).map(|(axis, &j)| axis.relative_weight(j)).product()
     }
@@ -113,14 +113,14 @@ impl PhaseSpace {
         self.axes().map(|a| a.nodes.degree).max().unwrap_or(0)
     }
 
-    /// The same elements, of degree 0.
+    /// The same elements with degree 0.
     pub fn by_elements(&self) -> Self {
         let all = |axes: &[Axis]| axes.iter().map(Axis::by_elements).collect();
         Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
     }
 
-    /// The product of points `along` the axes, in `[−1, 1]` of the element of this number along
-    /// each of them; the last axis runs fastest.
+    /// The tensor product of points `along` the axes, given in `[−1, 1]` of the element that has
+    /// the number `element[a]` along axis `a`. The last axis runs fastest.
     pub fn points_in<P: AsRef<[f64]>>(
         &self,
         element: &[usize],
@@ -167,7 +167,7 @@ impl PhaseSpace {
         self.axes().zip(cell).fold(0, |index, (axis, &j)| index * axis.cells + j)
     }
 
-    /// The global indices of the unknowns of an element, by its number along each axis.
+    /// The global indices of the unknowns of the element that has these numbers along the axes.
     pub fn cells_of(&self, element: &Cell) -> impl Iterator<Item = usize> + use<> {
         self.axes()
             .zip(element)
@@ -180,13 +180,13 @@ impl PhaseSpace {
             .into_iter()
     }
 
-    /// Whether space axis `a` closes on itself.
+    /// Whether space axis `a` is periodic.
     pub fn is_periodic(&self, a: usize) -> bool {
         self.periodic[a]
     }
 
-    /// The cell at place `i` along space axis `a`: counted on around a periodic axis, `None` off
-    /// the grid.
+    /// The cell of number `i` along space axis `a`, modulo the number of cells on a periodic axis;
+    /// `None` off the grid.
     pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
         let cells = self.x[a].cells as i64;
         let i = if self.periodic[a] { i.rem_euclid(cells) } else { i };
@@ -198,19 +198,18 @@ impl PhaseSpace {
         self.periodic[a] && self.x[a].cells == 1
     }
 
-    /// Most space blocks along space axis `a`, each of whole elements. A periodic axis stays whole,
-    /// so that the cell behind its end is on the same rank.
+    /// Largest number of blocks along space axis `a`, each of whole elements. A periodic axis is
+    /// not split, so that both of its ends are on the same rank.
     pub fn most_blocks(&self, a: usize) -> usize {
         if self.periodic[a] { 1 } else { self.x[a].elements() }
     }
 
-    /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the
-    /// `2n`).
+    /// Difference of the indices of two cells that are neighbours along axis `axis` (of the `2n`).
     pub fn stride(&self, axis: usize) -> usize {
         self.axes().skip(axis + 1).map(|a| a.cells).product()
     }
 
-    /// Centre of a cell as formulas take it: `[x, y, z, vx, vy, vz]`, absent ones zero.
+    /// Centre of a cell as formulas take it, `[x, y, z, vx, vy, vz]`; absent coordinates are zero.
     pub fn point(&self, cell: &Cell) -> [f64; 6] {
         let n = self.dimension();
         let mut point = [0.0; 6];
@@ -221,8 +220,8 @@ impl PhaseSpace {
         point
     }
 
-    /// The [`point`](Self::point) of a cell, moved inside its element by a billionth of its width
-    /// where it is on a face: functions that jump there have one value on either side.
+    /// The [`point`](Self::point) of a cell. If it is on a face of space, it is moved inside its
+    /// element by a billionth of the width, as a function may jump at the face.
     pub fn inner_point(&self, cell: &Cell) -> [f64; 6] {
         let mut point = self.point(cell);
         for (a, axis) in self.x.iter().enumerate() {
@@ -232,7 +231,7 @@ impl PhaseSpace {
     }
 }
 
-/// A point written for people: `x = 0.1, v = -0.2`.
+/// A point as text: `x = 0.1, v = -0.2`.
 pub fn describe_point(dimension: usize, point: &[f64]) -> String {
     let names: &[&str] = match dimension {
         1 => &["x", "v"],
@@ -280,8 +279,8 @@ pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX
     }
 }
 
-/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into
-/// `to`; what a cell of the one has in common with one of the other counts by its volume.
+/// Averages of cell values, given on a grid of `from` cells along each axis, over the cells of a
+/// grid of `to` cells on the same box. Overlaps of cells are weighted by their volume.
 pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
     let mut shape = from.to_vec();
     let mut values = values.to_vec();
@@ -396,7 +395,7 @@ mod tests {
         let other = averaged(&values, &[6, 4], &[5, 7]);
         let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
         assert!((mean(&other) - mean(&values)).abs() < 1e-13);
-        // By hand: three cells to two.
+        // Three cells to two, computed by hand.
         assert_eq!(averaged(&[3.0, 6.0, 9.0], &[3], &[2]), [4.0, 8.0]);
     }
 }

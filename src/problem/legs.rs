@@ -1,13 +1,13 @@
-//! Legs of a run: from one time at which the whole field is at hand to the next.
+//! Legs of a run, from one time at which the whole field is available to the next.
 
 use crate::problem::case::{Case, Data};
 
 /// A leg of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leg {
-    /// How long it takes.
+    /// Simulated time of the leg.
     pub time: f64,
-    /// Whether the moments at its end are all that is wanted.
+    /// Whether only moments are written at its end.
     pub moments_only: bool,
     /// Output times of moments within the leg, measured from its beginning; ascending.
     pub passed: Vec<f64>,
@@ -19,8 +19,8 @@ impl Leg {
         Self { time, moments_only, passed: Vec::new() }
     }
 
-    /// Those of a case, from each output time to the next. Moments of measure-valued data are not
-    /// linear in the fields, and take them.
+    /// The legs of a case, from each output time to the next. Measure-valued data need the fields
+    /// at each, as their moments are not linear in the fields.
     pub fn all(case: &Case) -> Vec<Self> {
         let linear = matches!(case.data, Data::Density);
         let wants = case.times.iter().map(|t| linear && !t.fields);
@@ -29,7 +29,7 @@ impl Leg {
             .collect()
     }
 
-    /// `legs` with those joined between which moments are all that is wanted.
+    /// `legs`, with each that ends with moments only joined to the next.
     pub fn joined(legs: &[Self]) -> Vec<Self> {
         let mut joined = Vec::new();
         let (mut now, mut passed) = (0.0, Vec::new());
@@ -45,8 +45,8 @@ impl Leg {
         joined
     }
 
-    /// For each output time of `legs`, the end of the last included: whether moments are all that
-    /// is wanted.
+    /// For each output time of `legs`, including the end of the last: whether only moments are
+    /// written.
     pub fn output_times(legs: &[Self]) -> impl Iterator<Item = bool> + '_ {
         let of_leg =
             |leg: &Self| std::iter::repeat_n(true, leg.passed.len()).chain([leg.moments_only]);

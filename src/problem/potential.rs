@@ -1,17 +1,19 @@
 //! The potential on the grid: jumps at faces, slopes in cells.
 //!
-//! `V`'s one-sided limits at a face are the two neighbouring elements' own formulas, evaluated on
-//! the face at the other axes' nodes; an element's formula is that of the first region whose
-//! `where` holds at its centre. So jumps lie on faces by construction (paper, section 4.1:
-//! discontinuities at grid points). In between, along an axis of degree 0 `V` is linear; of a
-//! higher degree it is the polynomial of degree 8 through the formula's values at Gauss–Lobatto
-//! points of the element, whose derivative at a node is the slope there. A table that is constant
-//! around its points is constant in an element: it has the value at the element's centre there.
+//! The formula of an element is that of the first region whose `where` holds at its centre. The two
+//! one-sided limits of `V` at a face are the formulas of the two elements, evaluated on the face at
+//! the nodes of the other axes. So jumps lie on faces by construction (paper, section 4.1:
+//! discontinuities at grid points).
+//!
+//! Inside an element, along an axis of degree 0, `V` is linear between the two faces. For a higher
+//! degree it is the polynomial of degree 8 through the formula's values at Gauss–Lobatto points of
+//! the element; its derivative at a node is the slope there. A table that is constant around its
+//! points has, in the whole element, the value at the element's centre.
 
 mod edges;
 pub mod oblique;
 mod pieces;
-pub mod written;
+pub mod resolution;
 
 pub use crate::problem::potential::edges::{
     MOST_STRAY_EDGES, Overlooked, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,
@@ -25,34 +27,33 @@ use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, s
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// Jumps below this fraction of `V` are round-off of formulas that meet at a face.
+/// A jump below this fraction of `V` is round-off of two formulas that agree at the face.
 const KINK: f64 = 1e-13;
 
 /// Jumps and slopes of `V` on a box of space cells.
 #[derive(Clone, Debug)]
 pub struct Potential {
-    /// Box of space cells covered, one range an axis.
+    /// The box of space cells that is covered, one range per axis.
     ranges: Vec<Range<usize>>,
-    /// `V⁺ − V⁻` at the lower face of each element, by axis, kept at its first cell; zero at others
-    /// and at the ends of the box (the paper's assumption). At the lower end of a periodic axis,
-    /// `V` of the first cell minus that of the last.
+    /// `V⁺ − V⁻` at the lower face of each element, by axis, stored at the first cell of the
+    /// element. It is zero at other cells, and at the ends of the box (the paper's assumption). At
+    /// the lower end of a periodic axis it is `V` of the first cell minus that of the last.
     jump: Vec<[f64; MAX_DIMENSION]>,
-    /// The region on the higher side of those jumps, by axis; kept only where a region reflects in
-    /// part what could be transmitted.
+    /// The region on the higher side of those jumps, by axis; empty without partial reflection.
     higher: Vec<[usize; MAX_DIMENSION]>,
-    /// `∂V/∂x_a` at each cell, by axis; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
+    /// `∂V/∂x_a` at each cell, by axis; for degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     slope: Vec<[f64; MAX_DIMENSION]>,
-    /// Cell indices run row-major over `ranges`.
+    /// Strides of the row-major order of `ranges`.
     strides: [usize; MAX_DIMENSION],
-    /// Along which axes the first cell covered comes behind the last one.
+    /// The periodic axes that are covered as a whole: their first cell follows the last one.
     closed: [bool; MAX_DIMENSION],
 }
 
-/// Identifies a jump of `V`: its height, and the region on the higher side if that may reflect.
+/// Identifies a jump of `V`: its height, and with partial reflection the region on the higher side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct JumpKind {
     bits: u64,
-    /// The region, where any reflects.
+    /// The region on the higher side; `None` if no region reflects in part.
     pub higher: Option<usize>,
 }
 
@@ -63,7 +64,7 @@ impl JumpKind {
     }
 }
 
-/// Values of a case's potential, and the first that is not finite.
+/// Evaluates a case's potential, and remembers the first value that is not finite.
 struct PotentialValues<'c> {
     case: &'c Case,
     failure: Option<Error>,
@@ -90,9 +91,9 @@ impl PotentialValues<'_> {
         value
     }
 
-    /// The jump at the lower face along axis `a` of the element of space cell `i`, if the cell is
-    /// its first, and the slope at the cell; `own` is its piece, `below` that of the element below,
-    /// if there is one.
+    /// The jump at the lower face, along axis `a`, of the element of space cell `i`, and the slope
+    /// at the cell. The jump is 0 unless the cell is the first of its element. `own` is the piece
+    /// of the element, `below` that of the element below, if there is one.
     fn jump_and_slope(
         &mut self,
         i: &[usize; MAX_DIMENSION],
@@ -113,7 +114,7 @@ impl PotentialValues<'_> {
             0 => drop / axis.width(),
             _ => self.derivative(&centre, a, own, element, node),
         };
-        // The face below the first element of a periodic axis is that above the last one.
+        // Below the first element of a periodic axis is the upper face of the last one.
         let turns = i[a] == 0;
         if turns {
             lower[a] = axis.face(axis.elements() as i64);
@@ -123,7 +124,7 @@ impl PotentialValues<'_> {
         };
         let behind = self.value(below, &lower);
         let jump = at_lower - behind;
-        // A kink, not a jump: the formulas meet here to round-off.
+        // If the formulas agree here up to round-off, this is a kink and not a jump.
         let drop = match axis.nodes.degree {
             0 => (slope * axis.width()).abs(),
             _ => drop.abs(),
@@ -133,7 +134,7 @@ impl PotentialValues<'_> {
     }
 
     /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from
-    /// values at the Gauss–Lobatto points of the largest degree. Exactly zero where `V` is
+    /// values at the Gauss–Lobatto points of the largest degree. It is exactly zero if `V` is
     /// constant.
     fn derivative(
         &mut self,
@@ -187,7 +188,7 @@ impl Potential {
         let mut values = PotentialValues { case, failure: None };
         for_each_cell(ranges, |i| {
             let own = values.piece(&element_centre(axes, i));
-            // Pieces of the elements below.
+            // The pieces of the elements below along each axis.
             let below: [Option<PotentialPiece>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
                 let element = (a < n).then(|| axes[a].split(i[a] as i64).0)?;
@@ -221,23 +222,24 @@ impl Potential {
         Self::new(case, &ranges)
     }
 
+    /// Index of space cell `i` in the vectors.
     fn position(&self, i: &[usize]) -> usize {
         self.ranges.iter().enumerate().map(|(a, r)| (i[a] - r.start) * self.strides[a]).sum()
     }
 
     /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`, if it is the first of its
-    /// element. Zero at the lower end of the box, unless the axis is periodic.
+    /// element, else zero. It is zero at the lower end of the box, unless the axis is periodic.
     pub fn jump_below(&self, i: &[usize], axis: usize) -> f64 {
         self.jump[self.position(i)][axis]
     }
 
-    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of the
-    /// covered cells, unless they are a whole periodic axis.
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. It is zero at the upper end of
+    /// the covered cells, unless they are a whole periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
         self.face(i, axis, true).map_or(0.0, |at| self.jump[at][axis])
     }
 
-    /// `∂V/∂x_a` along `axis` at space cell `i`; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
+    /// `∂V/∂x_a` along `axis` at space cell `i`; for degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     pub fn slope(&self, i: &[usize], axis: usize) -> f64 {
         self.slope[self.position(i)][axis]
     }
@@ -252,8 +254,8 @@ impl Potential {
         self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
     }
 
-    /// Whether `V` bends within an element of a higher degree: whether its slope differs from node
-    /// to node by more than round-off.
+    /// Whether `V` is curved within an element of a degree above 0: whether its slope differs from
+    /// node to node by more than round-off.
     pub fn is_curved(&self, space: &PhaseSpace) -> bool {
         (0..space.dimension()).any(|a| {
             let count = space.x[a].nodes.count();
@@ -266,7 +268,7 @@ impl Potential {
         })
     }
 
-    /// The kinds of jumps along `axis`, each once.
+    /// The different jumps along `axis`.
     pub fn jump_kinds(&self, axis: usize) -> impl Iterator<Item = JumpKind> + '_ {
         let mut seen = HashSet::new();
         let kinds = (0..self.jump.len()).map(move |at| self.kind_at(at, axis));
@@ -278,8 +280,8 @@ impl Potential {
         JumpKind { bits: self.jump[at][axis].to_bits(), higher }
     }
 
-    /// The jump at the lower face, along `axis`, of the element of space cell `i` if it is its
-    /// first, or at the upper one if it is its last and `upper`.
+    /// The jump at the lower or upper face, along `axis`, of the element of space cell `i`. For the
+    /// lower face the cell must be the first of its element, for the upper face the last.
     pub fn jump_kind(&self, i: &[usize], axis: usize, upper: bool) -> JumpKind {
         match self.face(i, axis, upper) {
             Some(at) => self.kind_at(at, axis),
@@ -287,7 +289,8 @@ impl Potential {
         }
     }
 
-    /// The cell whose lower face along `axis` is the lower or upper one of space cell `i`.
+    /// The index of the cell whose lower face along `axis` is the lower or upper face of space cell
+    /// `i`; `None` if it is not covered.
     fn face(&self, i: &[usize], axis: usize, upper: bool) -> Option<usize> {
         let (position, stride) = (self.position(i), self.strides[axis]);
         if !upper {
@@ -304,8 +307,8 @@ impl Potential {
         std::array::from_fn(|a| self.jump.iter().any(|jump| jump[a] != 0.0))
     }
 
-    /// Adds the kinds of cells that there are, by their slopes and the jumps at their lower faces,
-    /// to `kinds`, up to so `many`.
+    /// Adds to `kinds` the different combinations of jumps at the lower faces of a cell and slopes
+    /// in it, until `kinds` has `many`.
     pub fn collect_kinds(&self, kinds: &mut HashSet<[u64; 2 * MAX_DIMENSION]>, many: usize) {
         for (jump, slope) in self.jump.iter().zip(&self.slope) {
             if kinds.len() >= many {
@@ -325,14 +328,13 @@ impl Potential {
     }
 }
 
-/// `V` at the nodes of the space cells of `ranges`, row-major: the value of the region of the
-/// element that the node belongs to. Not finite where the formula is not: the scheme of degree 0
-/// takes `V` at faces only.
+/// `V` at the nodes of the space cells of `ranges`, row-major: the value of the region to which the
+/// node's element belongs. It may be not finite, as the scheme of degree 0 needs `V` at faces only.
 pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     let axes = &case.space.x;
     let mut values = Vec::with_capacity(ranges.iter().map(Range::len).product());
     for_each_cell(ranges, |i| {
-        // Undefined conditions are an error elsewhere.
+        // Undefined conditions are reported by `Potential::new`.
         let found = piece(&case.potential, &element_centre(axes, i)).ok();
         let formula = &case.potential[found.map_or(0, |piece| piece.region)].value;
         let level = found.and_then(|piece| piece.level);

@@ -1,16 +1,16 @@
-//! A function that is given by its values on a tensor grid of its own: linear along each axis
-//! between its points, or constant around each of them.
+//! A function given by its values on a tensor grid of its own. It is linear along each axis between
+//! the points, or constant around each point.
 
 use crate::base::checksum;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Most values of a table, of which every rank holds all: 128 MiB.
+/// Largest number of values of a table: 128 MiB, which every rank holds.
 pub const MOST_VALUES: usize = 1 << 24;
-/// Coordinates of a formula.
+/// Number of coordinates of a formula.
 const MOST_AXES: usize = 7;
 /// A position half-way between two points, to within this part of their distance, belongs to the
-/// upper one, independent of round-off.
+/// upper point, so that round-off does not matter.
 const HALF_WAY: f64 = 1e-9;
 
 /// An axis of a table.
@@ -28,14 +28,14 @@ pub struct TableAxis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {
-    /// The value of the nearest point: along each axis it jumps half-way between two points. There
-    /// it is that of the upper one.
+    /// The value of the nearest point. It jumps half-way between two points, where the value is
+    /// that of the upper one.
     Constant,
     /// Linear along each axis.
     Linear,
 }
 
-/// Values on the points of some axes, the last of which varies fastest.
+/// Values on the tensor product of the points of some axes, the last of which varies fastest.
 #[derive(Clone, PartialEq)]
 pub struct Table {
     axes: Vec<TableAxis>,
@@ -47,13 +47,13 @@ impl Table {
     /// `values` at the points of `axes`, linear between them.
     ///
     /// # Errors
-    /// What is wrong: axes that do not ascend or have one point, a number that is not finite, or
-    /// another number of values than of points.
+    /// A sentence about axes that do not ascend or have one point, a number that is not finite, or
+    /// a number of values other than that of points.
     pub fn new(axes: Vec<TableAxis>, values: Vec<f64>) -> Result<Self, String> {
         for (i, axis) in axes.iter().enumerate() {
             let name = &axis.name;
             if axes[..i].iter().any(|other| other.position == axis.position) {
-                return Err(format!("the axis {name} is there twice"));
+                return Err(format!("the axis {name} is given twice"));
             }
             if axis.points.len() < 2 {
                 let found = axis.points.len();
@@ -79,7 +79,7 @@ impl Table {
         Ok(Self { axes, values, interpolation: Interpolation::Linear })
     }
 
-    /// The same values with this between them.
+    /// The same values with this interpolation between them.
     #[must_use]
     pub fn with_interpolation(self, interpolation: Interpolation) -> Self {
         Self { interpolation, ..self }
@@ -100,7 +100,7 @@ impl Table {
         &self.values
     }
 
-    /// The checksum of points and values, and of which axes they belong to.
+    /// The checksum of axes, points and values.
     pub fn checksum(&self) -> u64 {
         let axis = |axis: &TableAxis| {
             let head = [axis.position as u64, axis.points.len() as u64];
@@ -115,8 +115,8 @@ impl Table {
         self.axes.iter().any(|axis| axis.position == position)
     }
 
-    /// The interpolant at `coordinates`; beyond the first and the last point of an axis the value
-    /// there. NaN where a coordinate is.
+    /// The interpolant at `coordinates`. It is constant beyond the first and the last point of an
+    /// axis, and NaN if a coordinate is NaN.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
         match self.interpolation {
             Interpolation::Constant => self.nearest(coordinates),
@@ -141,7 +141,7 @@ impl Table {
     }
 
     fn multilinear(&self, coordinates: &[f64]) -> f64 {
-        // The place of the lower corner, and for each axis its stride and the part of the step.
+        // Index of the lower corner; for each axis its stride and the position between two points.
         let (mut lower, mut stride) = (0, 1);
         let mut steps = [(0, 0.0); MOST_AXES];
         for (axis, step) in self.axes.iter().zip(&mut steps).rev() {
@@ -163,13 +163,13 @@ impl Table {
                 place += if is_upper { *stride } else { 0 };
                 weight *= if is_upper { *part } else { 1.0 - part };
             }
-            // At a point of the table exactly its value.
+            // Without the zero terms, the value at a point of the table is exact.
             if weight == 0.0 { 0.0 } else { weight * self.values[place] }
         };
         (0..1usize << steps.len()).map(corner).sum()
     }
 
-    /// How many pairs of neighbouring points have different values, and how many pairs there are.
+    /// Number of pairs of neighbouring points with different values, and number of pairs.
     pub fn steps(&self) -> [usize; 2] {
         let (mut found, mut stride) = ([0, 0], 1);
         for axis in self.axes.iter().rev() {
@@ -185,8 +185,8 @@ impl Table {
         found
     }
 
-    /// How far it goes along the axis of coordinate `position`: to its points, and where it is
-    /// constant around these half a step on.
+    /// The ends of the table along the axis of coordinate `position`: its first and last point, or
+    /// half a step beyond them if it is constant around its points.
     pub fn ends(&self, position: usize) -> Option<[f64; 2]> {
         let points = &self.axes.iter().find(|axis| axis.position == position)?.points;
         let last = points.len() - 1;
@@ -195,8 +195,8 @@ impl Table {
         Some([points[0] - on * below, points[last] + on * above])
     }
 
-    /// Where `[lower, upper]` of coordinate `position` goes beyond the table by more than a step of
-    /// it, if it does.
+    /// A sentence, if `[lower, upper]` of coordinate `position` goes beyond the table by more than
+    /// one step of it.
     pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<String> {
         let axis = self.axes.iter().find(|axis| axis.position == position)?;
         let [first, second] = [axis.points[0], axis.points[1]];
@@ -205,8 +205,8 @@ impl Table {
         let too_far = lower < first - (second - first) || upper > last + (last - before);
         too_far.then(|| {
             format!(
-                "its axis {} goes from {first} to {last}, the case's from {lower} to {upper}: at \
-                 most one step of the table may lie beyond its ends",
+                "its axis {} goes from {first} to {last}, the case's from {lower} to {upper}, \
+                 which may be at most one step of the table beyond its ends",
                 axis.name
             )
         })
@@ -239,7 +239,7 @@ pub fn check_size(shape: &[usize]) -> Result<(), String> {
     }
 }
 
-/// Without its values.
+/// Prints the shape only.
 impl fmt::Debug for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Table({})", self.shape_text())
@@ -270,7 +270,7 @@ mod tests {
         for (x, v, t) in [(-0.3, 0.7, 2.2), (0.4, 2.0, 0.1), (0.25, 1.5, 3.5)] {
             assert!((at(x, v, t) - f(x, v, t)).abs() < 1e-14);
         }
-        // Points are met, and ends go on as constants.
+        // Exact at points, constant beyond the ends.
         assert_eq!(at(0.0, 2.0, 3.0), f(0.0, 2.0, 3.0));
         assert_eq!(at(9.0, -9.0, 4.5), f(0.5, 0.0, 4.0));
         assert!(at(f64::NAN, 0.0, 0.0).is_nan());

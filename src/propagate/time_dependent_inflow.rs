@@ -15,7 +15,9 @@
 //! and one real vector shows how many steps a tolerance needs. The number of steps is doubled; let
 //! the distance `d` of two runs fall by the ratio `q` (16 at order 4, less if the steps are too
 //! long or `b` is rough). The error of the finer run is `d/(q − 1)`, that of the coarser one `d
-//! q/(q − 1)`. At most `q = 16` is trusted, and `q = 4` before there is a ratio.
+//! q/(q − 1)`. At most `q = 16` is trusted, and `q = 4` before there is a ratio. The field of the
+//! most steps is kept: the distance of the recovered field to it is the error of the run, up to
+//! that of these steps.
 //!
 //! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with `δ_i` such that the largest
 //! coupling over the stages is the largest that [`crate::matrix::embedding`] allows.
@@ -71,6 +73,15 @@ pub struct Schedule {
     pub error: f64,
     /// `‖f(T)‖`.
     pub norm: f64,
+    /// The weighted field at the end by the most steps that were tried, without modes, on the
+    /// block's cells.
+    pub reference: Vec<f64>,
+    /// Relative l2 error of `reference`.
+    pub reference_error: f64,
+    /// Whether that follows from three numbers of steps. From two it may be five times too large.
+    pub order_is_seen: bool,
+    /// Whether the inflow jumps in time: different numbers of steps may err alike then.
+    pub jumps: bool,
 }
 
 impl Schedule {
@@ -130,7 +141,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
         let time = case.begin + case.duration() * k as f64 / SAMPLES as f64;
         for (m, value) in matrix.entering.values(field, time).enumerate() {
             if !value.is_finite() {
-                let (value, point) = matrix.entering.worst(field, m, time);
+                let (value, point) = matrix.entering.not_finite(field, m, time);
                 let place = describe_point(case.space.dimension(), &point);
                 return Err(field.entering().undefined(value, format!("{place}, t = {time}")));
             }
@@ -138,6 +149,40 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
         }
     }
     Ok(largest)
+}
+
+/// Whether the inflow on this rank jumps in time, looked for where it changes most from one sample
+/// to the next. Not collective.
+fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
+    /// A smooth change falls by as many factors of two.
+    const HALVINGS: u32 = 20;
+    let at = |time: f64| -> Vec<f64> { matrix.entering.values(&case.fields[0], time).collect() };
+    let change = |a: &[f64], b: &[f64]| {
+        a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+    };
+    let sample = |k: usize| case.begin + case.duration() * k as f64 / SAMPLES as f64;
+    let (mut largest, mut place, mut last) = (0.0, 0, at(case.begin));
+    for k in 1..=SAMPLES {
+        let next = at(sample(k));
+        let found = change(&last, &next);
+        if found > largest {
+            (largest, place) = (found, k);
+        }
+        last = next;
+    }
+    if place == 0 {
+        return false;
+    }
+    let (mut low, mut high) = (sample(place - 1), sample(place));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        let between = at(middle);
+        match change(&at(low), &between) > change(&between, &at(high)) {
+            true => high = middle,
+            false => low = middle,
+        }
+    }
+    change(&at(low), &at(high)) > 0.5 * largest
 }
 
 /// `‖f‖` of the weighted values `f(row)` on the block's cells, without the weights. Collective over
@@ -275,6 +320,7 @@ pub fn schedule(
 ) -> Result<Schedule> {
     let largest = communicator.world.agree(sampled(case, matrix))?;
     let largest = communicator.space.max(largest);
+    let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
     if case.tolerance < SMALLEST {
         return Err(Error::Tolerance {
             place: case.tolerance_place.clone(),
@@ -290,22 +336,34 @@ pub fn schedule(
     // The run of half as many steps, and the distance of the last two runs.
     let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
     let mut steps = STEPS.0;
-    let (run, steps, error, norm) = loop {
+    let (run, found) = loop {
         let fine = search.run(exchange, 2 * steps)?;
         let norm = search.norm(|i| fine.state[i]);
         let distance = match search.norm(|i| fine.state[i] - coarse.state[i]) {
             0.0 => 0.0,
             distance => distance / norm,
         };
+        let order_is_seen = !last.is_nan() || distance == 0.0;
         let ratio =
             if last.is_nan() || distance == 0.0 { 4.0 } else { (last / distance).clamp(1.5, 16.0) };
         last = distance;
         let error = distance / (ratio - 1.0);
+        let found = |steps, of_steps, end: &RealRun| Schedule {
+            steps,
+            error: of_steps,
+            norm,
+            reference: end.state[..matrix.block.cells()].to_vec(),
+            reference_error: error,
+            order_is_seen,
+            jumps,
+            ..Schedule::default()
+        };
         if error * ratio <= goal && search.sees(&coarse, largest) {
-            break (coarse, steps, error * ratio, norm);
+            break (coarse, found(steps, error * ratio, &fine));
         }
         if error <= goal && search.sees(&fine, largest) {
-            break (fine, 2 * steps, error, norm);
+            let found = found(2 * steps, error, &fine);
+            break (fine, found);
         }
         if 2 * steps >= STEPS.1 || error.is_nan() {
             return Err(Error::Input(format!(
@@ -319,7 +377,7 @@ pub fn schedule(
         }
         (coarse, steps) = (fine, 2 * steps);
     };
-    let mut schedule = Schedule { steps, error, norm, ..Schedule::default() };
+    let mut schedule = found;
     schedule.couple(&search, run.values, largest);
     Ok(schedule)
 }

@@ -1,7 +1,7 @@
-//! Averages over the elements of a degree above 0: `/averages/f` and `/averages/density`.
+//! Averages over elements, for a degree above 0: `/averages/f` and `/averages/density`.
 //!
 //! Their axes are the centres of the elements, `/axis/element_x`, …, `/axis/element_vz`. Along an
-//! axis of degree 0 these are the cells.
+//! axis of degree 0 the elements are the cells.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
@@ -12,7 +12,7 @@ use crate::results::dataset::Results;
 use crate::results::writer::{Hdf5Result, Writer};
 use std::ops::Range;
 
-/// Names of the axes of elements: in space, and in velocity.
+/// Names of the axes of elements, in space and in velocity.
 const NAMES: [[&str; MAX_DIMENSION]; 2] =
     [["element_x", "element_y", "element_z"], ["element_vx", "element_vy", "element_vz"]];
 
@@ -21,7 +21,7 @@ fn names(n: usize) -> Vec<&'static str> {
     NAMES.iter().flat_map(|names| &names[..n]).copied().collect()
 }
 
-/// How many numbers are written at most: averages, axes and weights.
+/// Upper bound on how many numbers are written: averages, axes and weights.
 pub fn numbers(space: &PhaseSpace) -> usize {
     if space.degree() == 0 {
         return 0;
@@ -31,7 +31,7 @@ pub fn numbers(space: &PhaseSpace) -> usize {
     product(&space.x) * (1 + product(&space.v)) + nodes
 }
 
-/// The axes of the elements. To be agreed on.
+/// Writes the axes of the elements. Ranks must agree on the outcome afterwards.
 pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     if case.space.degree() == 0 {
         return Ok(());
@@ -45,7 +45,7 @@ pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     Ok(())
 }
 
-/// The averages of this rank's share. Collective.
+/// Writes the averages of this rank's share. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].

@@ -1,4 +1,4 @@
-//! The data of a result: fields, moments, early times, the exact solution, the plateau.
+//! The data of a result: fields, moments, earlier output times, the exact solution, the plateau.
 
 use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
@@ -8,7 +8,7 @@ use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The name of the file of a run's datasets.
+/// Name of the file with the datasets of a run.
 pub const RESULT: &str = "result.h5";
 
 /// The exact solution on a rank's share.
@@ -25,17 +25,18 @@ pub struct Results<'a> {
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
-    /// This rank's space cells, one range an x-axis; may be empty.
+    /// This rank's space cells, one range per space axis; may be empty.
     pub share: &'a [Range<usize>],
-    /// The case's fields on them, velocities fastest.
+    /// The case's fields on the share, velocities fastest.
     pub fields: &'a [&'a [f64]],
-    /// The exact solution there.
+    /// The exact solution on the share.
     pub exact: Option<&'a ExactSolution>,
-    /// Its moments there at every time of `early`, then at the end; none where there is no `exact`.
+    /// Moments of the exact solution on the share, at every time of `early` and then at the end;
+    /// empty without `exact`.
     pub exact_moments: &'a [Moments],
-    /// Moments there.
+    /// Moments on the share.
     pub moments: &'a Moments,
-    /// `V` there.
+    /// `V` on the share.
     pub potential: &'a [f64],
     /// Mass and energies in all of space.
     pub totals: Totals,
@@ -76,7 +77,7 @@ impl<'a> Results<'a> {
         }
     }
 
-    /// The branches of the exact velocity, where they are known.
+    /// The branches of the exact velocity, if they are known.
     pub(crate) fn curve(&self) -> Option<&'a MultivaluedVelocity> {
         match self.exact {
             Some(ExactSolution::Moments(exact)) => exact.curve.as_ref(),
@@ -110,6 +111,6 @@ pub struct EarlyResult {
     pub moments: Moments,
     /// Mass and energies in all of space.
     pub totals: Totals,
-    /// The case's fields, where they are written; none otherwise.
+    /// The case's fields; empty if only moments are written at this time.
     pub fields: Vec<Vec<f64>>,
 }

@@ -8,9 +8,9 @@
 //! | `ticks` | axes for `plotters`, with their ticks |
 //! | `shape`, `text` | lines, markers and texts in pixels |
 //!
-//! `plotters` draws axes, grids, labels, dashes, intervals and colours. Ours are: ticks (see
-//! `ticks`), markers (it has three), lines that end at the frame (it bends them), and legends
-//! beside the frame (its own hide data).
+//! `plotters` draws axes, grids, labels, dashes, intervals and colours. This room adds ticks (see
+//! `ticks`), more markers than its three, lines that end at the frame, where it would bend them,
+//! and legends beside the frame, as those of `plotters` hide data.
 
 pub mod extent;
 pub mod panel;
@@ -31,24 +31,25 @@ use std::path::{Path, PathBuf};
 /// Sizes of texts in points.
 const TITLE: f64 = 14.0;
 const CAPTION: f64 = 10.5;
-/// A line of the title, and how many there are at most for each line that is given.
+/// Height of a line of the title in points.
 const TITLE_LINE: f64 = 20.0;
+/// Most lines into which a line of the title is broken.
 const TITLE_LINES: usize = 2;
-/// Around all.
+/// Margin around the figure in points.
 const MARGIN: f64 = 12.0;
-/// A line of the caption.
+/// Height of a line of the caption in points.
 const LINE: f64 = 15.0;
 
 impl Figure {
-    /// As an SVG document.
+    /// The figure as an SVG document.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Output`], where it cannot be drawn.
+    /// [`crate::base::error::Error::Output`], if it cannot be drawn.
     pub fn svg(&self) -> Result<String> {
         svg(self).map_err(|e| failure(Path::new(&self.title), &e))
     }
 
-    /// As `directory/name.svg` and `directory/name.png`, whose paths are given back.
+    /// Writes `directory/name.svg` and `directory/name.png`, and returns both paths.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
@@ -66,20 +67,21 @@ fn svg(figure: &Figure) -> std::result::Result<String, String> {
     let mut text = String::new();
     let [width, height] = sheet.pixels();
     sheet.draw(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area())?;
-    // Drawn at twice its size, for half points; and pictures by their right name.
+    // The sheet is drawn at twice its size, so that half points are whole pixels. `plotters` writes
+    // a wrong media type for pictures.
     let from = format!("width=\"{width}\" height=\"{height}\"");
     let to = format!("width=\"{}\" height=\"{}\"", width / 2, height / 2);
     Ok(text.replacen(&from, &to, 1).replace("data:png;base64", "data:image/png;base64"))
 }
 
-/// The picture in a file.
+/// Draws the figure into a PNG file.
 fn png(figure: &Figure, path: &Path) -> Drawn {
     let sheet = Sheet::new(figure);
     let [width, height] = sheet.pixels();
     sheet.draw(&BitMapBackend::new(path, (width, height)).into_drawing_area())
 }
 
-/// Where everything of a figure stands, in points.
+/// The layout of a figure, in points.
 pub(crate) struct Sheet<'a> {
     figure: &'a Figure,
     frames: Vec<PanelFrame<'a>>,
@@ -125,7 +127,7 @@ impl<'a> Sheet<'a> {
         self.size.map(|length| (length * PIXELS) as u32)
     }
 
-    /// Draws all of it.
+    /// Draws the whole figure.
     fn draw<DB: DrawingBackend>(&self, root: &Area<DB>) -> Drawn {
         root.fill(&PAPER).map_err(|e| e.to_string())?;
         let write = |line: &str, at: PixelPoint, style| {

@@ -1,4 +1,4 @@
-//! The datasets over space and phase space, as a table: name, description, axes. They stand in
+//! The kinds of datasets over space and phase space: name, description, axes. They are in
 //! `result.h5` and, with the time as first index, in its `/history`.
 
 use crate::base::checksum::DatasetBox;
@@ -10,7 +10,7 @@ use std::ops::Range;
 
 /// Name of the axis of vector components.
 pub const COMPONENT: &str = "component";
-/// Name of the axis of vector components in `/xdmf`, of which there are always three.
+/// Name of the axis of vector components in `/xdmf`, where there are always three.
 pub const DIRECTION: &str = "direction";
 /// Name of the axis of the points of a curve.
 pub const POINT: &str = "point";
@@ -29,9 +29,9 @@ pub enum Over {
 pub struct DatasetKind {
     /// Name of the dataset.
     pub name: &'static str,
-    /// The cells that it has values for.
+    /// The cells for which it has values.
     pub over: Over,
-    /// Whether it has components, one a space axis, as its first index.
+    /// Whether its first index numbers components, one per space axis.
     pub vector: bool,
     /// Its description, an attribute of the dataset.
     pub what: &'static str,
@@ -48,7 +48,7 @@ const fn vector(name: &'static str, over: Over, what: &'static str) -> DatasetKi
 const F: DatasetKind = scalar("f", Over::PhaseSpace, "cell average of the phase-space density");
 const PHI: DatasetKind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
 const PSI: DatasetKind =
-    vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one a velocity axis");
+    vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one per velocity axis");
 const EXACT: DatasetKind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
 const DENSITY_EXACT: DatasetKind =
     scalar("density_exact", Over::Space, "density of the exact solution");
@@ -62,7 +62,7 @@ const POTENTIAL: DatasetKind =
 const MOMENTUM: DatasetKind = vector("momentum", Over::Space, "integral of v f over v");
 const VELOCITY: DatasetKind = vector("velocity", Over::Space, "momentum / density");
 
-/// A dataset's values on a rank's share: one list, or one a component.
+/// A dataset's values on a rank's share: one list, or one per component.
 pub struct Field<'a> {
     /// Name, axes and description.
     pub kind: DatasetKind,
@@ -70,7 +70,7 @@ pub struct Field<'a> {
     pub components: Vec<&'a [f64]>,
 }
 
-/// The fields of a case, in its order.
+/// The fields of a case, from their `values` in the order of the case.
 pub fn fields<'a>(data: &Data, values: impl Iterator<Item = &'a [f64]>) -> Vec<Field<'a>> {
     let mut values: Vec<&[f64]> = values.collect();
     match data {
@@ -103,7 +103,7 @@ fn of_kinds([density, momentum, velocity]: [DatasetKind; 3], moments: &Moments) 
     .map(|(kind, components)| Field { kind, components })
 }
 
-/// The exact field, where there is one.
+/// The exact field, if there is one.
 pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
     match solution {
         Some(ExactSolution::Field(values)) => {
@@ -113,7 +113,7 @@ pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
     }
 }
 
-/// The moments at every output time, the end last: computed, then exact ones where there are some.
+/// The moments at every output time, the end last: first those computed, then exact ones, if any.
 pub fn moments_by_time<'a>(results: &'a Results<'_>) -> Vec<Vec<Field<'a>>> {
     let early = results.early.iter().map(|early| &early.moments);
     let mut times: Vec<Vec<Field<'a>>> =
@@ -139,7 +139,7 @@ pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
     all
 }
 
-/// Where a rank's share of datasets lies.
+/// The position of a rank's share in datasets.
 pub struct DatasetLayout {
     names: Vec<&'static str>,
     dimension: usize,
@@ -148,7 +148,7 @@ pub struct DatasetLayout {
 }
 
 impl DatasetLayout {
-    /// The layout of `share`, one range a space axis, with all velocities of `space`.
+    /// The layout of `share`, which has one range per space axis, with all velocities of `space`.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let velocities = space.v.iter().map(|axis| 0..axis.cells);
         Self {
@@ -172,14 +172,14 @@ impl DatasetLayout {
         component.into_iter().chain(others).collect()
     }
 
-    /// The rank's part of a dataset: these components, where it has any, on its share.
+    /// The ranges of the rank's part of a dataset: these components, if it has any, on its share.
     pub fn ranges(&self, kind: DatasetKind, components: Range<usize>) -> Vec<Range<usize>> {
         let components = kind.vector.then_some(components);
         let others = self.cells[..self.axes_over(kind.over)].iter().cloned();
         components.into_iter().chain(others).collect()
     }
 
-    /// The rank's values of a dataset, by where they lie.
+    /// The rank's values of a dataset, each list with its position.
     pub fn slabs<'a>(&self, field: &Field<'a>) -> Vec<(DatasetBox, &'a [f64])> {
         (field.components.iter().enumerate())
             .map(|(k, values)| (DatasetBox::of(&self.ranges(field.kind, k..k + 1)), *values))

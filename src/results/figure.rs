@@ -1,8 +1,8 @@
 //! Figures as data, which [`crate::results::draw`] draws to SVG and PNG.
 //!
-//! A [`Figure`] is panels in a grid, with a caption below; a [`Panel`] is axes and the layers
-//! between them. Series differ in marker and dash as well as in colour, and heat maps grow lighter
-//! with the value: all can be read in grey and by the colour-blind ([`palette`]).
+//! A [`Figure`] has panels in a grid and a caption below. A [`Panel`] has axes and layers that are
+//! drawn between them. Series differ in marker and dash as well as in colour, and heat maps grow
+//! lighter with the value, so that all can be read in grey and by the colour-blind ([`palette`]).
 //!
 //! ```
 //! use phasewarp::results::figure::palette::Style;
@@ -18,12 +18,12 @@ pub mod palette;
 
 use crate::results::figure::palette::Style;
 
-/// How values become lengths.
+/// How values map to lengths on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// In proportion.
+    /// Proportionally.
     Linear,
-    /// As their logarithms; values that have none are left out.
+    /// By their logarithms; values without one are left out.
     Log,
 }
 
@@ -36,14 +36,14 @@ pub struct PlotAxis {
     pub scale: Scale,
     /// Ends of the axis, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
-    /// Names at 0, 1, … instead of numbers.
+    /// Labels at 0, 1, … instead of numbers.
     pub names: Vec<String>,
     /// Whether its values are whole numbers.
     pub whole: bool,
 }
 
 impl PlotAxis {
-    /// In proportion.
+    /// A linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
@@ -59,7 +59,7 @@ impl PlotAxis {
         Self { scale: Scale::Log, ..Self::linear(label) }
     }
 
-    /// With names at 0, 1, … .
+    /// An axis with names at 0, 1, … .
     pub fn named(label: impl Into<String>, names: Vec<String>) -> Self {
         Self { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Self::linear(label) }
     }
@@ -70,91 +70,90 @@ impl PlotAxis {
         self
     }
 
-    /// From `lower` to `upper`.
+    /// The same axis from `lower` to `upper`.
     pub fn within(mut self, lower: f64, upper: f64) -> Self {
         self.range = Some([lower, upper]);
         self
     }
 }
 
-/// Values on a grid.
+/// Values on a grid, drawn as a heat map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     /// Ends of the grid along the horizontal axis.
     pub x: [f64; 2],
-    /// The same along the vertical one.
+    /// Ends of the grid along the vertical axis.
     pub y: [f64; 2],
-    /// Cells along both.
+    /// Number of cells along both axes.
     pub shape: [usize; 2],
     /// A value for each cell, the vertical axis fastest.
     pub values: Vec<f64>,
     /// Values at the ends of the colours; by default those of the data.
     pub range: Option<[f64; 2]>,
-    /// Whether they are differences, with zero in the middle of the range: other colours, and white
-    /// for zero.
+    /// Whether the values are differences. Zero is in the middle of the range then, and white.
     pub differences: bool,
-    /// What the values are.
+    /// Label of the colour bar.
     pub label: String,
 }
 
-/// What is drawn between the axes; the first lies lowest.
+/// What is drawn between the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Layer {
-    /// Points joined by lines, in order; one that is not finite breaks the line.
+    /// Points joined by lines in their order; a point that is not finite breaks the line.
     Line {
-        /// In the legend; none where empty.
+        /// Label in the legend; not shown if empty.
         label: String,
-        /// How it looks.
+        /// Style of line and markers.
         style: Style,
         /// Points.
         points: Vec<[f64; 2]>,
     },
-    /// Points alone.
+    /// Points that are not joined.
     Points {
-        /// In the legend; none where empty.
+        /// Label in the legend; not shown if empty.
         label: String,
-        /// How they look.
+        /// Colour and markers.
         style: Style,
         /// Points.
         points: Vec<[f64; 2]>,
     },
-    /// Points and how far they may be off, up and down.
+    /// Points with an error interval of their vertical value.
     Intervals {
-        /// In the legend; none where empty.
+        /// Label in the legend; not shown if empty.
         label: String,
-        /// How they look.
+        /// Colour and markers.
         style: Style,
         /// Points, and the ends of the interval of their vertical value.
         points: Vec<([f64; 2], [f64; 2])>,
     },
-    /// Bars from zero along the horizontal axis, one at each 0, 1, … of the vertical one.
+    /// Horizontal bars, at 0, 1, … of the vertical axis.
     Bars {
-        /// How they look.
+        /// Colour and markers.
         style: Style,
-        /// From where to where, and what stands at the end.
+        /// Both ends of each bar, and the label at its end.
         bars: Vec<([f64; 2], String)>,
     },
     /// A heat map.
     Map(Map),
-    /// A line across at a place of the horizontal axis.
+    /// A vertical line across the panel.
     Vertical {
-        /// What stands at it.
+        /// Label at the line.
         label: String,
-        /// Where.
+        /// Its position on the horizontal axis.
         at: f64,
     },
-    /// A line across at a place of the vertical axis.
+    /// A horizontal line across the panel.
     Horizontal {
-        /// What stands at it.
+        /// Label at the line.
         label: String,
-        /// Where.
+        /// Its position on the vertical axis.
         at: f64,
     },
-    /// A ground between two places of the horizontal axis.
+    /// A shaded band from the bottom to the top of the panel.
     Band {
-        /// What stands in it.
+        /// Label in the band.
         label: String,
-        /// From where to where.
+        /// Its two ends on the horizontal axis.
         from: [f64; 2],
     },
 }
@@ -162,23 +161,23 @@ pub enum Layer {
 /// Axes and what is drawn between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
-    /// Above it.
+    /// Title above the panel.
     pub title: String,
     /// The horizontal axis.
     pub x: PlotAxis,
-    /// The vertical one.
+    /// The vertical axis.
     pub y: PlotAxis,
-    /// From below to above.
+    /// The layers; each is drawn over those before it.
     pub layers: Vec<Layer>,
 }
 
 impl Panel {
-    /// Axes without anything between them.
+    /// A panel without layers.
     pub fn new(title: impl Into<String>, x: PlotAxis, y: PlotAxis) -> Self {
         Self { title: title.into(), x, y, layers: Vec::new() }
     }
 
-    /// With one layer more.
+    /// With one more layer.
     pub fn with(mut self, layer: Layer) -> Self {
         self.layers.push(layer);
         self
@@ -189,7 +188,7 @@ impl Panel {
         self.with(Layer::Line { label: label.into(), style, points })
     }
 
-    /// With points that nothing joins.
+    /// With points that are not joined.
     pub fn points(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
         self.with(Layer::Points { label: label.into(), style, points })
     }
@@ -199,18 +198,18 @@ impl Panel {
         self.with(Layer::Map(map))
     }
 
-    /// With a line across at `at` of the horizontal axis.
+    /// With a vertical line at `at` on the horizontal axis.
     pub fn vertical(self, label: impl Into<String>, at: f64) -> Self {
         let label = label.into();
         self.with(Layer::Vertical { label, at })
     }
 
-    /// With lines across at each of these places of the horizontal axis, without labels.
+    /// With vertical lines at these positions, without labels.
     pub fn verticals(self, places: &[f64]) -> Self {
         places.iter().fold(self, |panel, at| panel.vertical("", *at))
     }
 
-    /// With a line across at `at` of the vertical axis.
+    /// With a horizontal line at `at` on the vertical axis.
     pub fn horizontal(self, label: impl Into<String>, at: f64) -> Self {
         let label = label.into();
         self.with(Layer::Horizontal { label, at })
@@ -220,20 +219,20 @@ impl Panel {
 /// Panels in a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// Above all.
+    /// Title above all panels.
     pub title: String,
-    /// From the left, from above.
+    /// The panels, row by row from the left.
     pub panels: Vec<Panel>,
-    /// Panels side by side.
+    /// Number of panels in a row.
     pub columns: usize,
-    /// Below all; lines are broken where they must be, and at every `\n`.
+    /// Text below all panels; lines are wrapped, and broken at every `\n`.
     pub caption: String,
     /// Width and height of a panel's frame in points.
     pub frame: [f64; 2],
 }
 
 impl Figure {
-    /// Panels two side by side, without a caption.
+    /// A figure with up to two panels in a row, without a caption.
     pub fn new(title: impl Into<String>, panels: Vec<Panel>) -> Self {
         Self {
             title: title.into(),
@@ -244,13 +243,13 @@ impl Figure {
         }
     }
 
-    /// With `columns` panels side by side.
+    /// With `columns` panels in a row.
     pub fn columns(mut self, columns: usize) -> Self {
         self.columns = columns.max(1);
         self
     }
 
-    /// With text below.
+    /// With a caption.
     pub fn caption(mut self, caption: impl Into<String>) -> Self {
         self.caption = caption.into();
         self

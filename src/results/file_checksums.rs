@@ -1,7 +1,8 @@
-//! Sizes and checksums of a run's files, kept in `summary.json`, which carries one of its own.
+//! Sizes and checksums of a run's files, which `summary.json` lists together with a checksum of
+//! itself.
 //!
-//! The checksums inside of `result.h5` are those of its datasets, which do not depend on ranks.
-//! Those of files cover attributes and all else that HDF5 keeps, too.
+//! The checksums inside of `result.h5` are those of its datasets, which do not depend on ranks. The
+//! checksums of files also cover attributes and everything else that HDF5 stores.
 
 use crate::base::checksum::{self, FileChecksum, FileChecksums};
 use crate::base::disk::failure;
@@ -20,7 +21,7 @@ use std::path::Path;
 pub fn of_files(world: &Group, directory: &Path, names: &[String]) -> Result<FileChecksums> {
     let there = |name: &&String| directory.join(name).is_file();
     let there: Vec<&str> = names.iter().filter(there).map(String::as_str).collect();
-    // What there is is for one rank to say.
+    // One rank decides which files exist, as ranks may see different states of the directory.
     let there = world.broadcast_text(&there.join("\n"));
     let named = |name: &str| -> Result<(String, FileChecksum)> {
         Ok((name.to_owned(), of_file(world, &directory.join(name))?))
@@ -41,7 +42,7 @@ fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
 /// Compares the files of `directory` with their checksums. Collective over `world`.
 ///
 /// # Errors
-/// [`Error::Output`], naming the first that is not as it was written, the same on all ranks.
+/// [`Error::Output`], the same on all ranks, which names the first file that has changed.
 pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
     let expected = world.on_first_rank(|| of_summary(directory))?;
     let expected = world.broadcast_text(&serde_json::to_string(&expected).unwrap_or_default());
@@ -74,8 +75,8 @@ fn compare(
     all.iter().try_for_each(differs)
 }
 
-/// The checksums that `summary.json` holds; none where there is no such file, or one of an older
-/// version.
+/// The checksums that `summary.json` lists; none if there is no such file, or if an older version
+/// wrote it.
 fn of_summary(directory: &Path) -> Result<FileChecksums> {
     let path = directory.join(summary::NAME);
     if !path.exists() {
@@ -96,7 +97,7 @@ fn of_summary(directory: &Path) -> Result<FileChecksums> {
     expected.keys().try_for_each(sound).map(|()| expected)
 }
 
-/// The error of a directory in which a file is not listed that should be.
+/// The error that `summary.json` does not list the file `name`, which it should.
 pub(crate) fn not_listed(directory: &Path, name: &str) -> Error {
     failure(&directory.join(name), &format!("is not named in {}", summary::NAME))
 }

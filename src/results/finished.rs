@@ -1,5 +1,5 @@
-//! The contents of a directory before a run writes there: its own results, finished and undamaged,
-//! or others, which it replaces only on demand.
+//! Checks a directory before a run writes there: it may hold the finished results of the same run,
+//! or others, which are replaced only on demand.
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
@@ -15,18 +15,18 @@ use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The text files of a run, without those of its grids.
+/// The text files of a run, except those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
 
-/// Whether `directory` holds the results of `case` as this program makes them, written after the
-/// files that it starts from; how often it makes checkpoints does not matter. Every dataset is
+/// Whether `directory` holds the complete results of `case` by this program, written after the
+/// files that the case reads. The interval of checkpoints does not matter. Every dataset is
 /// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Output`], the same on all ranks, where the results are those of
-/// `case`, but a file is damaged.
+/// [`crate::base::error::Error::Output`], the same on all ranks, if the results are those of `case`
+/// but a file is damaged.
 pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool> {
-    // One rank looks, as any program would.
+    // One rank reads the file without MPI.
     let same = world.rank() == 0
         && is_whole(directory, case)
         && matches!(difference(directory, case), Ok(None));
@@ -36,7 +36,7 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     for name in [RESULT].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
         untrusted::check(world, &directory.join(name))?;
     }
-    // Files that the run would write, and no others that lie there.
+    // Only files that the run would write; others may be in the directory.
     let listed = file_checksums::check(world, directory)?;
     let written = |name: &&str| case_writes(case, name);
     let texts = [RESULT, xdmf::NAME, "readout.csv"].into_iter().filter(written);
@@ -56,7 +56,7 @@ fn case_writes(case: &Case, name: &str) -> bool {
     }
 }
 
-/// Whether all files are there, the summary last, and no checkpoint is left to continue from.
+/// Whether all files exist, the summary is the newest, and there is no checkpoint to continue from.
 fn is_whole(directory: &Path, case: &Case) -> bool {
     let written = |name: &str| modified(&directory.join(name));
     let (Some(result), Some(summary)) = (written(RESULT), written("summary.json")) else {
@@ -74,13 +74,14 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     !stopped && summary >= result && older && fields.iter().all(|name| written(name).is_some())
 }
 
-/// When a file was written, if there is one.
+/// When a file was written, if it exists.
 fn modified(path: &Path) -> Option<SystemTime> {
     let found = std::fs::metadata(path).ok().filter(|found| found.is_file());
     found.and_then(|found| found.modified().ok())
 }
 
-/// How the case and the program of `result.h5` differ from `case` and this program, if they do.
+/// A text that says how the case or the program of `result.h5` differs from `case` or this program;
+/// `None` if they do not differ.
 fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
@@ -99,9 +100,9 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     Ok(differing_setting(&found.settings, &case.settings))
 }
 
-/// Refuses to replace files in `directory`: results of a finished run, and files with the names of
-/// results that no run wrote. A run that is to `resume` may replace results of the same case, which
-/// are damaged if that run is not finished; beside a checkpoint it may replace any.
+/// Refuses to replace files in `directory`: results of a finished run, and files with names of
+/// results that no run wrote. A run with `resume` may replace results of the same case, as they are
+/// damaged if they are not finished. If there is a checkpoint, it may replace any results.
 /// Collective over `world`.
 ///
 /// # Errors
@@ -113,7 +114,7 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
     })
 }
 
-/// Why a run of `case` may not write into `directory`, and what to do; none if it may.
+/// Why a run of `case` may not write into `directory`, and what to do; `None` if it may.
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";
@@ -123,14 +124,14 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
             Ok(_) if goes_on => None,
             Ok(None) if resume => None,
             Ok(None) => Some(format!(
-                "it holds the result of this case; --resume keeps it where it is finished and as \
-                 it was written, {instead}"
+                "it holds the result of this case; --resume keeps it if it is finished and \
+                 undamaged, {instead}"
             )),
             Ok(Some(what)) => Some(format!("it holds another result: {what}; {instead}")),
             Err(_) => Some(format!("it holds a result.h5 that is not phasewarp's; {instead}")),
         };
     }
-    // A run that was stopped leaves the warped fields of times that it came to.
+    // Warped fields may be there without a result.h5: a stopped run leaves those that it finished.
     let foreign = |name: &&str| !is_of_this_program(&directory.join(name));
     let warped = warped::names(case);
     let warped = warped.iter().map(String::as_str).filter(foreign);
@@ -147,8 +148,8 @@ fn is_of_this_program(path: &Path) -> bool {
     is_sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
 }
 
-/// Removes from `directory` what an earlier run left and this one does not write: its warped
-/// fields, its table of readings, its report and its pictures. By one rank.
+/// Removes files of an earlier run from `directory` that this run does not write: warped fields,
+/// the table of readings, the report and the pictures. Only one rank calls it.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -166,7 +167,7 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
             disk::clear(&path).map_err(|e| failure(&path, &e))?;
         }
     }
-    // Only where nothing else is in it.
+    // This fails if the folder holds anything else, which is intended.
     let _ = std::fs::remove_dir(directory.join(pictures::FOLDER));
     Ok(())
 }

@@ -1,7 +1,7 @@
-//! `plane_x.xdmf`, …, `space.xdmf`: a file a grid, with all times at which it is shown, for
-//! programs that take lists of points and cells, as meshio and VTK.
+//! `plane_x.xdmf`, …, `space.xdmf`: one file per grid, with all times of the grid, for programs
+//! that take lists of points and cells, such as meshio and VTK.
 //!
-//! Points, cells and values stand in `grids.h5`:
+//! Points, cells and values are in `grids.h5`:
 //!
 //! | object | shape | |
 //! |---|---|---|
@@ -9,8 +9,9 @@
 //! | `/GRID/cells` | (cells, 4 or 8) | numbers of the corners of quadrilaterals or hexahedra |
 //! | `/GRID/K/NAME` | (cells) or (cells, 3) | values at time number `K` of the grid, from 0 |
 //!
-//! Values are no copies. They are virtual datasets of HDF5, which show a dataset of `result.h5`, or
-//! one time of it, as a list in its own order. So `grids.h5` needs `result.h5` beside it.
+//! Values are not copied. They are virtual datasets of HDF5, which refer to a dataset of
+//! `result.h5` or to one time of it, as a list in the same order. So `grids.h5` needs `result.h5`
+//! beside it.
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
@@ -28,10 +29,10 @@ use std::path::Path;
 
 /// The file with points, cells and values.
 const HEAVY: &str = "grids.h5";
-/// Names of the grids of one to three dimensions: the planes, then space.
+/// Names of the grids in up to three dimensions: the planes, then space.
 const GRIDS: [&str; 4] = ["plane_x", "plane_y", "plane_z", "space"];
-/// Bytes of a time's virtual datasets.
-const ABOUT_VALUES: usize = 1 << 14;
+/// Bytes that the virtual datasets of a time take at most.
+const VIRTUAL_DATASETS: usize = 1 << 14;
 /// Rows of points and cells that are written at a time.
 const PIECE: usize = 1 << 14;
 
@@ -40,7 +41,7 @@ pub(crate) fn names() -> impl Iterator<Item = String> {
     std::iter::once(HEAVY.to_owned()).chain(GRIDS.iter().map(|grid| format!("{grid}.xdmf")))
 }
 
-/// Names of those that a run of `case` writes.
+/// Names of the files that a run of `case` writes here.
 pub(crate) fn names_of(case: &Case) -> impl Iterator<Item = String> {
     let space = case.space.dimension();
     let written = move |name: &String| {
@@ -50,7 +51,7 @@ pub(crate) fn names_of(case: &Case) -> impl Iterator<Item = String> {
     names().filter(move |name| case.storage.xdmf && written(name))
 }
 
-/// The most bytes that points, cells and what HDF5 keeps about values may take.
+/// Upper bound on the bytes of points, cells and virtual datasets.
 pub(crate) fn most_bytes(case: &Case) -> usize {
     if !case.storage.xdmf {
         return 0;
@@ -64,11 +65,11 @@ pub(crate) fn most_bytes(case: &Case) -> usize {
     let planes = space.x.iter().zip(&space.v).map(|(x, v)| list(&[x.cells, v.cells]));
     let cells: Vec<usize> = space.x.iter().map(|axis| axis.cells).collect();
     let times = 1 + case.shown_times().count();
-    planes.sum::<usize>() + list(&cells) + ABOUT_VALUES * times
+    planes.sum::<usize>() + list(&cells) + VIRTUAL_DATASETS * times
 }
 
-/// Writes the files for the states at the times of `steps` into `directory`, which has their
-/// `result.h5`; older ones that are not written go. By one rank.
+/// Writes the files for the times of `steps` into `directory`, which has their `result.h5`, and
+/// removes older files that are not replaced. Only one rank calls it.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
@@ -98,7 +99,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     Ok(())
 }
 
-/// The times at which a grid is shown, with the datasets shown then.
+/// The times of a grid, with its datasets at each time.
 fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
     let shown = |step: &'a Step| {
         let grid = step.grids.iter().find(|grid| grid.name == name)?;
@@ -137,7 +138,7 @@ impl<'a> UnstructuredGrid<'a> {
         Self { grid }
     }
 
-    /// Cells along each axis that the grid has.
+    /// Number of cells along each axis of the grid.
     fn lengths(&self) -> &[usize] {
         &self.grid.cells[..self.grid.dimension]
     }
@@ -150,7 +151,7 @@ impl<'a> UnstructuredGrid<'a> {
         self.lengths().iter().map(|n| n + 1).product()
     }
 
-    /// Corners of a cell.
+    /// Number of corners of a cell.
     fn corners(&self) -> usize {
         1 << self.grid.dimension
     }
@@ -173,8 +174,8 @@ impl<'a> UnstructuredGrid<'a> {
         point
     }
 
-    /// Appends the numbers of the corners of cell number `k`: around the quadrilateral; of a
-    /// hexahedron around the lower one, then around the upper one.
+    /// Appends the numbers of the corners of cell number `k`: around a quadrilateral; for a
+    /// hexahedron around its lower face, then around its upper face.
     fn cell(&self, mut k: usize, corners: &mut Vec<i64>) {
         const AROUND: [[usize; 3]; 8] = [
             [0, 0, 0],
@@ -200,7 +201,8 @@ impl<'a> UnstructuredGrid<'a> {
     }
 }
 
-/// A dataset of `rows` by `width` numbers, packed where HDF5 can, as such lists hardly vary.
+/// Writes a dataset of `rows` by `width` numbers. It is compressed if HDF5 can, as such lists
+/// compress well.
 fn table<T: H5Type>(
     group: &Group,
     name: &str,
@@ -223,7 +225,7 @@ fn table<T: H5Type>(
     Ok(())
 }
 
-/// The box of these ranges.
+/// The selection of HDF5 for a box with these ranges.
 fn selection(ranges: &[Range<usize>]) -> Hyperslab {
     let along = |range: &Range<usize>| SliceOrIndex::SliceTo {
         start: range.start,
@@ -234,12 +236,12 @@ fn selection(ranges: &[Range<usize>]) -> Hyperslab {
     Hyperslab::from(ranges.iter().map(along).collect::<Vec<_>>())
 }
 
-/// A view as a list of cells, without a copy.
+/// Writes a view as a virtual dataset: a list over the cells.
 fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result<()> {
     let there = result.dataset(&view.dataset)?.shape();
     let mut from: Vec<Range<usize>> = there.iter().map(|n| 0..*n).collect();
-    if let Some(moment) = &view.moment {
-        from[0] = moment.index..moment.index + 1;
+    if let Some(slice) = &view.time_slice {
+        from[0] = slice.index..slice.index + 1;
     }
     let mut shape = vec![cells];
     shape.extend(view.vector.then_some(3));
@@ -252,7 +254,7 @@ fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result
     Ok(())
 }
 
-/// The text of a grid's file: one collection in time.
+/// The text of a grid's file: a collection over the times.
 fn document(name: &str, times: &[(f64, &Grid)]) -> String {
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<Xdmf Version=\"3.0\">\n<Domain>\n\

@@ -1,4 +1,5 @@
-//! `/history` of `result.h5`: moments, and fields where asked for, at the output times.
+//! `/history` of `result.h5`: moments at all output times, and fields at those of
+//! `output.field_times`.
 //!
 //! | object | shape | |
 //! |---|---|---|
@@ -21,7 +22,7 @@ use std::ops::Range;
 
 /// Name of the axis of output times.
 pub const TIME: &str = "time";
-/// Name of the axis of those at which fields are written.
+/// Name of the axis of output times with fields.
 pub const FIELD_TIME: &str = "field_time";
 
 /// The early results whose fields are written.
@@ -29,7 +30,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
     results.early.iter().filter(|e| !e.fields.is_empty())
 }
 
-/// The axes of times, where there are some. To be agreed on.
+/// Writes the axes of times, if there are any. Ranks must agree on the outcome afterwards.
 pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     if results.early.is_empty() {
         return Ok(());
@@ -56,7 +57,8 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout)
     fields(writer, results, layout)
 }
 
-/// Density, momentum and mean velocity, computed and exact, all times at once: moments are small.
+/// Writes density, momentum and mean velocity, computed and exact, at all times at once, as moments
+/// are small.
 fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     let times = fields::moments_by_time(results);
     for (k, field) in times[0].iter().enumerate() {
@@ -76,7 +78,7 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
     [time].into_iter().chain(axes).collect()
 }
 
-/// Mass and energies in all of space.
+/// Writes mass and energies in all of space.
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
     let totals: Vec<Totals> = early.chain([results.totals]).collect();
@@ -88,12 +90,12 @@ fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     ];
     for (name, of, what) in columns {
         let values: Vec<f64> = totals.iter().map(of).collect();
-        writer.same(&format!("history/{name}"), TIME, &values, what)?;
+        writer.replicated(&format!("history/{name}"), TIME, &values, what)?;
     }
     Ok(())
 }
 
-/// The fields, one time after the other.
+/// Writes the fields, one time after the other.
 fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     let times: Vec<Vec<Field<'_>>> = with_fields(results)
         .map(|e| fields::fields(&results.case.data, e.fields.iter().map(Vec::as_slice)))
@@ -118,7 +120,7 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) ->
     Ok(())
 }
 
-/// Datasets over phase space, and over space, that the history adds to a file.
+/// Number of datasets over phase space, and over space, that the history adds to a file.
 pub fn datasets(case: &Case) -> [usize; 2] {
     let times = case.shown_times().count();
     if times == 0 {

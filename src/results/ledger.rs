@@ -7,23 +7,23 @@
 use crate::base::text::{counted, percent, rounded, short};
 use serde::{Deserialize, Serialize};
 
-/// Part of the mass, or of the mean energy, from which there is a warning.
+/// Larger parts of the mass give a warning, and jumps of `V` below this part of the mean energy.
 const NOTICEABLE: f64 = 0.01;
-/// Part of the mass from which there is a warning that it vanished or entered unexplained; smaller
-/// parts are due to the dissipation of a coarse grid near an end.
+/// Larger parts of the mass that vanish or enter unexplained give a warning; smaller ones are due
+/// to the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.02;
-/// Regions of `V` of so many cells or more are resolved; an element of degree 1 or more resolves
-/// what is as wide as itself.
+/// Least number of cells across a region of `V` that is resolved. For a degree above 0 one element
+/// resolves a region of its own width.
 const CELLS_OF_REGION: usize = 4;
-/// Jumps of `V` larger than this many times the largest `v²/2` are a wall, or a slip of units.
+/// Jumps of `V` larger than this many times the largest `v²/2` are a wall, or an error in units.
 const WALL: f64 = 100.0;
-/// Differences below so many standard errors do not count.
+/// Differences below this many standard errors do not count.
 const STANDARD_ERRORS: f64 = 4.0;
 
 /// `ledger` of `summary.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
-    /// Where mass was, came from and went.
+    /// The balance of mass.
     pub mass: Mass,
     /// The open ends of the phase-space box.
     pub ends: Vec<BoxEnd>,
@@ -44,32 +44,32 @@ pub struct Mass {
     pub formula: Option<f64>,
     /// Standard error of that integral.
     pub formula_error: Option<f64>,
-    /// Integral of `|f|` at time zero and of the inflow, to which shares are relative.
+    /// Integral of `|f|` at time zero plus that of the inflow. Shares are relative to it.
     pub absolute: Option<f64>,
     /// Integral of the formula over velocities beyond the box, up to half its width on each side.
     pub beyond: Option<f64>,
-    /// Of measure-valued data, the mass whose velocity is outside of the box at time zero.
+    /// For measure-valued data, the mass whose velocity is outside of the box at time zero.
     pub outside: Option<f64>,
-    /// On the grid, at time zero.
+    /// Mass on the grid at time zero.
     pub initial: Option<f64>,
-    /// Mass that entered the grid by the rows of the scheme; unknown for measure-valued data.
+    /// Mass that entered the grid, by the rows of the scheme; unknown for measure-valued data.
     pub entered: Option<f64>,
-    /// Mass that enters, estimated; without mass that enters at jumps of `V`.
+    /// Estimate of the mass that enters, without that at jumps of `V`.
     pub entered_estimate: Option<f64>,
-    /// Standard error of that.
+    /// Standard error of that estimate.
     #[serde(default)]
     pub entered_error: Option<f64>,
-    /// On the grid, at the end.
+    /// Mass on the grid at the end.
     pub end: Option<f64>,
     /// `initial + entered − end`.
     pub lost: Option<f64>,
-    /// Mass that leaves the box, estimated.
+    /// Estimate of the mass that leaves the box.
     pub left_estimate: Option<f64>,
-    /// Standard error of that.
+    /// Standard error of that estimate.
     pub left_error: Option<f64>,
-    /// Mass that the `hat` interface adds, estimated; 0 for laws that conserve mass.
+    /// Estimate of the mass that the `hat` interface adds; 0 for laws that conserve mass.
     pub interface_estimate: Option<f64>,
-    /// Particles that were followed for the estimates.
+    /// Number of particles that were followed for the estimates.
     pub particles: usize,
 }
 
@@ -80,38 +80,38 @@ pub struct BoxEnd {
     pub axis: String,
     /// `lower` or `upper`.
     pub end: String,
-    /// Mass that leaves here by its motion or, along a velocity axis, pushed by slopes of `V`.
+    /// Mass that leaves through this end: by its motion, or along a velocity axis by slopes of `V`.
     pub outflow: f64,
     /// Mass that leaves because a jump of `V` gives it a velocity beyond this end; 0 along space
     /// axes.
     pub outflow_at_jumps: f64,
-    /// Mass that enters.
+    /// Mass that enters through this end.
     pub inflow: f64,
 }
 
 /// Kinetic energy `½ ∫ |v|² f` and potential energy `∫ V f`, on the grid.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Energy {
-    /// Kinetic, at time zero.
+    /// Kinetic energy at time zero.
     pub kinetic_initial: Option<f64>,
-    /// Potential, at time zero.
+    /// Potential energy at time zero.
     pub potential_initial: Option<f64>,
-    /// Kinetic, at the end.
+    /// Kinetic energy at the end.
     pub kinetic: Option<f64>,
-    /// Potential, at the end.
+    /// Potential energy at the end.
     pub potential: Option<f64>,
 }
 
-/// The jumps of `V` along an axis, beside the energies of the motion along it.
+/// The jumps of `V` along an axis, and the energies of the motion along it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AxisJumps {
     /// The space axis.
     pub axis: String,
     /// Least `|V⁺ − V⁻|`.
     pub least: f64,
-    /// Largest.
+    /// Largest `|V⁺ − V⁻|`.
     pub largest: f64,
-    /// Mean of `½v²` along this axis, over the initial data and what enters.
+    /// Mean of `½v²` along this axis over the initial data and the inflow.
     pub mean_energy: Option<f64>,
     /// `½v²` of the fastest velocity of the box.
     pub largest_energy: f64,
@@ -138,7 +138,7 @@ impl Ledger {
         Some(rounded(mass / all, 1.0)).filter(|share| share.is_finite())
     }
 
-    /// A mass, and the part of all that it is.
+    /// A mass, and its share of all mass.
     fn with_share(&self, mass: f64) -> String {
         match self.share(mass) {
             Some(0.0) => "0".to_owned(),
@@ -147,8 +147,8 @@ impl Ledger {
         }
     }
 
-    /// The difference of the grid's mass at time zero to the formula's, as a part of the mass; none
-    /// if the formula's integral is not known that well.
+    /// The grid's mass at time zero minus that of the formula, as a share of all mass; `None` if
+    /// the integral of the formula is not known well enough.
     fn missed_by_grid(&self) -> Option<f64> {
         let (initial, formula) = (self.mass.initial?, self.mass.formula?);
         let uncertain = STANDARD_ERRORS * self.mass.formula_error?;
@@ -162,8 +162,8 @@ impl Ledger {
         found.chain(self.wall_warnings()).chain(self.narrow_warnings()).collect()
     }
 
-    /// The warnings that put mass and energy in doubt. The others are about potentials that may be
-    /// intended.
+    /// The warnings that put mass or energy in doubt. Other warnings are about potentials that may
+    /// be intended.
     pub fn doubts(&self) -> Vec<String> {
         let found = [
             self.grid_warning(),
@@ -181,8 +181,8 @@ impl Ledger {
     fn grid_warning(&self) -> Option<String> {
         let missed = self.missed_by_grid().filter(|m| m.abs() > NOTICEABLE)?;
         Some(format!(
-            "mass: the grid holds {} at t = 0, the formula {}: {} {}; more cells where the data \
-             change, or a higher scheme.degree",
+            "mass: the grid holds {} at t = 0, the formula {}: {} {}; take more cells where the \
+             data change, or a higher scheme.degree",
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
@@ -199,14 +199,14 @@ impl Ledger {
         if let Some(share) = cut(self.mass.outside) {
             return Some(format!(
                 "mass: initial.velocity is outside of the velocity box for {} of the data, which \
-                 are not computed; a wider box",
+                 are left out; take a wider box",
                 percent(share)
             ));
         }
         let share = cut(self.mass.beyond)?;
         Some(format!(
-            "mass: the data do not end at the velocity box: beyond it, up to half its width, there \
-             is {} of what is in it; a wider box, if particles there matter",
+            "mass: the initial data go beyond the velocity box: up to half its width beyond it \
+             there is {} of what is in it; take a wider box if these particles matter",
             percent(share)
         ))
     }
@@ -215,8 +215,8 @@ impl Ledger {
         let share = self.share(self.mass.interface_estimate?)?;
         (share.abs() > NOTICEABLE).then(|| {
             format!(
-                "mass: scheme.interface = \"hat\" changes it by an estimated {}; more velocity \
-                 cells, or \"conservative\"",
+                "mass: scheme.interface = \"hat\" changes it by an estimated {}; take more \
+                 velocity cells, or \"conservative\"",
                 percent(share)
             )
         })
@@ -229,24 +229,24 @@ impl Ledger {
         let nothing = mass.absolute == Some(0.0) && none(mass.initial) && none(mass.entered);
         nothing.then(|| {
             "mass: the initial data are zero on the grid, and nothing enters: the solution is zero \
-             everywhere; data outside of the box, or narrower than its cells?"
+             everywhere; are the data outside of the box, or narrower than its cells?"
                 .to_owned()
         })
     }
 
-    /// Warning of an inflow on the grid that is not that of its formula.
+    /// Warning that the inflow on the grid is not that of its formula.
     fn inflow_warning(&self) -> Option<String> {
         let (entered, expected) = (self.mass.entered?, self.mass.entered_estimate?);
         self.unbalanced(entered - expected, self.mass.entered_error)?;
         Some(format!(
-            "mass: {} enters the grid, the formula gives an estimated {}: a pulse shorter than the \
-             run sees, or narrower than its cells",
+            "mass: {} enters the grid, the formula gives an estimated {}: the inflow has a pulse \
+             that is too short for the run's time steps, or narrower than its cells",
             short(entered),
             short(expected)
         ))
     }
 
-    /// Warning of mass that is lost or gained, and that no particle carries over an end of the box.
+    /// Warning of mass that is lost or gained, but that no particle carries over an end of the box.
     fn unexplained_warning(&self) -> Option<String> {
         let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
         let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
@@ -257,13 +257,13 @@ impl Ledger {
             percent(share.abs()),
             match share > 0.0 {
                 true => "is gone that should still be in the box",
-                false => "is in the box that should have left or not have entered",
+                false => "is in the box that should have left, or should not have entered",
             },
             match self.mass.entered.is_some_and(|entered| entered != 0.0) {
                 true => ", or the run misses a pulse of the inflow",
                 false => "",
             },
-            // Zero, exactly, for interfaces that conserve mass.
+            // The estimate is exactly zero for interface laws that conserve mass.
             match self.mass.interface_estimate.is_some_and(|added| added != 0.0) {
                 true => ", scheme.interface = \"conservative\"",
                 false => "",
@@ -271,8 +271,8 @@ impl Ledger {
         ))
     }
 
-    /// A difference with the standard error `error`, as a part of the mass, if there is to be a
-    /// warning.
+    /// A difference of masses with the standard error `error`, as a share of all mass, if it is
+    /// large enough for a warning.
     fn unbalanced(&self, difference: f64, error: Option<f64>) -> Option<f64> {
         let uncertain = STANDARD_ERRORS * self.share(error.unwrap_or(0.0))?;
         self.share(difference).filter(|share| share.abs() > UNBALANCED + uncertain)
@@ -283,8 +283,8 @@ impl Ledger {
         let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
         let share = self.share(lost).filter(|share| share.abs() > NOTICEABLE)?;
         Some(format!(
-            "mass: {} of it is gone at the end, and through which end of the box is not known; \
-             where nothing should leave, a wider box",
+            "mass: {} of it is gone at the end, through an unknown end of the box; take a wider \
+             box where nothing should leave",
             percent(share)
         ))
     }
@@ -314,7 +314,7 @@ impl Ledger {
         self.ends.iter().filter(lost).map(warning).collect()
     }
 
-    /// Warnings of jumps that are small beside the energies of the data.
+    /// Warnings of jumps that are small relative to the energies of the data.
     fn jump_warnings(&self) -> impl Iterator<Item = String> + '_ {
         self.jumps.iter().filter_map(|jump| {
             let mean = jump.mean_energy.unwrap_or(jump.largest_energy);
@@ -331,14 +331,14 @@ impl Ledger {
         })
     }
 
-    /// Warnings of jumps that no velocity of the box passes by far.
+    /// Warnings of jumps that are far too high for any velocity of the box.
     fn wall_warnings(&self) -> impl Iterator<Item = String> + '_ {
         let walls = self.jumps.iter().filter(|jump| jump.largest > WALL * jump.largest_energy);
         walls.map(|jump| {
             format!(
                 "potential: the largest jump along {}, {}, is far above the largest v^2/2 of the \
-                 box there, {}: it reflects all velocities of the box; for a wall this is what is \
-                 meant; if not, are the units those of v^2?",
+                 box there, {}: it reflects all velocities of the box, as a wall does; if no wall \
+                 is meant, are the units those of v^2?",
                 jump.axis,
                 short(jump.largest),
                 short(jump.largest_energy)
@@ -357,8 +357,8 @@ impl Ledger {
             let NarrowRegion { potential, axis, cells, .. } = region;
             format!(
                 "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
-                 where slow particles may be several times as many as they should be; more cells \
-                 ({CELLS_OF_REGION} across it), or scheme.degree = 2",
+                 where slow particles may be several times as many as they should be; take more \
+                 cells ({CELLS_OF_REGION} across it), or scheme.degree = 2",
                 counted(*cells, "cell", "cells")
             )
         })
@@ -402,7 +402,7 @@ impl Ledger {
         Some(end + &parts.collect::<String>())
     }
 
-    /// The outflow in all, then by end, some ends a line.
+    /// The total outflow, then that of each end, some ends per line.
     fn ends_lines(&self) -> Vec<String> {
         const ENDS_A_LINE: usize = 4;
         let Some(left) = self.mass.left_estimate else { return Vec::new() };
@@ -443,7 +443,7 @@ impl Ledger {
     }
 }
 
-/// The jumps along an axis, beside energies.
+/// The line about the jumps along an axis.
 fn jump_line(jump: &AxisJumps) -> String {
     let [least, largest] = [jump.least, jump.largest].map(short);
     let range = if least == largest { largest } else { format!("{least} to {largest}") };
@@ -464,7 +464,7 @@ mod tests {
         BoxEnd { axis: axis.into(), end: "upper".into(), outflow, outflow_at_jumps, inflow: 0.0 }
     }
 
-    /// A ledger with nothing to warn of.
+    /// A ledger without warnings.
     fn sound() -> Ledger {
         Ledger {
             mass: Mass {
@@ -529,7 +529,7 @@ mod tests {
         assert!(uncertain.warnings().is_empty());
     }
 
-    /// Walls and narrow regions are said, and put neither mass nor energy in doubt.
+    /// Walls and narrow regions give warnings that put neither mass nor energy in doubt.
     #[test]
     fn potentials_that_may_be_meant_are_no_doubts() {
         let narrow = |cells, degree, least| {
@@ -549,7 +549,7 @@ mod tests {
             (narrow(3, 0, 0.1), "potential.2: 3 cells wide along x"),
             (narrow(4, 0, 0.1), ""),
             (narrow(1, 1, 0.1), ""),
-            // Nothing gets in.
+            // No particle can enter.
             (narrow(1, 0, 2e3), ""),
             (wall(2e5), "the largest jump along x, 2e5, is far above"),
             (wall(9e4), ""),

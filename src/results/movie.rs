@@ -1,4 +1,4 @@
-//! A run as a movie: GIF, whose frames share one palette, and WebM, by `ffmpeg` where that is.
+//! A run as a movie: a GIF, whose frames share one palette, and a WebM if `ffmpeg` is installed.
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
@@ -15,11 +15,11 @@ use std::thread::JoinHandle;
 /// Most frames of a movie: at a few tens of KiB each, some tens of MiB.
 pub const MOST_FRAMES: usize = 500;
 
-/// Hundredths of a second, in which a GIF counts.
+/// A GIF gives times in hundredths of a second.
 const HUNDREDTHS: u16 = 100;
-/// The number of no colour: a pixel stays as it was.
+/// The colour number of a pixel that does not change.
 const SAME: u8 = 255;
-/// Most bytes of the messages of `ffmpeg` that are kept.
+/// Most bytes of the messages of `ffmpeg` that are read.
 const MOST_ERROR_TEXT: u64 = 400;
 
 /// The files of a movie.
@@ -31,15 +31,15 @@ pub struct Movie {
     pub left_out: Option<(String, String)>,
 }
 
-/// Writes `directory/name.gif` and, where `ffmpeg` is on the PATH, `directory/name.webm`, `fps`
-/// frames a second. On one rank.
+/// Writes `directory/name.gif` and, if `ffmpeg` is on the PATH, `directory/name.webm`, with `fps`
+/// frames per second. Only one rank calls it.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
 pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<Movie> {
     disk::make(directory)?;
     let [gif, webm] = ["gif", "webm"].map(|ending| directory.join(format!("{name}.{ending}")));
-    // None of an older movie beside a newer one.
+    // A WebM of an older movie must not stay beside a newer GIF.
     disk::clear(&webm).map_err(|e| failure(&webm, &e))?;
     let figure = |k: usize| film.frame(k).map_err(|why| failure(&gif, &why));
     let first = figure(0)?;
@@ -52,9 +52,9 @@ pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<
         for k in 0..film.count() {
             if k > 0 {
                 frame = figure(k).and_then(|figure| figure.raster()).map_err(|error| {
-                    let errors_of_ffmpeg = io::Error::other(error.to_string());
+                    let io_error = io::Error::other(error.to_string());
                     wrong = Some(error);
-                    errors_of_ffmpeg
+                    io_error
                 })?;
             }
             movie.add(palette.numbers(&frame), k + 1 == film.count())?;
@@ -73,7 +73,7 @@ pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<
     Ok(movie)
 }
 
-/// A GIF that is written.
+/// A GIF while it is written.
 struct Gif<'a> {
     encoder: Encoder<BufWriter<&'a mut File>>,
     size: [u16; 2],
@@ -97,7 +97,8 @@ impl<'a> Gif<'a> {
         Ok(Self { encoder, size, delay, before: Vec::new() })
     }
 
-    /// A frame; pixels that do not change take next to no room. The last one stays for a second.
+    /// Adds a frame, in which pixels that do not change take hardly any room. The last frame stays
+    /// for a second.
     fn add(&mut self, numbers: Vec<u8>, last: bool) -> io::Result<()> {
         let changed = |(k, number): (usize, &u8)| match self.before.get(k) == Some(number) {
             true => SAME,
@@ -122,10 +123,10 @@ impl<'a> Gif<'a> {
     }
 }
 
-/// A WebM that `ffmpeg` writes from the pixels it is given.
+/// A WebM that `ffmpeg` writes from the pixels that it reads.
 struct Video {
     child: Child,
-    /// Its messages.
+    /// Reads the messages of `ffmpeg`.
     errors_of_ffmpeg: JoinHandle<String>,
     path: PathBuf,
     /// Whether it still takes frames.
@@ -136,7 +137,7 @@ impl Video {
     /// Starts `ffmpeg`.
     ///
     /// # Errors
-    /// Why it cannot be started.
+    /// A sentence that says why it cannot be started.
     fn start(path: &Path, size: [usize; 2], fps: u16) -> std::result::Result<Self, String> {
         let partial = disk::partial(path);
         disk::clear(&partial).map_err(|e| e.to_string())?;
@@ -146,18 +147,18 @@ impl Video {
             .args(["-pixel_format", "rgb24", "-video_size"])
             .arg(format!("{}x{}", size[0], size[1]))
             .args(["-framerate", &fps.to_string(), "-i", "pipe:0", "-c:v", "libvpx-vp9"])
-            // Of constant quality.
+            // Constant quality.
             .args(["-crf", "24", "-b:v", "0", "-pix_fmt", "yuv420p", "-f", "webm"])
             .arg(&partial);
         let child = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = child.spawn().map_err(|e| match e.kind() {
             ErrorKind::NotFound => {
-                "there is no ffmpeg on the PATH, which would write it".to_owned()
+                "there is no ffmpeg on the PATH, which is needed to write it".to_owned()
             }
             _ => format!("ffmpeg: {e}"),
         })?;
         let errors = child.stderr.take();
-        // Read beside the writing, so that neither waits for the other.
+        // Another thread reads the messages, so that ffmpeg never waits to write them.
         let errors_of_ffmpeg = std::thread::spawn(move || {
             let mut errors_of_ffmpeg = Vec::new();
             if let Some(errors) = errors {
@@ -168,17 +169,17 @@ impl Video {
         Ok(Self { child, errors_of_ffmpeg, path: path.to_owned(), accepts_frames: true })
     }
 
-    /// A frame; nothing where it has ended.
+    /// Adds a frame, unless `ffmpeg` has ended.
     fn add(&mut self, raster: &Raster) {
         if let Some(pixels) = self.child.stdin.as_mut().filter(|_| self.accepts_frames) {
             self.accepts_frames = pixels.write_all(&raster.pixels.concat()).is_ok();
         }
     }
 
-    /// Waits for its end.
+    /// Waits for `ffmpeg` to end.
     ///
     /// # Errors
-    /// Its messages.
+    /// The messages of `ffmpeg`.
     fn finish(mut self) -> std::result::Result<(), String> {
         drop(self.child.stdin.take());
         let ended = self.child.wait().map_err(|e| format!("ffmpeg: {e}"))?;

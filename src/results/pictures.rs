@@ -11,9 +11,9 @@
 //! | `plateau`, `readout` | readings at other `p`; quantum measurements | `profile`, `readout` |
 //! | `time` | seconds by step | `history` |
 //!
-//! A picture that does not apply to a run is not drawn, such as the profile of a classical run. A
-//! picture whose data the files lack is left out with a message. A second run on the same grid can
-//! be drawn beside the first.
+//! A picture that does not apply to a run, such as the profile of a classical run, is not drawn. If
+//! the files lack the data of a picture, it is left out with a message. A second run on the same
+//! grid can be drawn beside the first.
 
 pub mod cut;
 pub mod film;
@@ -48,7 +48,7 @@ const NAMES: [&str; 11] = [
     "plateau", "readout", "time",
 ];
 
-/// The files of pictures and movies in `directory/plots`, from `directory`.
+/// The files of pictures and movies in `directory/plots`, relative to `directory`.
 pub fn files(directory: &Path) -> Vec<PathBuf> {
     let is_ours = |name: &str| {
         let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending));
@@ -64,25 +64,25 @@ pub fn files(directory: &Path) -> Vec<PathBuf> {
 
 /// A figure and the name of its files.
 pub struct Picture {
-    /// Name, without an ending.
+    /// Name of the files, without an ending.
     pub name: String,
-    /// What is drawn.
+    /// The figure.
     pub figure: Figure,
 }
 
 /// The pictures of a run.
 pub struct Album {
-    /// In the order in which they are shown.
+    /// The pictures in the order in which they are shown.
     pub pictures: Vec<Picture>,
-    /// Names of those that could not be drawn, and why.
+    /// Names of pictures that could not be drawn, and why.
     pub left_out: Vec<(String, String)>,
 }
 
-/// Draws all pictures there are of `run`, with `beside` beside it: phase space through each of
-/// `cuts`, moments through the first.
+/// Draws all pictures of `run`, next to those of `beside`: phase space through each of `cuts`,
+/// moments through the first.
 ///
 /// # Errors
-/// [`Error::Input`] where the two runs are not on the same grid.
+/// [`Error::Input`] if the two runs are not on the same grid.
 pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album> {
     if let Some(other) = beside
         && other.space != run.space
@@ -135,7 +135,7 @@ impl Album {
         names.flat_map(|name| ["svg", "png"].map(|end| format!("{name}.{end}"))).collect()
     }
 
-    /// Writes every picture as SVG and PNG into `directory`; gives the paths.
+    /// Writes every picture as SVG and PNG into `directory`; returns the paths.
     ///
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].

@@ -9,7 +9,7 @@ use std::time::SystemTime;
 /// Attributes of a result file as names and texts, the same on all ranks. Collective.
 pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     let (major, minor, micro) = hdf5::library_version();
-    // Clocks differ.
+    // The first rank's clock gives the date on all ranks.
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     let date = world.group().broadcast_text(&now.to_string());
     let command: Vec<_> =

@@ -1,5 +1,5 @@
-//! Whether a file holds what was written: every dataset is read and its checksum compared with the
-//! one it carries.
+//! Checks that a file holds what was written: every dataset is read, and its checksum is compared
+//! with the stored one.
 
 use crate::base::checksum::{self, DatasetBox};
 use crate::base::disk::failure;
@@ -18,19 +18,23 @@ use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
 use std::path::Path;
 
-/// Numbers read at a time: 4 MiB.
+/// Largest number of values read at a time: 4 MiB.
 pub(crate) const PIECE: usize = 1 << 19;
-/// Objects in a file, and groups in each other, at most: several times what a run writes.
+/// Most objects in a file, and deepest nesting of groups: several times what a run writes.
 const MOST_OBJECTS: usize = 1000;
 const DEEPEST: usize = 6;
+/// Bytes of a chunk that may be larger than its dataset. HDF5 reads a chunk as a whole, so that a
+/// few numbers could take seconds.
+const LARGEST_CHUNK: u64 = 1 << 20;
 /// Largest factor by which deflate makes a dataset smaller.
 const MOST_DEFLATED: u64 = 1040;
 
-/// By name, a part of the checksum of each dataset, and the checksum that it carries.
+/// By name, a part of the checksum of each dataset, and the stored checksum.
 pub type ChecksumParts = BTreeMap<String, [u64; 2]>;
 
-/// Reads every dataset of a file that this run wrote, each piece on one rank, mostly another one
-/// than wrote it; gives their number. Collective over `world`.
+/// Reads every dataset of a file that this run wrote and compares checksums; returns the number of
+/// datasets. Each piece is read by one rank, mostly not the one that wrote it. Collective over
+/// `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], naming the first dataset that is not as written.
@@ -40,7 +44,8 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
     // Closing waits for all ranks: a file that only some could open stays open.
     let file = ManuallyDrop::new(world.agree(opened)?);
     let share = FileShare { rank: world.rank(), ranks: world.size() };
-    let sums = sums_of(share, &file, |_, _| Ok(())).map_err(|e| fail(&e));
+    let sums = datasets(&file).and_then(|all| sums_of(share, all, |_, _| Ok(())));
+    let sums = sums.map_err(|e| fail(&e));
     let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
     // All ranks have the same outcome, so that all close it.
     let closed = ManuallyDrop::into_inner(file).close();
@@ -48,8 +53,8 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
     compared
 }
 
-/// Compares the sums of the ranks' parts with the checksums that datasets carry; gives their
-/// number. Collective.
+/// Compares the sums of the ranks' parts with the stored checksums; returns the number of datasets.
+/// Collective.
 pub(crate) fn compare(world: &Group, path: &Path, sums: &ChecksumParts) -> Result<usize> {
     let fail = |what: &str| world.agree(Err(failure(path, &what)));
     if !world.same(sums.len() as u64) {
@@ -76,7 +81,7 @@ pub(crate) fn differs(name: &str) -> String {
 pub struct FileShare {
     /// Number of the process.
     pub rank: usize,
-    /// How many there are.
+    /// Number of processes.
     pub ranks: usize,
 }
 
@@ -84,8 +89,9 @@ fn error(what: String) -> hdf5::Error {
     hdf5::Error::from(what)
 }
 
-/// Every dataset of a file by its name, as far as a run writes them: by hard links, in a few
-/// groups. One that has several names is there once, by that in the innermost group.
+/// Every dataset of a file by its name. Links other than hard ones, and more objects or groups than
+/// a run writes, are errors. A dataset with several names is listed once, by the name that is found
+/// last.
 pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Dataset>> {
     let (mut found, mut objects) = (BTreeMap::<String, (LocationToken, Dataset)>::new(), 0);
     let mut left = vec![(file.group("/")?, String::new(), 0)];
@@ -122,8 +128,8 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
     Ok(found.into_iter().map(|(place, (_, dataset))| (place, dataset)).collect())
 }
 
-/// Whether a dataset can be read as the numbers or the text of its shape: they are in this file,
-/// and all there. Gives the bytes of a chunk, 0 where there are none.
+/// Checks that a dataset can be read: its values are in this file, and as many as its shape says.
+/// Returns the bytes of a chunk, or 0 without chunks.
 pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     let list = dataset.dcpl()?;
     if !list.external().is_empty() || list.layout() == Layout::Virtual {
@@ -146,10 +152,14 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
             "its shape is {shape:?}, and {there} bytes of it are there, in a file of {file_bytes}"
         )));
     }
-    Ok(dataset.chunk().map_or(0, |chunk| bytes(&chunk)))
+    let chunk = dataset.chunk().map_or(0, |chunk| bytes(&chunk));
+    if chunk > LARGEST_CHUNK.max(all) {
+        return Err(error(format!("its chunks of {chunk} bytes are larger than it is")));
+    }
+    Ok(chunk)
 }
 
-/// All numbers of the dataset `name`, at most as many as a table may have; or what is wrong.
+/// All numbers of the dataset `name`, which may have as many as a table; or what is wrong.
 pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
     check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
     let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());
@@ -159,11 +169,11 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
-/// By name, a share of the checksum of each dataset, and the one the dataset carries. What is read
-/// is shown to `visit` piece by piece, with the name.
+/// By name, a share of the checksum of each dataset of `all`, and the stored checksum. Calls `visit`
+/// with the name and the values of each piece that is read.
 pub(crate) fn sums_of(
     share: FileShare,
-    file: &hdf5::Group,
+    all: BTreeMap<String, Dataset>,
     mut visit: impl FnMut(&str, &[f64]) -> Hdf5Result<()>,
 ) -> Hdf5Result<ChecksumParts> {
     let sum = |(name, dataset): (String, Dataset)| {
@@ -173,7 +183,7 @@ pub(crate) fn sums_of(
             .map_err(|e| error(format!("dataset {name} {e}")))?;
         Ok((name, [mine, expected]))
     };
-    datasets(file)?.into_iter().map(sum).collect()
+    all.into_iter().map(sum).collect()
 }
 
 /// A share of the checksum of a dataset.
@@ -193,7 +203,7 @@ fn sum_of(
     let shape = dataset.shape();
     let mut sum: u64 = 0;
     for (k, slab) in DatasetBox::pieces(&shape, PIECE).enumerate() {
-        // One further than the ranks that wrote, as far as shares go by the first axis.
+        // Shifted by one rank, so that mostly another rank reads a piece than wrote it.
         if (k + 1) % ranks != rank {
             continue;
         }
@@ -210,7 +220,7 @@ pub(crate) fn text_attribute(at: &Location, name: &str) -> Hdf5Result<String> {
     utf8(text.as_bytes().to_vec())
 }
 
-/// A text of a file, which the HDF5 crate takes for UTF-8 without a look.
+/// A text of a file, which the HDF5 crate takes for UTF-8 unchecked.
 fn utf8(bytes: Vec<u8>) -> Hdf5Result<String> {
     String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))
 }
@@ -222,7 +232,7 @@ pub(crate) fn read_text(dataset: &Dataset) -> Hdf5Result<String> {
     Ok(text.trim_end_matches('\0').to_owned())
 }
 
-/// Reads a text whose length is known at run time only, which the safe interface has no type for.
+/// Reads a text whose length is known only at run time; the safe interface has no type for it.
 fn read_bytes(dataset: &Dataset, length: usize) -> Hdf5Result<Vec<u8>> {
     let kind = dataset.dtype()?;
     if !dataset.is_scalar() || kind.size() != length {

@@ -2,9 +2,9 @@
 //! who did not run it.
 //!
 //! Everything that comes from a file is escaped. The pictures are those of
-//! [`crate::results::pictures`], inside of the page as SVG. Tables are rows of a label and a value;
-//! what is not known has no row. The first screen says whether to trust the result; pictures
-//! follow, and what else is known is folded away.
+//! [`crate::results::pictures`], embedded as SVG. Tables have rows of a label and a value; unknown
+//! values have no row. The first screen says whether the result can be trusted. Pictures follow,
+//! and all other sections are folded.
 
 pub mod html;
 pub mod plan;
@@ -32,10 +32,10 @@ use std::path::Path;
 /// Name of the page, in the directory of the run.
 pub const NAME: &str = "report.html";
 
-/// Name of the line in the head of a page that says whose it is.
+/// Name of the `meta` element that identifies the case of a page.
 const OWNER: &str = "phasewarp-case";
 
-/// How the page looks.
+/// The style sheet.
 const STYLE: &str = include_str!("report/style.css");
 
 /// What the page may load: nothing but its own styles and pictures.
@@ -44,17 +44,18 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
 /// Warnings that are not folded away.
 const WARNINGS_SHOWN: usize = 3;
 
-/// Numbers of `summary.json` and their labels: errors to the semi-discrete solution.
+/// Keys of `summary.json` and their labels: distances to the semi-discrete solution.
 const TO_SEMIDISCRETE: [(&str, &str); 6] = [
-    ("tolerance", "asked for: relative l2 distance to the exact semi-discrete solution"),
+    ("tolerance", "tolerance: relative l2 distance to the exact semi-discrete solution"),
     ("error_estimate", "estimate of that distance, by a second reading"),
-    ("error_estimate_reliable", "whether the estimate can be relied on"),
+    ("error_estimate_reliable", "whether the estimate is reliable"),
     ("error_semidiscrete", "that distance, measured"),
     ("step_error", "part of that from the steps of an implicit method"),
     ("time_error", "part of that from the steps of an inflow in time"),
 ];
 
-/// Errors to the exact solution, what each is relative to, and labels.
+/// Distances to the exact solution: their keys, the keys of the norms to which they are relative,
+/// and labels.
 const TO_EXACT: [(&str, &str, &str); 4] = [
     ("error_l1", "exact_l1", "distance to the exact solution, L1"),
     ("error_l2", "exact_l2", "distance to the exact solution, l2"),
@@ -69,7 +70,7 @@ const CONSERVED: [(&str, &str); 6] = [
     ("mass_exact", "exact mass"),
     ("kinetic_energy", "kinetic energy at the end"),
     ("potential_energy", "potential energy at the end"),
-    ("unitarity_defect", "largest change of a mode's norm, of what is allowed"),
+    ("unitarity_defect", "largest change of a mode's norm, relative to the allowed one"),
 ];
 
 /// Numbers of one field.
@@ -100,8 +101,8 @@ const COST: [(&str, &str); 13] = [
 
 /// Memory, in bytes.
 const MEMORY: [(&str, &str); 2] = [
-    ("memory_planned_bytes_per_rank", "memory a rank, planned"),
-    ("memory_peak_bytes_per_rank", "memory a rank, measured"),
+    ("memory_planned_bytes_per_rank", "memory per rank, planned"),
+    ("memory_peak_bytes_per_rank", "memory per rank, measured"),
 ];
 
 /// The chain of postselected conditions.
@@ -123,13 +124,13 @@ pub struct Report<'a> {
     pub summary: &'a Value,
     /// Pictures of the run.
     pub album: &'a Album,
-    /// Phase space and density at several times, where there are some.
+    /// Phase space and density at several times, if the run has any.
     pub times: Option<&'a Times>,
-    /// What `phasewarp check` says of the case; why nothing can be said.
+    /// What `phasewarp check` prints about the case, or why it is not known.
     pub description: std::result::Result<&'a str, &'a str>,
 }
 
-/// What a summary lacks, by the section that misses it, and why that is so.
+/// The sections for which a summary lacks keys, each with a sentence that names these.
 pub fn missing(summary: &Value) -> Vec<(String, String)> {
     let mut all = Vec::new();
     for (section, keys) in [
@@ -138,7 +139,7 @@ pub fn missing(summary: &Value) -> Vec<(String, String)> {
         ("probabilities", &["probabilities"]),
         ("warnings", &["warnings"]),
     ] {
-        // What is null is known not to be there.
+        // A key with the value null does not count as missing.
         let lacks: Vec<&str> =
             (keys.iter().copied()).filter(|key| summary.get(key).is_none()).collect();
         if !lacks.is_empty() {
@@ -149,7 +150,7 @@ pub fn missing(summary: &Value) -> Vec<(String, String)> {
     all
 }
 
-/// A part of the page that is folded away.
+/// A folded section of the page.
 struct Section {
     id: &'static str,
     heading: &'static str,
@@ -160,11 +161,11 @@ impl Report<'_> {
     /// The page.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Output`] where a picture cannot be drawn.
+    /// [`crate::base::error::Error::Output`] if a picture cannot be drawn.
     pub fn html(&self) -> Result<String> {
         let sections = self.sections();
         let title = self.run.title();
-        // The lines of the head can be found one by one.
+        // Each element of the head is a line of its own, so that scripts find it.
         let page = html! {
             (DOCTYPE) "\n"
             html lang="en" {
@@ -180,7 +181,7 @@ impl Report<'_> {
                     h1 { (Text(&title)) }
                     (self.summary_in_words())
                     (trust(self.summary, self.run.plan["method"] == "classical"))
-                    (self.lacking())
+                    (self.missing_warning())
                     (self.warnings())
                     "\n"
                     section id="pictures" { (self.pictures()?) }
@@ -197,11 +198,11 @@ impl Report<'_> {
         Ok(page.into_string() + "\n")
     }
 
-    /// A checksum of the case.
+    /// A checksum of the case, which identifies the owner of the page.
     fn owner(&self) -> String {
         let case = match &self.run.case {
             Ok(case) => serde_json::to_string(&case.settings).unwrap_or_default(),
-            // A case that this program does not understand is known by its text.
+            // A case that this program cannot read is identified by its text.
             Err(_) => format!("{}\n{}", self.run.text, self.run.overrides.join("\n")),
         };
         format!("{:016x}", checksum::of_text(case.as_bytes()))
@@ -212,7 +213,7 @@ impl Report<'_> {
     /// # Errors
     /// [`Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path) -> Result<()> {
-        /// Bytes in which the head of a page says whose it is.
+        /// Number of bytes at the beginning of a page that contain its owner.
         const HEAD: u64 = 1000;
         let path = directory.join(NAME);
         if std::fs::symlink_metadata(&path).is_err() {
@@ -230,7 +231,7 @@ impl Report<'_> {
         Err(Error::Directory { path: directory.to_owned(), reason })
     }
 
-    /// The parts that hold something.
+    /// The sections that are not empty.
     fn sections(&self) -> Vec<Section> {
         let all = [
             ("errors", "Errors", self.errors()),
@@ -251,7 +252,7 @@ impl Report<'_> {
         self.summary[key].as_f64()
     }
 
-    /// What was done and what came out, for who sees it for the first time.
+    /// The problem, the method and the effort in sentences, for a first-time reader.
     fn summary_in_words(&self) -> Markup {
         let reference = self.run.provenance.get("reference").map_or("", String::as_str);
         let sentences = [Some(self.problem()), self.effort()];
@@ -317,7 +318,7 @@ impl Report<'_> {
         let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
         let continued = Continued::deserialize(&self.summary["continued"]).ok();
         let continued = continued.map(|continued| {
-            format!("The run went on from {}: {}.", continued.file, continued.line())
+            format!("The run continued from {}: {}.", continued.file, continued.line())
         });
         let found = accuracy.into_iter().chain(estimate).chain(exact);
         let all: Vec<String> = found.chain(continued).collect();
@@ -335,7 +336,7 @@ impl Report<'_> {
         let mut all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
         let main_warning = main_warning(self.summary);
         all.retain(|warning| Some(*warning) != main_warning.as_deref());
-        // What is wrong with the result before what was made of the case.
+        // Warnings about mass come first, as they put the result in doubt.
         all.sort_by_key(|warning| !warning.starts_with("mass:"));
         let (first, others) = all.split_at(all.len().min(WARNINGS_SHOWN));
         html! {
@@ -353,7 +354,7 @@ impl Report<'_> {
         }
     }
 
-    /// What the summary, or else the plan, says was left out.
+    /// The reductions, from the summary or else from the plan.
     fn reductions(&self) -> Markup {
         let found = [&self.summary["reductions"], &self.run.plan["reductions"]];
         let list = found.into_iter().find_map(Value::as_array);
@@ -397,7 +398,7 @@ impl Report<'_> {
         }
     }
 
-    /// Where mass and energy went, and what passed each end of the box.
+    /// The ledger of mass and energy, and the mass that passed each end of the box.
     fn ledger(&self) -> Markup {
         let ledger: Option<Ledger> = Ledger::deserialize(&self.summary["ledger"]).ok();
         let ledger = ledger.unwrap_or_default();
@@ -433,7 +434,7 @@ impl Report<'_> {
         let mut figures = Vec::new();
         for picture in &self.album.pictures {
             let svg = picture.figure.svg()?;
-            // Without a head of its own.
+            // The SVG without its XML declaration.
             let start = svg.find("<svg").unwrap_or(0);
             let svg = PreEscaped(&svg[start..]);
             let (name, title) = (&picture.name, &picture.figure.title);
@@ -470,14 +471,14 @@ impl Report<'_> {
         }
     }
 
-    /// With what probability each step of a measurement succeeds, at the slice and in the window.
+    /// The success probability of each step of a measurement, at `p◇` and in the whole window.
     fn probabilities(&self) -> Markup {
         let found = &self.summary["probabilities"];
         let mut rows = ReportRows::default();
         rows.values(&[("points", "points N_p"), ("window", "window in p")], found);
         html! {
             @if !found.is_null() {
-                p { "With what probability a measurement would give the field." }
+                p { "The probability that a measurement gives the field." }
                 table {
                     tr {
                         th {}
@@ -507,8 +508,8 @@ impl Report<'_> {
         }
     }
 
-    /// What is not in the page though a run writes it.
-    fn lacking(&self) -> Markup {
+    /// A warning that names what is missing in `summary.json`.
+    fn missing_warning(&self) -> Markup {
         let missing: Vec<String> = (missing(self.summary).into_iter())
             .map(|(section, why)| format!("{section}: {why}"))
             .collect();

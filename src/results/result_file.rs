@@ -20,8 +20,8 @@
 //! | `/history/…` | a time first | moments and fields earlier, see [`crate::results::history`] |
 //! | `/xdmf/…` | axes reversed | what is shown of the grids, see [`crate::results::views`] |
 //!
-//! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
-//! gets its name.
+//! Every dataset has its [`crate::base::checksum`] as an attribute. The file is read back before it
+//! gets its final name.
 
 use crate::base::disk::{self, failure, require_room};
 use crate::base::error::Result;
@@ -41,8 +41,8 @@ use crate::results::writer::{Hdf5Result, Writer, attribute, text};
 use crate::results::{averages, grids, history, readback};
 use std::path::Path;
 
-/// Writes `directory/result.h5`; returns the grids and datasets to be shown. Collective over
-/// `world`.
+/// Writes `directory/result.h5`; returns the grids for the XDMF files, time by time. Collective
+/// over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks.
@@ -56,18 +56,18 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<V
     })
 }
 
-/// Makes the file `path` by `write`, under another name until it is complete: an older file stays
-/// whole, and no half a file is taken for a result. Collective over `world`.
+/// Lets `write` make the file `path`, under another name until it is complete. So an older file
+/// stays intact, and an incomplete file is never taken for a result. Collective over `world`.
 ///
 /// # Errors
-/// As `write`; [`crate::base::error::Error::Output`] where it cannot be renamed.
+/// As `write`; [`crate::base::error::Error::Output`] if the file cannot be renamed.
 pub fn put_in_place<T>(
     world: &Group,
     path: &Path,
     write: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
     let partial = disk::partial(path);
-    // A link in its place would be followed.
+    // HDF5 would follow a link in its place.
     world.on_first_rank(|| disk::clear(&partial).map_err(|e| failure(&partial, &e)))?;
     let written = write(&partial);
     let renamed = match written {
@@ -113,7 +113,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
     Ok(steps)
 }
 
-/// Refuses to start what the disk cannot hold.
+/// Refuses results that the disk cannot hold.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
@@ -122,15 +122,15 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
     require_room(directory, bytes, |bytes| format!("the results take {bytes}"))
 }
 
-/// The most bytes that `result.h5` may take.
+/// Upper bound on the bytes of `result.h5`.
 pub fn most_bytes(case: &Case) -> u64 {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;
-    /// What HDF5 keeps about a chunk, with nodes of its index half full.
+    /// Bytes of the index entry of a chunk, if nodes of the index are half full.
     const CHUNK_ENTRY: usize = 160;
     let (space, storage) = (&case.space, &case.storage);
     let n = space.dimension();
-    // Datasets over phase space, over planes in it and over space, each with its points.
+    // Number of datasets over phase space and over space, and points of the curve.
     let (mut fields, mut moments, mut points) = (case.fields.len(), 2 + 2 * n, 0);
     let exact = usize::from(case.exact.is_some());
     moments += exact * (1 + 2 * n);
@@ -157,8 +157,8 @@ pub fn most_bytes(case: &Case) -> u64 {
         let each = || cells.iter().zip(given);
         chunks = all(&each().map(|(n, c)| n.div_ceil(*c)).collect::<Vec<_>>());
         if storage.compression == 0 {
-            // Chunks at the upper ends of the axes are stored whole; compressed, what they lack
-            // takes nothing.
+            // Chunks that go beyond the upper ends of axes are stored whole. If compressed, the
+            // part beyond takes hardly any room.
             numbers = all(&each().map(|(&n, &c)| n.next_multiple_of(c.min(n))).collect::<Vec<_>>());
         }
     } else if storage.compression > 0 {
@@ -175,7 +175,8 @@ pub fn most_bytes(case: &Case) -> u64 {
         + 2 * case.text.len()) as u64
 }
 
-/// Attributes of the file, `/case`, `/plan` and `/timings`. To be agreed on.
+/// Writes attributes of the file, `/case`, `/plan` and `/timings`. Ranks must agree on the outcome
+/// afterwards.
 pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
@@ -204,7 +205,7 @@ pub(crate) fn attributes(
     Ok(())
 }
 
-/// The dimension scales of phase space. To be agreed on.
+/// Writes the dimension scales of phase space. Ranks must agree on the outcome afterwards.
 pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
@@ -224,7 +225,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()>
     Ok(())
 }
 
-/// The dimension scales. To be agreed on.
+/// Writes all dimension scales. Ranks must agree on the outcome afterwards.
 fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
@@ -240,7 +241,7 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     history::axes(writer, results)
 }
 
-/// The plateau, which is the same on all ranks. To be agreed on.
+/// Writes the plateau, which is the same on all ranks. Ranks must agree on the outcome afterwards.
 fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     if points.is_empty() {
         return Ok(());
@@ -259,7 +260,8 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     Ok(())
 }
 
-/// What a quantum computer would tell, which is the same on all ranks. To be agreed on.
+/// Writes the emulated readout of a quantum computer, which is the same on all ranks. Ranks must
+/// agree on the outcome afterwards.
 fn measured(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;
@@ -279,7 +281,7 @@ fn measured(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     Ok(())
 }
 
-/// The multivalued velocity, the same on all ranks. Collective.
+/// Writes the multivalued velocity, which is the same on all ranks. Collective.
 fn multivalued(writer: &Writer<'_>, curve: &MultivaluedVelocity) -> Result<()> {
     writer.group("multivalued")?;
     for (name, values, what) in [
@@ -288,12 +290,12 @@ fn multivalued(writer: &Writer<'_>, curve: &MultivaluedVelocity) -> Result<()> {
         ("density", &curve.density, "the branch's part of the density"),
         ("branch", &curve.branch, "number of the branch"),
     ] {
-        writer.same(&format!("multivalued/{name}"), POINT, values, what)?;
+        writer.replicated(&format!("multivalued/{name}"), POINT, values, what)?;
     }
     Ok(())
 }
 
-/// The part of the plan that is the same for any ranks.
+/// The part of the plan that does not depend on ranks, as JSON.
 pub(crate) fn plan_text(plan: &Plan) -> String {
     let mut value = serde_json::to_value(plan).unwrap_or_default();
     if let Some(object) = value.as_object_mut() {

@@ -1,7 +1,8 @@
-//! Results on the reduced grid, expanded to the grid of the results.
+//! Expands results from the reduced grid, on which they are computed, to the grid on which they are
+//! written.
 //!
-//! Velocities and axes of one cell are never split among ranks, so that each rank expands its own
-//! share.
+//! Each rank expands its own share, as velocity axes and axes of one cell are never split among
+//! ranks.
 
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::Communicator;
@@ -40,7 +41,8 @@ impl ResultGrid {
         Self { case: Case { space, ..case.clone() }, from: case.space.clone() }
     }
 
-    /// The space cells to which a rank's `share` of the reduced grid belongs, one range an x-axis.
+    /// The space cells to which a rank's `share` of the reduced grid is expanded, one range per
+    /// space axis.
     pub fn share(&self, share: &[Range<usize>]) -> Vec<Range<usize>> {
         let axes = self.from.x.iter().zip(&self.case.space.x);
         (share.iter().zip(axes))
@@ -57,13 +59,13 @@ impl ResultGrid {
         let velocities = self.from.v.iter().map(|v| 0..v.cells);
         let ranges: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
         let axes: Vec<(&Axis, &Axis)> = self.from.axes().zip(self.case.space.axes()).collect();
-        put(&axes, &ranges, values)
+        expand(&axes, &ranges, values)
     }
 
-    /// Values at points of space, expanded likewise.
+    /// Values on space cells, expanded in the same way.
     fn points(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let axes: Vec<(&Axis, &Axis)> = self.from.x.iter().zip(&self.case.space.x).collect();
-        put(&axes, share, values)
+        expand(&axes, share, values)
     }
 
     /// Results at an earlier time on the reduced grid's `share`, expanded to
@@ -86,12 +88,11 @@ impl ResultGrid {
 
 /// `values` over the cells `ranges` of the first of each pair of axes, row-major, expanded to the
 /// second.
-fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
+fn expand(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
     if axes.iter().all(|(from, to)| from == to) || values.is_empty() {
         return values;
     }
-    // By axis, for each cell there how far its value is from that of the first; none where it has
-    // none.
+    // By axis, for each cell of the expanded axis: the offset of its value, or None for zero.
     let mut stride = 1;
     let mut maps: Vec<Vec<Option<usize>>> = (axes.iter().zip(ranges).rev())
         .map(|((from, to), range)| {
@@ -115,7 +116,8 @@ fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Ve
     out
 }
 
-/// Appends the cells of the axes `maps`, row-major, the first value at `base`.
+/// Appends the expanded values over the axes of `maps`, row-major; `base` is the index of the first
+/// value, or `None` if all are zero.
 fn fill(maps: &[Vec<Option<usize>>], base: Option<usize>, values: &[f64], out: &mut Vec<f64>) {
     let Some((map, rest)) = maps.split_first() else {
         out.push(base.map_or(0.0, |at| values[at]));
@@ -139,7 +141,7 @@ mod tests {
         let axes = [(&x, &x), (&merged, &y), (&window, &v)];
         // Cells 1 to 3 of x on this rank.
         let values: Vec<f64> = (1..=6).map(f64::from).collect();
-        let out = put(&axes, &[1..4, 0..1, 0..2], values.clone());
+        let out = expand(&axes, &[1..4, 0..1, 0..2], values.clone());
         for (k, value) in out.iter().enumerate() {
             let (i, j) = (k / 18, k % 6);
             let expected = if (2..4).contains(&j) { values[2 * i + j - 2] } else { 0.0 };
@@ -147,7 +149,7 @@ mod tests {
         }
         assert_eq!(out.len(), 54);
         // A rank without cells changes nothing.
-        assert!(put(&axes, &[1..1, 0..1, 0..2], Vec::new()).is_empty());
-        assert_eq!(put(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]), [1.0; 3]);
+        assert!(expand(&axes, &[1..1, 0..1, 0..2], Vec::new()).is_empty());
+        assert_eq!(expand(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]), [1.0; 3]);
     }
 }

@@ -1,4 +1,4 @@
-//! The result that a run continues (`initial.field`), checked before anything is computed.
+//! The result from which a run continues (`initial.field`), checked before anything is computed.
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
@@ -13,18 +13,18 @@ use hdf5::{Dataset, File};
 use serde_json::Value;
 use std::path::Path;
 
-/// Largest difference of a number of the file to that of the case, relative to the largest number.
+/// Largest relative difference of a number in the file from that of the case.
 const SAME: f64 = 1e-12;
 
-/// The origin that the file `start` names, where it holds `f` on the grid of `case` at its
-/// `time.start`. Collective over `world`.
+/// Checks that the file `start` holds `f` on the grid of `case` at its `time.start`, and returns
+/// what the file says of itself. Collective over `world`.
 ///
 /// # Errors
-/// [`Error::Input`], the same on all ranks, saying what is wrong with it.
+/// [`Error::Input`], the same on all ranks, that says what is wrong with the file.
 pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> {
-    // One rank looks at it as any program would.
+    // One rank reads the file without MPI.
     let found = world.on_first_rank(|| {
-        let found = look(&start.path, case);
+        let found = checked_origin(&start.path, case);
         found.map(Some).map_err(|what| {
             Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
         })
@@ -34,7 +34,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> 
     serde_json::from_str(&text).map_err(|e| Error::Input(format!("{}: {e}", start.place)))
 }
 
-fn look(path: &Path, case: &Case) -> FileResult<Origin> {
+fn checked_origin(path: &Path, case: &Case) -> FileResult<Origin> {
     let file = untrusted::open_given(path, Inspection::Shapes)?;
     let program = text_attribute(&file, "program").unwrap_or_default();
     if !program.starts_with("phasewarp ") {
@@ -63,7 +63,7 @@ fn look(path: &Path, case: &Case) -> FileResult<Origin> {
     })
 }
 
-/// The case of a result, where this program understands it.
+/// The case of a result, if this program can read it.
 fn stored_case(file: &File) -> Option<Case> {
     let dataset = file.dataset("case").ok()?;
     let overrides = text_attribute(&dataset, "overrides").ok()?;
@@ -71,8 +71,8 @@ fn stored_case(file: &File) -> Option<Case> {
     Case::parse("case", &read_text(&dataset).ok()?, &overrides).ok()
 }
 
-/// Relative l2 distance of the `f` of a directory to the semi-discrete solution, from time 0 on;
-/// none where its summary does not tell.
+/// Relative l2 distance of the `f` in a directory to the semi-discrete solution since time 0;
+/// `None` if its summary does not give one.
 fn error_of(directory: &Path) -> Option<f64> {
     let text = std::fs::read_to_string(directory.join("summary.json")).ok()?;
     let summary: Value = serde_json::from_str(&text).ok()?;
@@ -84,12 +84,12 @@ fn error_of(directory: &Path) -> Option<f64> {
     summary["error_semidiscrete"].as_f64().or(estimate)
 }
 
-/// Whether `a` and `b` are the same number, beside numbers of this size.
+/// Whether `a` and `b` are equal up to round-off of numbers of this size.
 fn is_same(a: f64, b: f64, size: f64) -> bool {
     (a - b).abs() <= SAME * size.abs()
 }
 
-/// Refuses another grid than that of `case`; an axis that was merged stands for all of its cells.
+/// Refuses a grid other than that of `case`; a merged axis represents all of its cells.
 fn same_grid(file: &File, f: &Dataset, case: &Case) -> FileResult<()> {
     let whole = case.space.whole();
     let names = axis_names(whole.dimension());

@@ -44,12 +44,12 @@ pub struct ErrorNorms {
 }
 
 impl ErrorNorms {
-    /// `∫ |a − a_exact| / ∫ |a_exact|`; none where there is nothing.
+    /// `∫ |a − a_exact| / ∫ |a_exact|`; `None` if the exact solution is zero.
     pub fn relative_l1(&self) -> Option<f64> {
         Some(self.l1 / self.exact_l1).filter(|e| e.is_finite())
     }
 
-    /// The same of the L2 norms.
+    /// The same with L2 norms.
     fn relative_l2(&self) -> Option<f64> {
         Some(self.l2 / self.exact_l2).filter(|e| e.is_finite())
     }
@@ -58,57 +58,56 @@ impl ErrorNorms {
 /// Distances to the exact solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridErrors {
-    /// Of `f`; none of measure-valued data.
+    /// Norms for `f`; `None` for measure-valued data.
     pub field: Option<ErrorNorms>,
-    /// Of the density.
+    /// Norms for the density.
     pub density: ErrorNorms,
-    /// Of the momentum, summed over its components.
+    /// Norms for the momentum, summed over its components.
     pub momentum: Option<ErrorNorms>,
 }
 
-/// The errors of a run: of the algorithm, to the semi-discrete solution, and of the grid, from
-/// there to the exact solution.
+/// The errors of a run: that of the algorithm, which is the distance to the semi-discrete solution,
+/// and that of the grid, which is the distance from there to the exact solution.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
-    /// `solver.tolerance`; none of the classical method.
+    /// `solver.tolerance`; `None` for the classical method.
     pub asked: Option<f64>,
-    /// `solver.accuracy`, where it was asked for.
+    /// `solver.accuracy`, if given.
     pub goal: Option<f64>,
-    /// Relative l2 distance to the semi-discrete solution: as measured (`solver.verify`), else its
-    /// estimate, where that is reliable.
+    /// Relative l2 distance to the semi-discrete solution: the measured one (`solver.verify`), else
+    /// the estimate if that is reliable.
     pub algorithm: Option<f64>,
     /// Relative L2 distance of `f` to the exact solution.
     pub grid: Option<f64>,
-    /// The same of the density.
+    /// The same for the density.
     pub grid_density: Option<f64>,
-    /// Whether the grid's errors were measured against an exact solution; estimated otherwise.
+    /// Whether the grid's errors were measured against an exact solution, or else estimated.
     pub grid_measured: bool,
-    /// Relative L1 distance of the density to the averages of the exact one over the cells: what
-    /// `solver.accuracy` is about, where it was asked for and `[exact]` is.
+    /// Relative L1 distance of the density to the cell averages of the exact one, which
+    /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
     pub goal_error: Option<f64>,
-    /// The estimate of the grid's error of `f`, where there is one; also where it was measured.
+    /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
     pub grid_estimate: Option<f64>,
-    /// The same of the density.
+    /// The same for the density.
     pub grid_density_estimate: Option<f64>,
-    /// Whether the grid's error is above a tenth, or ten times the larger of the algorithm's error
-    /// and the tolerance; where `solver.accuracy` is measured, whether that is missed.
+    /// Whether the grid's error is above a tenth, or more than ten times the larger of the
+    /// algorithm's error and the tolerance. If `solver.accuracy` is measured: whether it is missed.
     pub under_resolved: bool,
-    /// What would help, where it is under-resolved, or where the density is as exact as asked for
-    /// and `f` is far from exact: the end of a sentence.
+    /// A remedy, as the end of a sentence, if the run is under-resolved, or if the density meets
+    /// `solver.accuracy` but `f` is far from exact.
     #[serde(default)]
     pub advice: Option<String>,
 }
 
-/// Relative error of the grid from which it is large by itself.
+/// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
 /// Largest error of the exact density, relative to the run's error, without a warning.
 const LARGEST_EXACT_ERROR: f64 = 0.25;
-/// Ratio of the grid's error to the algorithm's from which the grid limits a run.
+/// If the grid's error is more than this multiple of the algorithm's, the grid limits the run.
 const DOMINANT: f64 = 10.0;
 
 impl Accuracy {
-    /// The same with the relative errors of the grid, of `f` and of the density, as they were
-    /// measured and estimated.
+    /// The same with the grid's relative errors of `f` and of the density, measured and estimated.
     pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
         let grid_measured = measured.iter().any(Option::is_some);
         let [grid, grid_density] = if grid_measured { measured } else { estimated };
@@ -127,17 +126,17 @@ impl Accuracy {
         Self { under_resolved, ..found }
     }
 
-    /// The larger of the grid's errors of `f` and of the density; zero where none is known.
+    /// The larger of the grid's errors of `f` and of the density; zero if none is known.
     fn worst(&self) -> f64 {
         self.grid.into_iter().chain(self.grid_density).fold(0.0, f64::max)
     }
 
-    /// Whether the grid's error is large by itself: above a tenth.
+    /// Whether the grid's error is above a tenth.
     pub fn is_coarse(&self) -> bool {
         self.worst() > LARGE_GRID_ERROR
     }
 
-    /// A sentence on which of the two errors limits the run; none if the grid's error is unknown.
+    /// A sentence that compares the two errors; `None` if the grid's error is unknown.
     pub fn line(&self) -> Option<String> {
         let errors = self.errors_of_grid()?;
         let head = if self.under_resolved { "UNDER-RESOLVED" } else { "accuracy" };
@@ -153,11 +152,11 @@ impl Accuracy {
         Some(format!("{head}: {OF_GRID} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
     }
 
-    /// The grid's errors as text, in significant digits; none if none is known.
+    /// The grid's errors as text, in significant digits; `None` if none is known.
     pub fn errors_of_grid(&self) -> Option<String> {
         let digits = |error: f64| match self.grid_measured {
             true => percent(error),
-            // Some are wrong by a factor of ten.
+            // An estimate may be wrong by a factor of ten.
             false => format!("about {} %", short(one_digit(100.0 * error))),
         };
         let named = |name: &str, error: Option<f64>| error.map(|e| format!("{name} {}", digits(e)));
@@ -185,7 +184,7 @@ impl Accuracy {
         let cells = match largest_order(case, degree).filter(|_| is_large) {
             Some(order) => {
                 let times = short((10.0 * ratio.powf(1.0 / order)).ceil() / 10.0);
-                format!("more cells (at least {times} times as many an axis for {wanted})")
+                format!("more cells (at least {times} times as many per axis for {wanted})")
             }
             None => "more cells".to_owned(),
         };
@@ -203,7 +202,7 @@ impl Accuracy {
         let is_start = case.start.is_none() && case.start_field.is_none();
         let then = if !is_large {
             let enough = rounded_down(self.worst() / DOMINANT);
-            format!("; with this grid solver.tolerance = {enough:e} would do")
+            format!("; with this grid solver.tolerance = {enough:e} would suffice")
         } else if is_start && self.goal.is_none() {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
         } else {
@@ -213,9 +212,9 @@ impl Accuracy {
     }
 }
 
-/// The order in the cells' width that the error of a run of `case` falls with at most, whose axes
-/// have this `degree` at least: one more than that; 2 of central cells and of slopes. None of
-/// measure-valued data.
+/// The highest order of convergence, in the width of cells, of a run of `case` whose axes have at
+/// least this `degree`: `degree + 1`, but 2 for degree 0 with the central flux or slopes. `None`
+/// for measure-valued data.
 fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     let is_second = case.limiter != Limiter::None || case.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
@@ -228,10 +227,10 @@ fn lowest_degree(case: &Case) -> usize {
     axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
 }
 
-/// The goals that a run misses: a sentence each, none for a goal that is met or unknown.
+/// The goals that a run misses, a sentence for each; `None` for a goal that is met or unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Missed {
-    /// `solver.tolerance`, by the run's own error: as measured, else as estimated, where that is
+    /// `solver.tolerance`, by the run's own error: the measured one, else the estimate if that is
     /// reliable.
     pub tolerance: Option<String>,
     /// `solver.accuracy`.
@@ -256,13 +255,13 @@ impl Missed {
         Self { tolerance, accuracy }
     }
 
-    /// Both sentences; none where nothing is missed.
+    /// Both sentences; `None` if no goal is missed.
     pub fn line(&self) -> Option<String> {
         let both: Vec<&str> = self.tolerance.iter().chain(&self.accuracy).map(|s| &**s).collect();
         (!both.is_empty()).then(|| both.join("; "))
     }
 
-    /// An error where something is missed and `strict` asks for one (`solver.strict`).
+    /// Refuses missed goals if `strict` (`solver.strict`).
     ///
     /// # Errors
     /// [`Error::Missed`].
@@ -271,7 +270,7 @@ impl Missed {
     }
 }
 
-/// The result that a run continued (`initial.field`), and the error with its part.
+/// The result from which a run continued (`initial.field`), and the error of both parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Continued {
     /// The file.
@@ -280,11 +279,11 @@ pub struct Continued {
     pub checksum: String,
     /// Its time, at which the run began.
     pub time: f64,
-    /// Relative l2 distance of its `f` to the semi-discrete solution from time 0, where known.
+    /// Relative l2 distance of its `f` to the semi-discrete solution since time 0, if known.
     pub error: Option<f64>,
-    /// The most that is left of that at the end, relative to the result there.
+    /// Bound on the effect of that error at the end, relative to the result at the end.
     pub error_inherited: Option<f64>,
-    /// That and what the run added by itself, as measured or else as estimated, where that is
+    /// The inherited error plus the run's own, which is measured, or else estimated if that is
     /// reliable.
     pub error_total: Option<f64>,
 }
@@ -302,14 +301,14 @@ impl Continued {
                 format!("error inherited from before t = {}: at most {inherited:.1e}", self.time)
             }
             (None, _) => format!(
-                "error inherited from before t = {}: not known, and in no estimate",
+                "error inherited from before t = {}: not known, and not part of any estimate",
                 self.time
             ),
         }
     }
 }
 
-/// All numbers of a finished run. Absent ones are `null`, never zero.
+/// All numbers of a finished run. Unknown ones are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
     /// Title of the case.
@@ -320,7 +319,7 @@ pub struct Summary {
     pub git: String,
     /// The method.
     pub method: Option<Method>,
-    /// Interface rows.
+    /// The interface law.
     pub interface: Option<Interface>,
     /// Seconds from the start of the program's work to the summary.
     pub wall_seconds: f64,
@@ -336,61 +335,58 @@ pub struct Summary {
     pub space_blocks: Vec<usize>,
     /// Process mesh: mode groups.
     pub mode_groups: usize,
-    /// Largest and mean modelled cost of a mode group, as a ratio.
+    /// Largest over mean modelled cost of a mode group.
     pub imbalance: Option<f64>,
-    /// Seconds that the ranks took for their modes, the fewest and the most: how even the groups
-    /// were.
+    /// Least and largest seconds that a rank took for its modes.
     pub group_seconds: Option<[f64; 2]>,
     /// Instruction set of the inner loop.
     pub instruction_set: String,
-    /// Unknowns.
+    /// Number of unknowns.
     pub cells: usize,
-    /// What was left out of the case, a line each.
+    /// What was left out of the computation, one line each.
     pub reductions: Vec<String>,
-    /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once
-    /// a rank.
+    /// Number of rows of the matrix that are stored, over the ranks that split space. Equal rows
+    /// are stored once per rank.
     pub distinct_rows: usize,
     /// Auxiliary unknowns of the inflow.
     pub inflow_unknowns: usize,
     /// Modes propagated (l ≥ 0).
     pub modes: usize,
-    /// Points in `p` of the warped field, where all modes are kept.
+    /// Points in `p` of the warped field, if all modes are kept.
     pub points: Option<usize>,
-    /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the
-    /// classical method, of `A`.
+    /// Applications of `(−iμS + K)`, summed over all modes; for the classical method, of `A`.
     pub matvecs: usize,
-    /// Those that this process did: all, but for what was finished in the checkpoint that it went
-    /// on from.
+    /// Those that this process did: all except those of modes from a checkpoint.
     pub matvecs_here: usize,
-    /// Whether the run went on from a checkpoint.
+    /// Whether the run continued from a checkpoint.
     pub resumed: bool,
-    /// Checkpoints written by this process.
+    /// Number of checkpoints that this process wrote.
     pub checkpoints: usize,
     /// Linear systems solved by an implicit propagator, over all modes.
     pub solves: usize,
     /// Largest resident memory of a rank, measured.
     pub memory_peak_bytes_per_rank: u64,
-    /// The same without pages of files, which the kernel maps and drops as it likes.
+    /// The same without pages of files, which the kernel maps and drops on its own.
     pub memory_anonymous_bytes_per_rank: u64,
-    /// What the plan said.
+    /// Memory of the fullest rank by the plan.
     pub memory_planned_bytes_per_rank: u64,
-    /// Steps of time, where the inflow depends on it.
+    /// Number of time steps, if the inflow depends on time.
     pub time_steps: Option<usize>,
-    /// Relative l2 error of the field from those steps, at most; part of the error estimate.
+    /// Bound on the relative l2 error of the field from those steps; part of the error estimate.
     pub time_error: Option<f64>,
-    /// What was asked for.
+    /// `solver.tolerance`.
     pub tolerance: f64,
-    /// ‖ũ(0)‖/‖f(T)‖ planned for, and found.
+    /// ‖ũ(0)‖/‖f(T)‖ by the plan.
     pub norm_ratio_planned: Option<f64>,
-    /// The same, from the result.
+    /// ‖ũ(0)‖/‖f(T)‖ of the result.
     pub norm_ratio: Option<f64>,
     /// Relative l2 distance of the fields read at two recovery points, the largest over the fields.
     pub error_estimate: Option<f64>,
     /// Leading term of the error that an implicit propagator's step leaves in the field, relative
     /// l2; part of the estimate.
     pub step_error: Option<f64>,
-    /// What modes may add to the field whose step is too long for the leading term of its error,
-    /// beside the field.
+    /// Bound, relative to the field, on the part of modes whose step is too long for the leading
+    /// term of its error.
     #[serde(skip)]
     pub step_beyond: f64,
     /// Whether an implicit step is short enough for the leading term to be its error.
@@ -402,21 +398,21 @@ pub struct Summary {
     /// Why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,
-    /// Whether the estimate can tell: false where round-off hides the difference, where there is
-    /// one point only, where both points may err alike (`WarpPlan::estimate_doubt`), or where a
-    /// step is too long to estimate its error.
+    /// Whether the estimate is reliable. It is not if round-off hides the difference, if there is
+    /// only one recovery point, if both may have the same error (`WarpPlan::estimate_doubt`), or if
+    /// a step is too long to estimate its error.
     pub error_estimate_reliable: bool,
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
     /// largest over the fields.
     pub error_semidiscrete: Option<f64>,
-    /// Where the run went on from a result: errors above are those of its own part.
+    /// For a run that continued from a result, whose errors above are those of its own part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub continued: Option<Continued>,
-    /// The same by field, and each field's range.
+    /// Errors and range of values of each field.
     pub fields: Vec<FieldSummary>,
-    /// Largest over modes of the change of the norm, as a fraction of what is allowed.
+    /// Largest change of the norm of a mode, as a fraction of the allowed one.
     pub unitarity_defect: Option<f64>,
-    /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the
+    /// Smallest ‖w(T)‖/‖w(0)‖ of a mode: 1 up to round-off and truncation of series, less if the
     /// method damps.
     pub norm_kept: Option<f64>,
     /// Bound on λ⁺ of the matrix as used.
@@ -429,14 +425,13 @@ pub struct Summary {
     pub weight_spread: f64,
     /// Jacobi sweeps for the weights.
     pub weight_sweeps: usize,
-    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta
-    /// function.
+    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx.
     pub mass: f64,
     /// ∫ f dx dv at the start.
     pub mass_initial: Option<f64>,
     /// ½ ∫ |v|² f dx dv at T.
     pub kinetic_energy: f64,
-    /// ∫ V f dx dv at T; none where `V` is not finite at a node.
+    /// ∫ V f dx dv at T; `None` if `V` is not finite at a node.
     pub potential_energy: Option<f64>,
     /// Smallest value of f, or of φ.
     pub minimum: f64,
@@ -449,7 +444,7 @@ pub struct Summary {
     pub error_l1: Option<f64>,
     /// (∫ |f − f_exact|² dx dv)^½.
     pub error_l2: Option<f64>,
-    /// ∫ |f_exact| dx dv: what `error_l1` is relative to.
+    /// ∫ |f_exact| dx dv, to which `error_l1_relative` is relative.
     pub exact_l1: Option<f64>,
     /// (∫ f_exact² dx dv)^½.
     pub exact_l2: Option<f64>,
@@ -467,8 +462,7 @@ pub struct Summary {
     pub error_density_l1_relative: Option<f64>,
     /// `error_density_l2` relative to (∫ ρ_exact² dx)^½.
     pub error_density_l2_relative: Option<f64>,
-    /// An estimate of the relative L1 error of ρ_exact itself, where that is integrated over the
-    /// velocities.
+    /// Estimate of the relative L1 error of ρ_exact itself, if it is integrated over velocities.
     #[serde(default)]
     pub exact_density_error: Option<f64>,
     /// Σ_a ∫ |m_a − m_exact,a| dx.
@@ -479,30 +473,30 @@ pub struct Summary {
     pub error_momentum_l1_relative: Option<f64>,
     /// `error_momentum_l2` relative to (Σ_a ∫ m_exact,a² dx)^½.
     pub error_momentum_l2_relative: Option<f64>,
-    /// The algorithm's error and the grid's.
+    /// The errors of the algorithm and of the grid.
     pub accuracy: Accuracy,
-    /// What it misses of the tolerance and the accuracy that it was asked for.
+    /// Whether the run misses its tolerance or accuracy.
     pub missed: Missed,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
-    /// With what probability the first field would be measured.
+    /// Probabilities with which a quantum computer would measure the first field.
     pub probabilities: Option<Probabilities>,
-    /// What a quantum computer would tell of some cells (`[readout]`).
+    /// Emulated measurements of some cells on a quantum computer (`[readout]`).
     pub readout: Option<Readout>,
-    /// Where mass and energy went; none before the end of a run.
+    /// The ledger of mass and energy; `None` before the end of a run.
     pub ledger: Option<Ledger>,
     /// Sizes and checksums of the files of the run.
     pub files: FileChecksums,
-    /// What the user should know.
+    /// All warnings.
     pub warnings: Vec<String>,
-    /// How many of the warnings were printed before the run.
+    /// How many warnings were already printed before the run.
     #[serde(skip)]
     pub warnings_printed: usize,
 }
 
 impl Summary {
-    /// Fills in accuracy and missed goals, once all other numbers are there. `estimated` are the
-    /// estimated errors of the grid, of `f` and of the density.
+    /// Sets accuracy and missed goals once all other numbers are known. `estimated` are the grid's
+    /// estimated errors of `f` and of the density.
     pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
         let measured = [self.error_l2_relative, self.error_density_l2_relative];
         let asked = (case.method == Method::Schrodingerized).then_some(case.tolerance);
@@ -524,12 +518,12 @@ impl Summary {
         } else if goal_error.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
         {
-            let what = "the accuracy that was asked for is that of the density, and f needs more";
+            let what = "the accuracy of the density is met, but f needs a finer grid";
             accuracy.advice = Some(what.to_owned());
         }
     }
 
-    /// Puts the distances to the exact solution in their places.
+    /// Sets the distances to the exact solution.
     pub fn set_errors(&mut self, errors: &GridErrors) {
         if let Some(field) = &errors.field {
             (self.error_l1, self.error_l2) = (Some(field.l1), Some(field.l2));
@@ -549,19 +543,19 @@ impl Summary {
         }
     }
 
-    /// Warns of an exact density that is not known well enough to tell the run's error.
+    /// A warning if the exact density is not known well enough to measure the run's error.
     pub fn exact_density_warning(&self) -> Option<String> {
         let (own, error) = (self.exact_density_error?, self.error_density_l1_relative?);
         (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
-                 density's error of {error:.1e} is measured against it: what passed jumps of V \
-                 leaves filaments that take too many velocities to integrate"
+                 density's error of {error:.1e} is measured against it: particles that passed \
+                 jumps of V leave filaments that take too many velocities to integrate"
             )
         })
     }
 
-    /// Prints the warnings that were not printed before the run. On one rank.
+    /// Prints the warnings that were not printed before the run. Only one rank calls it.
     pub fn report_late_warnings(&self) {
         for warning in &self.warnings[self.warnings_printed..] {
             report(&format!("warning: {warning}"));
@@ -588,7 +582,7 @@ impl Summary {
 /// Name of the file.
 pub const NAME: &str = "summary.json";
 
-/// A summary with a checksum of its own.
+/// A summary with a checksum of itself.
 #[derive(Serialize)]
 struct WithChecksum<'a> {
     #[serde(flatten)]
@@ -596,22 +590,22 @@ struct WithChecksum<'a> {
     checksum: String,
 }
 
-/// The checksum of a summary without it: of its compact text, keys in order.
+/// The checksum of a summary: of its compact text without the key `checksum`, keys in order.
 fn checksum_of(summary: &Value) -> serde_json::Result<String> {
     Ok(format!("{:016x}", checksum::of_text(&serde_json::to_vec(summary)?)))
 }
 
-/// The summary in `directory`. By one rank.
+/// Reads the summary in `directory`. Only one rank calls it.
 ///
 /// # Errors
-/// [`Error::Output`] where it cannot be read, or is not as it was written.
+/// [`Error::Output`] if it cannot be read, or was changed after it was written.
 pub fn read(directory: &Path) -> Result<Value> {
     let path = directory.join(NAME);
     parse(&disk::read_text(&path)?).ok_or_else(|| failure(&path, &"is not as it was written"))
 }
 
-/// The summary that `text` is; none where it is none, or differs from its checksum. Those of older
-/// versions have none.
+/// The summary in `text`; `None` if there is none, or if it differs from its checksum. Summaries of
+/// older versions have no checksum.
 fn parse(text: &str) -> Option<Value> {
     let mut found: Value = serde_json::from_str(text).ok()?;
     match found.as_object_mut()?.remove("checksum") {

@@ -1,5 +1,5 @@
-//! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in files, HDF5
-//! or CSV, read by one rank for all.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in HDF5 or CSV
+//! files, which one rank reads for all.
 
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
@@ -13,13 +13,14 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Most bytes of a CSV file.
+/// Largest size of a CSV file in bytes.
 const MOST_TEXT: u64 = 256 << 20;
 
-/// `case` with the tables that it names, as far as they are not read yet. Collective over `world`.
+/// `case` with all tables that it names; those that were not read yet are read. Collective over
+/// `world`.
 ///
 /// # Errors
-/// [`Error::Input`], the same on all ranks, saying what is wrong with a file.
+/// [`Error::Input`], the same on all ranks, that says what is wrong with a file.
 pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let mut case = Cow::Borrowed(case);
     for k in 0..case.tables.len() {
@@ -31,7 +32,8 @@ pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     Ok(case)
 }
 
-/// The table of `file` on all ranks, which reaches as far as `case` does. Collective over `world`.
+/// Reads the table of `file` for all ranks. It must cover the grid of `case`. Collective over
+/// `world`.
 fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
     let wrong = |what: &str| {
         let path = format!("\"{}\"", file.path.display());
@@ -50,8 +52,9 @@ fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
     Ok(table)
 }
 
-/// `case` with the tables that it names, as far as their files are those that a result was computed
-/// of, which has `checksums` of them by their keys. By one rank.
+/// `case` with those of its tables whose files have not changed since a result was computed.
+/// `checksums` are the attributes of the result, which include those of the tables. Only one rank
+/// calls it.
 pub fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -> Case {
     for k in 0..case.tables.len() {
         let file = &case.tables[k];
@@ -67,12 +70,12 @@ pub fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -
     case
 }
 
-/// The attribute of a result that names the file of a table; that of `f0` is `table_file`.
+/// Name of the attribute of a result that holds the path of a table; `table_file` for `f0`.
 pub(crate) fn file_name(of: TableOf) -> String {
     format!("{}_file", attribute(of))
 }
 
-/// The attribute of a result with the checksum of a table.
+/// Name of the attribute of a result that holds the checksum of a table.
 pub(crate) fn checksum_name(of: TableOf) -> String {
     format!("{}_checksum", attribute(of))
 }
@@ -84,13 +87,13 @@ fn attribute(of: TableOf) -> String {
     }
 }
 
-/// The axes of a table, for other ranks.
+/// The axes of a table, for other ranks: name, position among the coordinates, number of points.
 #[derive(Default, Serialize, Deserialize)]
 struct Head {
     axes: Vec<(String, usize, usize)>,
 }
 
-/// The table of the first rank, on all. Collective over `world`.
+/// Sends the table of the first rank to all ranks. Collective over `world`.
 fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let axes = found.as_ref().map_or(&[][..], Table::axes);
     let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
@@ -98,7 +101,7 @@ fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let head: Head =
         serde_json::from_str(&world.broadcast_text(&text)).map_err(|e| e.to_string())?;
     let shape: Vec<usize> = head.axes.iter().map(|(_, _, points)| *points).collect();
-    // What is not on the first rank is below all.
+    // All ranks take the largest value, and all but the first have −∞.
     let numbers = |own: Option<&[f64]>, count: usize| {
         let mut numbers = own.map_or_else(|| vec![f64::NEG_INFINITY; count], <[f64]>::to_vec);
         world.max_into(&mut numbers);
@@ -113,7 +116,7 @@ fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     Table::new(axes, values)
 }
 
-/// The table of a file. By one rank.
+/// Reads the table of a file. Only one rank calls it.
 fn read(file: &TableFile) -> FileResult<Table> {
     let found = std::fs::metadata(&file.path).map_err(|e| e.to_string())?;
     if !found.is_file() {
@@ -132,7 +135,7 @@ fn read(file: &TableFile) -> FileResult<Table> {
     }
 }
 
-/// The table of an HDF5 file: a dataset, and its points in `/axis/NAME` or `/NAME`.
+/// The table of an HDF5 file: a dataset, with the points of its axes in `/axis/NAME` or `/NAME`.
 fn of_hdf5(file: &TableFile) -> FileResult<Table> {
     let axes = file.axes();
     let places = |name: &str| [format!("axis/{name}"), name.to_owned()];
@@ -170,7 +173,7 @@ fn of_hdf5(file: &TableFile) -> FileResult<Table> {
     Table::new(axes, numbers(&file.dataset, &dataset)?)
 }
 
-/// The table of a CSV file: a line of names, then one a value, in any order.
+/// The table of a CSV file: a line with the names of columns, then one line per value in any order.
 fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
     let text = text.trim_start_matches('\u{feff}');
     let is_data = |(_, line): &(usize, &str)| !line.is_empty() && !line.starts_with('#');
@@ -225,7 +228,7 @@ fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
     on_grid(axes, &places, &values)
 }
 
-/// What would help where the first line of a CSV file has a column of this name, which is none.
+/// A hint for the error that the first line of a CSV file has an unknown column of this name.
 fn hint_on_column(file: &TableFile, name: &str) -> String {
     let expected = format!("{},{}", file.axes_text().replace(", ", ","), file.dataset);
     if name.contains([';', '\t']) {
@@ -239,11 +242,11 @@ fn hint_on_column(file: &TableFile, name: &str) -> String {
     }
 }
 
-/// The table whose `values` stand at `places`, a list of coordinates an axis: every point of the
-/// tensor grid once.
+/// The table of `values` at the points `places`, which has one list of coordinates per axis. Every
+/// point of the tensor grid must occur once.
 fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> FileResult<Table> {
     let sorted = |places: &Vec<f64>| {
-        // 0 and −0 are one point.
+        // Adding zero turns −0 into 0.
         let mut points: Vec<f64> = places.iter().map(|p| p + 0.0).collect();
         points.sort_by(f64::total_cmp);
         points.dedup();
@@ -268,7 +271,7 @@ fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> F
         });
         if !table[place].is_nan() {
             let point: Vec<f64> = places.iter().map(|places| places[i]).collect();
-            return Err(format!("the point {point:?} is there twice"));
+            return Err(format!("the point {point:?} is given twice"));
         }
         table[place] = *value;
     }
@@ -309,9 +312,9 @@ mod tests {
             ("# NaN\n\nx,v,f\n0,nan,0\n", "line 4, column 2 (v): \"nan\" is not a finite number"),
             ("x,v,f\n0,0\n", "line 2: 2 numbers, 3 expected"),
             ("x,v,f\n0,0,1\n0,1,1\n1,0,1\n", "3 lines for [2, 2] different coordinates of x, v"),
-            ("x,v,f\n0,0,1\n0,0,1\n1,1,1\n0,1,2\n", "the point [0.0, 0.0] is there twice"),
+            ("x,v,f\n0,0,1\n0,0,1\n1,1,1\n0,1,2\n", "the point [0.0, 0.0] is given twice"),
             ("x,f\n0,1\n", "points of the axis x: 1, at least 2"),
-            ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is there twice"),
+            ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is given twice"),
         ] {
             let found = of_text(&file(), text).unwrap_err();
             assert!(found.contains(reason), "{text:?}: {found}");

@@ -7,7 +7,8 @@
 //! The subprocess has a limit on its memory and one on the processor time between two reports of
 //! progress, which a slow disk does not use up.
 //!
-//! A program that uses the library instead of being it reads in its own process at once.
+//! A program that merely uses the library has no such subprocess: it reads files in its own
+//! process.
 
 use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
@@ -20,8 +21,9 @@ use crate::results::readback::{
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
-use hdf5::File;
+use hdf5::{Dataset, File};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -33,15 +35,15 @@ use std::time::Duration;
 
 /// First argument of a subprocess; no command has this name.
 const CALL: &str = "inspect-file";
-/// Seconds of processor time from one report of progress to the next, rounded up by at most one.
+/// Allowed seconds of processor time between two reports of progress, rounded up by at most one.
 const SECONDS_A_STEP: u64 = 1;
-/// Bytes that are decompressed in a second at least.
+/// Least number of bytes that are decompressed in a second.
 const BYTES_A_SECOND: u64 = 50 << 20;
-/// Time without a report after which a subprocess is given up, at work or not.
+/// A subprocess that reports nothing for this time is killed, whether it works or waits.
 const SILENCE: Duration = Duration::from_secs(60);
-/// Address space of a subprocess, but for chunks.
+/// Address space of a subprocess, to which that for chunks is added.
 const MEMORY: u64 = 2 << 30;
-/// Largest number in fields, moments and axes: its square can be computed.
+/// Largest magnitude in fields, moments and axes; its square is finite.
 const LARGEST: f64 = 1e150;
 
 /// The role of this process in the inspection of files.
@@ -58,23 +60,24 @@ static ROLE: OnceLock<ProcessRole> = OnceLock::new();
 /// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
-    /// The names and shapes of the datasets.
+    /// Names and shapes of all datasets.
     Shapes,
-    /// As well the values of a share of them.
+    /// The same, and the values of a share of each dataset.
     Values(FileShare),
-    /// `result.h5` of a directory: all values, and further data of the pictures.
+    /// `result.h5` in a directory: all values, and everything that pictures need.
     Directory,
-    /// Datasets by their names, and values of lists: what a warped field to start from is read of.
+    /// The datasets of a warped field from which a run starts.
     Start,
-    /// Datasets by these names, and their values: what a table is read of.
+    /// The datasets of these names and their values, for a table.
     Table(Vec<String>),
 }
 
-/// The sums of the datasets of a file, or what is wrong with it.
+/// The checksums of the datasets of a file, or what is wrong with it.
 type InspectionResult = FileResult<ChecksumParts>;
 
-/// To be called by the program before anything else, and before MPI starts: where this process is
-/// the subprocess, does its work and gives its exit code. Otherwise it will have subprocesses.
+/// Does the work of a subprocess and returns its exit code, if this process is one. Otherwise it
+/// returns `None`, and the process starts subprocesses from now on. The program calls this before
+/// anything else, and before MPI starts.
 pub fn serve() -> Option<i32> {
     let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
     let [call, inspection, path] = &arguments[..] else {
@@ -96,7 +99,7 @@ pub fn serve() -> Option<i32> {
     };
     let answer = serde_json::to_string(&found).unwrap_or_default();
     let _ = writeln!(std::io::stdout(), "{answer}");
-    // Without the library's clean-up, which goes through all it has read.
+    // HDF5's clean-up is skipped, as it would walk through everything that was read.
     machine::leave(0)
 }
 
@@ -109,7 +112,7 @@ pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
         return inspect_here(path, inspection);
     }
     let call = serde_json::to_string(&inspection).map_err(|e| e.to_string())?;
-    // Also where the file of the program was replaced since it started.
+    // This path works even if the program's file was replaced since it started.
     let child = Command::new("/proc/self/exe")
         .args([CALL, &call])
         .arg(path)
@@ -122,7 +125,7 @@ pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
         .spawn();
     let mut child = child.map_err(|e| format!("no process can be started to read it: {e}"))?;
     let answer = answer(&mut child);
-    // One that has answered has nothing more to do.
+    // A subprocess that has answered has nothing more to do.
     let _ = child.kill();
     let ended = child.wait();
     answer.unwrap_or_else(|| {
@@ -139,7 +142,7 @@ pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
 fn answer(child: &mut Child) -> Option<InspectionResult> {
     let lines = BufReader::new(child.stdout.take()?).lines();
     let (sender, receiver) = channel();
-    // Ends with the child.
+    // The thread ends with the child.
     std::thread::spawn(move || {
         for line in lines.map_while(std::result::Result::ok) {
             if sender.send(line).is_err() {
@@ -152,7 +155,7 @@ fn answer(child: &mut Child) -> Option<InspectionResult> {
             Ok(line) if line.is_empty() => {}
             Ok(line) => return serde_json::from_str(&line).ok(),
             Err(RecvTimeoutError::Disconnected) => {
-                // It is about to end by itself, by a signal that shows why.
+                // It is ending, and its signal tells why.
                 let _ = child.wait();
                 return None;
             }
@@ -161,7 +164,8 @@ fn answer(child: &mut Child) -> Option<InspectionResult> {
     }
 }
 
-/// Reports progress, and allows time until the next report: for `bytes`, and [`SECONDS_A_STEP`].
+/// Reports progress, and allows [`SECONDS_A_STEP`] and the time to decompress `bytes` until the
+/// next report.
 fn progress(bytes: u64) {
     if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_processor_time(SECONDS_A_STEP + bytes / BYTES_A_SECOND);
@@ -176,19 +180,24 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         _ => path.to_owned(),
     };
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
-    let opened = || {
+    let opened = || -> FileResult<File> {
         let file = File::open(&file);
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
         Inspection::Shapes => {
-            shapes(&opened()?, bytes).map_err(reason).map(|_| ChecksumParts::new())
+            let opened = opened()?;
+            let all = datasets(&opened).map_err(reason)?;
+            shapes(&all, bytes).map_err(reason).map(|_| ChecksumParts::new())
         }
         Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
         Inspection::Directory => {
             let sums =
                 values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
-            Stored::read(path)?;
+            // Where this process is the one that asks, it reads them next.
+            if ROLE.get() == Some(&ProcessRole::Child) {
+                Stored::read(path)?;
+            }
             Ok(sums)
         }
         Inspection::Table(names) => {
@@ -210,21 +219,22 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
     }
 }
 
-/// Whether all datasets can be read; gives the bytes of the largest chunk.
-fn shapes(file: &File, bytes: u64) -> Hdf5Result<u64> {
+/// Checks that all datasets can be read; returns the bytes of the largest chunk.
+fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
     let mut largest = 0;
-    for (name, dataset) in datasets(file)? {
-        let chunk = sound(&dataset, bytes)
-            .map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
+    for (name, dataset) in all {
+        let chunk =
+            sound(dataset, bytes).map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
         largest = largest.max(chunk);
     }
     Ok(largest)
 }
 
 fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
-    let chunk = shapes(file, bytes)?;
+    let all = datasets(file)?;
+    let chunk = shapes(&all, bytes)?;
     allow(chunk);
-    sums_of(share, file, |name, values| {
+    sums_of(share, all, |name, values| {
         progress(chunk);
         match values.iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
             Some(value) if holds_numbers(name) => {
@@ -235,7 +245,7 @@ fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts
     })
 }
 
-/// Room for chunks of so many bytes, as they are stored, while filters work on them and after.
+/// Allows memory for chunks of `chunk` bytes: as they are stored, while filters work, and after.
 fn allow(chunk: u64) {
     if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_memory(MEMORY.saturating_add(chunk.saturating_mul(4)));
@@ -243,8 +253,8 @@ fn allow(chunk: u64) {
     progress(chunk);
 }
 
-/// Whether a run writes only moderate numbers there: fields, densities, momenta and axes. The
-/// density of a multivalued velocity is infinite at a caustic.
+/// Whether the numbers of this dataset must be moderate: those of fields, densities, momenta and
+/// axes. The density of a multivalued velocity is infinite at a caustic.
 fn holds_numbers(name: &str) -> bool {
     if name.starts_with("/multivalued/") {
         return false;
@@ -253,8 +263,7 @@ fn holds_numbers(name: &str) -> bool {
     name.starts_with("/axis/") || ["f", "phi", "psi", "w", "density", "momentum"].contains(&last)
 }
 
-/// What a warped field to start from is read of: `/w` and axes of at most as many points as `/w`
-/// has along one.
+/// Checks the datasets of a warped field from which a run starts: `/w` and its axes.
 fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
     let Some(chunk) = named(file, bytes, "w")? else { return Ok(()) };
     allow(chunk);
@@ -262,17 +271,17 @@ fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
     axes.iter().try_for_each(|name| named(file, bytes, name).map(|_| ()))
 }
 
-/// Whether the dataset `name` can be read; gives the bytes of a chunk. What is missing is said by
-/// who needs it.
+/// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is
+/// no such dataset, which the caller may report.
 fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
     let dataset = file.dataset(name).ok();
     dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
 }
 
-/// Opens a file that the user names, once another process has found out what of it can be read.
+/// Opens a file that the user names, after a subprocess has inspected it.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// A sentence that says what is wrong with it.
 pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File> {
     let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
     if !found.is_file() {
@@ -280,16 +289,16 @@ pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File
     }
     std::fs::File::open(path).map_err(|e| e.to_string())?;
     inspect(path, inspection)?;
-    // HDF5 lists every function that the error passed.
+    // HDF5's own message lists every function that the error passed.
     File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?".to_owned())
 }
 
-/// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as any
-/// program would.
+/// Opens `directory/result.h5` and compares its datasets with their checksums. Only one rank calls
+/// it.
 ///
 /// # Errors
-/// [`Error::Input`] where there is none, or none that can be read; [`Error::Output`] where one is
-/// damaged.
+/// [`Error::Input`] if there is no file that can be read; [`Error::Output`] if a dataset or a file
+/// is damaged.
 pub fn open(directory: &Path) -> Result<Stored> {
     let path = directory.join(RESULT);
     let wrong = |why: &dyn std::fmt::Display| {
@@ -317,13 +326,13 @@ pub fn open(directory: &Path) -> Result<Stored> {
     Stored::read(directory).map_err(|e| wrong(&e))
 }
 
-/// Compares the datasets of `directory/result.h5` and of the warped fields beside it with their
-/// checksums, and all files with theirs; gives the number of datasets of each file. Collective over
+/// Compares the datasets of `directory/result.h5` and of the warped fields beside it, and all
+/// files, with their checksums; returns the number of datasets of each file. Collective over
 /// `world`.
 ///
 /// # Errors
-/// [`Error::Output`], naming the first dataset or file that is not as written; [`Error::Input`]
-/// where there is no `result.h5`.
+/// [`Error::Output`], which names the first dataset or file that has changed; [`Error::Input`] if
+/// there is no `result.h5`.
 pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
     let path = directory.join(RESULT);
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
@@ -332,7 +341,7 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
         Ok(_) => Err(fail(&"is no file")),
         Err(e) => Err(fail(&e)),
     })?;
-    // What there is is for one rank to say.
+    // One rank lists the files, as ranks may see different states of the directory.
     let mut names = Vec::new();
     if world.rank() == 0
         && let Ok(entries) = std::fs::read_dir(directory)
@@ -349,10 +358,11 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
     Ok(checked)
 }
 
-/// Compares every dataset of a file with its checksum; gives their number. Collective over `world`.
+/// Compares every dataset of a file with its checksum; returns the number of datasets. Collective
+/// over `world`.
 ///
 /// # Errors
-/// [`Error::Output`], naming the first dataset that is not as written.
+/// [`Error::Output`], which names the first dataset that has changed.
 pub(crate) fn check(world: &Group, path: &Path) -> Result<usize> {
     let share = FileShare { rank: world.rank(), ranks: world.size() };
     let sums = inspect(path, Inspection::Values(share)).map_err(|e| failure(path, &e));

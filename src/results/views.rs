@@ -1,12 +1,13 @@
-//! The data shown by `fields.xdmf` and by the file of each grid: moments over space, and fields on
-//! the planes (x_a, v_a) through the middle of the other axes; moments at all output times, planes
-//! at those at which fields are written.
+//! The data that `fields.xdmf` and the file of each grid show: moments over space at all output
+//! times, and fields on the planes (x_a, v_a) through the middle of the other axes at those output
+//! times at which fields are written.
 //!
-//! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
-//! dataset over (x, y) is shown with y across. So what is shown is stored once more with its axes
-//! reversed, vectors with their three components last: `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and
-//! `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole of phase space, and
-//! moments need no second copy. What was there before the end is in `/xdmf/history`, a time first.
+//! XDMF takes the first index of a dataset for the last direction, and has no option for the other
+//! order: it would show a dataset over (x, y) with y as the horizontal axis. So the shown data are
+//! stored once more with their axes reversed and the three components of vectors last:
+//! `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension
+//! the plane is the whole phase space, and moments need no copy. Data of earlier times are in
+//! `/xdmf/history`, with the time as first index.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
@@ -17,12 +18,12 @@ use crate::results::history::{FIELD_TIME, TIME, with_fields};
 use crate::results::writer::Writer;
 use std::ops::Range;
 
-/// Cells along three axes, and datasets over them.
+/// A grid of cells along three axes, and datasets over it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     /// Name of the grid.
     pub name: String,
-    /// Axes that it is drawn on: two or three.
+    /// Number of axes on which it is drawn: two or three.
     pub dimension: usize,
     /// Lower ends of the three axes.
     pub origin: [f64; 3],
@@ -30,14 +31,14 @@ pub struct Grid {
     pub spacing: [f64; 3],
     /// Numbers of cells.
     pub cells: [usize; 3],
-    /// Faces of the cells of all axes, where a degree above 0 makes them unequal: a cell is as wide
-    /// as the quadrature weight of its node.
+    /// Faces of the cells along all axes, if a degree above 0 makes cells unequal. The width of a
+    /// cell is the quadrature weight of its node.
     pub faces: Option<[Vec<f64>; 3]>,
     /// The datasets that are shown on it.
     pub fields: Vec<View>,
 }
 
-/// The grids that are shown at a time.
+/// The grids at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     /// The time.
@@ -48,7 +49,7 @@ pub struct Step {
 
 /// One time of a dataset whose first index counts times.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Moment {
+pub struct TimeSlice {
     /// Number of the time.
     pub index: usize,
     /// Lengths of the dataset, the times first.
@@ -58,19 +59,19 @@ pub struct Moment {
 /// A dataset of `result.h5` over a grid, its last index along the grid's first axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The name it is shown by.
+    /// The name under which it is shown.
     pub name: String,
     /// Path of the dataset.
     pub dataset: String,
     /// Whether it has three components, as its last index.
     pub vector: bool,
-    /// The time that is shown; none where the dataset has no times.
-    pub moment: Option<Moment>,
+    /// The time that is shown; `None` for a dataset without times.
+    pub time_slice: Option<TimeSlice>,
 }
 
 impl Grid {
-    /// Over one to three axes; those that are missing get one cell about zero, as wide as one of
-    /// the first axis.
+    /// A grid over one to three axes. A missing axis has one cell about zero that is as wide as a
+    /// cell of the first axis.
     fn new(name: &str, axes: &[&Axis]) -> Self {
         let width = axes[0].width();
         let mut grid = Self {
@@ -95,14 +96,14 @@ impl Grid {
     }
 
     fn show(&mut self, name: &str, dataset: String, vector: bool) {
-        self.fields.push(View { name: name.to_owned(), dataset, vector, moment: None });
+        self.fields.push(View { name: name.to_owned(), dataset, vector, time_slice: None });
     }
 
     /// The same of time number `index` of a dataset of this `shape`.
     fn show_at(&mut self, name: &str, dataset: &str, vector: bool, index: usize, shape: &[usize]) {
-        let moment = Some(Moment { index, shape: shape.to_vec() });
+        let time_slice = Some(TimeSlice { index, shape: shape.to_vec() });
         let (name, dataset) = (name.to_owned(), dataset.to_owned());
-        self.fields.push(View { name, dataset, vector, moment });
+        self.fields.push(View { name, dataset, vector, time_slice });
     }
 }
 
@@ -119,7 +120,7 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     Ok(steps)
 }
 
-/// The output times before the end. Collective.
+/// Writes the data of output times before the end. Collective.
 fn earlier(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     if results.early.is_empty() {
         return Ok(Vec::new());
@@ -220,8 +221,8 @@ fn reversed(values: &[f64], lengths: &[usize]) -> Vec<f64> {
     out
 }
 
-/// The grid of space. In one dimension a strip along the velocity axis, so that it fills the frame
-/// of the plane (x, v).
+/// The grid of space. In one dimension its second axis has one cell as wide as the velocity axis,
+/// so that it fills the frame of the plane (x, v).
 fn space_grid(space: &PhaseSpace) -> Grid {
     let mut grid = Grid::new("space", &space.x.iter().collect::<Vec<_>>());
     if let [v] = &space.v[..] {
@@ -233,7 +234,7 @@ fn space_grid(space: &PhaseSpace) -> Grid {
     grid
 }
 
-/// The moments over space.
+/// Writes the moments over space.
 fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     let space = &results.case.space;
     let n = space.dimension();
@@ -258,11 +259,11 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     Ok(grid)
 }
 
-/// A rank's share of a field over space with its axes reversed, three components of a vector last.
+/// A rank's share of a field over space with reversed axes; the three components of a vector last.
 struct Copied<'a> {
     /// Names of its axes.
     axes: Vec<&'a str>,
-    /// Where it lies.
+    /// The ranges of the share.
     ranges: Vec<Range<usize>>,
     /// Values of the field.
     values: Vec<f64>,
@@ -290,15 +291,15 @@ impl Copied<'_> {
     }
 }
 
-/// A dataset over space once more at `path`.
+/// Writes a copy of a dataset over space, with reversed axes, at `path`.
 fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
     let Copied { axes, ranges, values } = Copied::new(results, field);
     let what = format!("copy of /{}, axes reversed", field.kind.name);
     writer.field(path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)
 }
 
-/// The fields on the planes (x_a, v_a) through the middle cells of the other axes, of an even
-/// number the upper one.
+/// Writes the fields on the planes (x_a, v_a) through the middle cells of the other axes; of two
+/// middle cells, the upper one.
 fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     let (case, space) = (results.case, &results.case.space);
     let n = space.dimension();
@@ -333,9 +334,9 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
 struct PlanePart {
     /// Cells of the part along x_a.
     cells: Range<usize>,
-    /// Where it begins in the rank's fields.
+    /// Index of its first value in the rank's fields.
     base: usize,
-    /// How far its points are apart there, along x_a and v_a.
+    /// Strides along x_a and v_a in the rank's fields.
     strides: [usize; 2],
 }
 

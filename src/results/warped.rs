@@ -1,4 +1,4 @@
-//! The whole warped field: `warped_f.h5`, written and read by all ranks, some cells at a time.
+//! The whole warped field, `warped_f.h5`, which all ranks write and read, some cells at a time.
 //!
 //! | object | shape | |
 //! |---|---|---|
@@ -6,10 +6,10 @@
 //! | `/axis/x`, … `/axis/vz`, `/axis/p` | | cell centres; `p_j = L + jP/N_p`; dimension scales |
 //! | `/case`, `/plan`, `/timings` | | as in `result.h5` |
 //!
-//! The modes of the field are spread over the ranks: by cells over space, by number over the mode
-//! groups. In each round the mode groups of a block transpose some of its cells, so that each rank
-//! has every mode of a few; it transforms them to values and writes those. Reading goes the same
-//! way backwards. Buffers are [`crate::plan::memory::BUFFERS`], whatever the field.
+//! The modes of the field are spread over the ranks: cells over the blocks of space, and modes over
+//! the mode groups. In each round the mode groups of a block transpose some of its cells, so that
+//! each rank has all modes of a few cells; it transforms them to values and writes these. Reading
+//! does the same in reverse. Buffers take [`crate::plan::memory::BUFFERS`] for a field of any size.
 
 pub mod given;
 pub mod spread;
@@ -28,10 +28,11 @@ use crate::schrodingerization::transform::Transform;
 use crate::solve::kept::KeptModes;
 use std::path::Path;
 
-/// Metadata and texts of a file, but for the case's and the plan's own.
+/// Bytes for metadata and texts of a file, except those of case and plan.
 const MARGIN: u64 = 256 << 10;
 
-/// Name of the file of a field at the end; at an earlier output time number `early`, from 1 on.
+/// Name of the file of a field at the end, or at the earlier output time of number `early`, counted
+/// from 1.
 pub fn file_name(field: &str, early: Option<usize>) -> String {
     match early {
         None => format!("warped_{field}.h5"),
@@ -58,8 +59,8 @@ fn is_ours(name: &str) -> bool {
     })
 }
 
-/// Removes from `directory` the files of runs before that this one did not write, but for the one
-/// that it started from, and those that `is_older` does not know. By one rank.
+/// Removes warped fields of earlier runs from `directory`: those that this run did not write, for
+/// which `is_older` holds, and from which the run did not start. Only one rank calls it.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
@@ -84,15 +85,14 @@ pub fn remove_older(directory: &Path, case: &Case, is_older: impl Fn(&Path) -> b
     Ok(())
 }
 
-/// Bytes of a file with `points` points, without the plan's text.
+/// Bytes of a file with `points` points in `p`, without the plan's text.
 fn bytes(case: &Case, points: usize) -> u64 {
     let cells = case.space.cells() as u64;
     let axes: usize = case.space.axes().map(|axis| axis.cells).sum();
     8 * (cells * points as u64 + (axes + points) as u64) + MARGIN + 2 * case.text.len() as u64
 }
 
-/// Refuses to start what the disk cannot hold: the warped fields of a run, if it writes them, on so
-/// many points.
+/// Refuses warped fields with `points` points in `p` that the disk cannot hold.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
@@ -103,12 +103,12 @@ pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
     })
 }
 
-/// Bytes of all files with `points` points in `p`.
+/// Bytes of all warped fields of a run with `points` points in `p`.
 pub fn all_bytes(case: &Case, points: usize) -> u64 {
     names(case).len() as u64 * bytes(case, points)
 }
 
-/// Writes the file `path`: the field whose modes are `kept`, for the factors of `series` on the
+/// Writes the file `path`: the field with the modes `kept` and the factors of `series`, on the
 /// period that begins at `lower`. Collective over the world.
 ///
 /// # Errors
@@ -142,8 +142,7 @@ fn write_all(
     let plan = plan_text(about.plan);
     let points = transform.points();
     let most = bytes(about.case, points) + plan.len() as u64;
-    // Not in chunks: ranks write what they have at hand, and each chunk is written by one rank at
-    // once.
+    // No chunks: HDF5 lets one rank write a whole chunk, but ranks have parts of each.
     let storage = Storage { compression: 0, chunks: None, xdmf: false };
     let mut writer = Writer::create(world, path, most, &storage)?;
     writer.agree(attributes(&writer, world.size(), about, &plan))?;

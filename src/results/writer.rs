@@ -1,10 +1,10 @@
-//! A file that all ranks write through MPI-IO: datasets over named axes, each rank the slab it
-//! holds.
+//! A file that all ranks write through MPI-IO. It has datasets over named axes, of which each rank
+//! writes the slab that it holds.
 //!
-//! Metadata are written by all ranks together; after each dataset the ranks agree whether it
-//! worked, so that none waits for one that failed. Plain datasets are written by each rank on its
-//! own; chunked ones take all ranks together, also those with nothing to write, as HDF5 hands the
-//! pieces of a chunk to the one rank that compresses it.
+//! All ranks write metadata together. After each dataset they agree whether it was written, so that
+//! none waits for a rank that failed. Each rank writes contiguous datasets on its own. Chunked
+//! datasets are written by all ranks together, even those that have nothing to write, as HDF5 sends
+//! the pieces of a chunk to the one rank that compresses it.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::disk::failure;
@@ -30,7 +30,7 @@ pub type Hdf5Result<T> = std::result::Result<T, hdf5::Error>;
 struct DimensionScale {
     /// Length of the scale.
     length: usize,
-    /// Cells of a chunk along it, where the user says.
+    /// Cells of a chunk along it, if the user gives a number.
     chunk: Option<usize>,
 }
 
@@ -39,21 +39,20 @@ pub struct Writer<'a> {
     world: &'a Group,
     path: &'a Path,
     storage: &'a Storage,
-    /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
+    /// Not closed after an error, as closing waits for all ranks, and one may never come.
     file: ManuallyDrop<File>,
-    /// The first failure of a write of rank 0 alone, while the others go on to the next collective
-    /// step.
+    /// The first failure of what rank 0 writes alone, until the next collective step reports it.
     trouble: RefCell<Option<hdf5::Error>>,
     scales: BTreeMap<&'static str, DimensionScale>,
 }
 
-/// A text as an attribute stores it.
+/// A text in the form in which attributes store it.
 pub fn text(s: &str) -> VarLenUnicode {
-    // A text with a zero byte cannot be stored; such bytes are left out.
+    // Zero bytes are left out, as HDF5 cannot store them.
     s.replace('\0', "").parse().unwrap_or_default()
 }
 
-/// A new attribute.
+/// Writes a new attribute.
 ///
 /// # Errors
 /// The error of HDF5.
@@ -64,12 +63,12 @@ pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Hdf5Result<
 impl<'a> Writer<'a> {
     /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.
     ///
-    /// Space is reserved before anything is written, where the file system can: a full disk is then
-    /// an error of one call on one rank, and not of a collective call, in which HDF5 would leave
-    /// the other ranks waiting.
+    /// If the file system can, space is reserved before anything is written. Then a full disk is an
+    /// error of one call on one rank, and not of a collective call, in which HDF5 would leave the
+    /// other ranks waiting.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Output`] here and in all that follows, the same on all ranks.
+    /// [`crate::base::error::Error::Output`] here and in all other methods, the same on all ranks.
     pub fn create(
         world: &'a Group,
         path: &'a Path,
@@ -99,12 +98,12 @@ impl<'a> Writer<'a> {
         &self.file
     }
 
-    /// A new group. Collective.
+    /// Creates a group. Collective.
     pub fn group(&self, name: &str) -> Result<()> {
         self.agree(self.file.create_group(name).map(drop))
     }
 
-    /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
+    /// Agrees on the outcome of what all ranks did, and of what rank 0 wrote alone.
     pub fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
         let outcome = match self.trouble.take() {
             Some(trouble) => Err(trouble),
@@ -113,8 +112,8 @@ impl<'a> Writer<'a> {
         self.world.agree(outcome.map_err(|e| failure(self.path, &e)))
     }
 
-    /// Something that rank 0 writes alone.
-    fn alone(&self, write: impl FnOnce() -> Hdf5Result<()>) {
+    /// Lets rank 0 write something alone.
+    fn by_first_rank(&self, write: impl FnOnce() -> Hdf5Result<()>) {
         if self.world.rank() == 0
             && let Err(error) = write()
         {
@@ -122,8 +121,8 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable
-    /// length. To be agreed on.
+    /// Writes a scalar text dataset of fixed length, as parallel HDF5 does not write texts of
+    /// variable length. Ranks must [`agree`](Self::agree) on the outcome afterwards.
     pub fn text(&self, name: &str, value: &str) -> Hdf5Result<Dataset> {
         let bytes = value.as_bytes();
         let dataset = self
@@ -134,11 +133,12 @@ impl<'a> Writer<'a> {
         // An empty text is stored as one zero byte.
         let stored = if bytes.is_empty() { &[0] } else { bytes };
         attribute(&dataset, CHECKSUM, &checksum::of_text(stored))?;
-        self.alone(|| write_bytes(&dataset, stored));
+        self.by_first_rank(|| write_bytes(&dataset, stored));
         Ok(dataset)
     }
 
-    /// A list of numbers that all ranks know, written by rank 0. To be agreed on.
+    /// Writes, by rank 0, a list of numbers that all ranks know. Ranks must [`agree`](Self::agree)
+    /// on the outcome afterwards.
     pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Hdf5Result<Dataset> {
         let dataset = self.file.new_dataset::<f64>().shape(values.len()).create(name)?;
         if let Some(what) = what {
@@ -148,14 +148,13 @@ impl<'a> Writer<'a> {
         let slab = DatasetBox::of(std::slice::from_ref(&(0..values.len())));
         let sum = checksum::of_slab(&[values.len()], &slab, values);
         attribute(&dataset, CHECKSUM, &sum)?;
-        self.alone(|| dataset.write(values));
+        self.by_first_rank(|| dataset.write(values));
         Ok(dataset)
     }
 
-    /// A dimension scale, in the root, where netCDF readers look for it, and linked from `/axis`.
-    /// To be agreed on.
-    ///
-    /// `chunk`: cells of a chunk along it, where the user says.
+    /// Writes a dimension scale in the root, where netCDF readers look for it, and links it from
+    /// `/axis`. `chunk` is the number of cells of a chunk along it, if the user gives one. Ranks
+    /// must [`agree`](Self::agree) on the outcome afterwards.
     pub fn scale(
         &mut self,
         name: &'static str,
@@ -176,7 +175,7 @@ impl<'a> Writer<'a> {
         let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
         let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
         if let Some(chunk) = chunks(&scales, self.storage) {
-            // What all ranks write together need not be filled before.
+            // HDF5 need not fill chunks, as all values are written.
             builder = builder.chunk(chunk).fill_time(hdf5::plist::dataset_create::FillTime::Never);
             if self.storage.compression > 0 {
                 builder = builder.shuffle().deflate(self.storage.compression);
@@ -185,8 +184,7 @@ impl<'a> Writer<'a> {
         let dataset = builder.create(name)?;
         attribute(&dataset, "long_name", &text(what))?;
         attribute(&dataset, "units", &text("1"))?;
-        // Dimension scales, as the HDF5 specification lays them down: one list of references a
-        // dimension.
+        // Dimension scales by the HDF5 specification: one list of references per dimension.
         let scale = |axis: &&str| {
             let path = format!("/{axis}");
             let reference = self.file.reference::<ObjectReference1>(&path)?;
@@ -201,8 +199,8 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    /// A dataset over `axes` of which each rank has `slabs`, as many on every rank, some of them
-    /// empty.
+    /// Writes a dataset over `axes` of which each rank has `slabs`. Every rank has the same number
+    /// of slabs, some of which may be empty.
     pub fn field(
         &self,
         name: &str,
@@ -212,14 +210,14 @@ impl<'a> Writer<'a> {
     ) -> Result<()> {
         let mut field = self.slabs(name, axes, what)?;
         for (slab, values) in slabs {
-            // One after the other: no rank begins with the next before all have written this one.
+            // No rank begins with the next slab before all have written this one.
             field.write(slab, values)?;
         }
         field.finish()
     }
 
-    /// A dataset over one axis that is the same on all ranks; the first writes it.
-    pub fn same(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
+    /// Writes, by the first rank, a dataset over one axis that is the same on all ranks.
+    pub fn replicated(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
         let count = match self.world.rank() {
             0 => values.len(),
             _ => 0,
@@ -228,7 +226,7 @@ impl<'a> Writer<'a> {
         self.field(name, &[axis], &[(slab, &values[..count])], what)
     }
 
-    /// A dataset over `axes` that is to be written slab after slab.
+    /// Creates a dataset over `axes`, which the caller writes slab by slab.
     pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
         let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
         Ok(Slabs {
@@ -257,7 +255,7 @@ impl<'a> Writer<'a> {
 /// A dataset while it is written.
 pub struct Slabs<'a> {
     writer: &'a Writer<'a>,
-    /// Not closed when an error is on the way, as the file.
+    /// Not closed after an error, as the file.
     dataset: ManuallyDrop<Dataset>,
     shape: Vec<usize>,
     /// Whether all ranks write together.
@@ -267,15 +265,15 @@ pub struct Slabs<'a> {
 }
 
 impl Slabs<'_> {
-    /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any
-    /// rank overlap.
+    /// Writes this rank's next slab. Every rank writes the same number of slabs, some of which may
+    /// be empty. No two slabs overlap.
     pub fn write(&mut self, slab: &DatasetBox, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
         self.writer.agree(write_slab(&self.dataset, slab, values, self.together))
     }
 
-    /// The dataset is whole: it gets its checksum.
+    /// Writes the checksum of the complete dataset.
     pub fn finish(self) -> Result<()> {
         let sum = self.writer.world.sum_modulo(self.sum);
         self.writer.agree(attribute(&self.dataset, CHECKSUM, &sum))?;
@@ -284,15 +282,15 @@ impl Slabs<'_> {
     }
 }
 
-/// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says;
-/// where that is nothing, whole axes from the last on, as many as make up [`CHUNK`], or more where
-/// that were too many chunks.
+/// Chunks of a dataset over `scales`, if it has any: along each axis the number of cells that the
+/// user gives. If none is given, chunks take whole axes from the last one on, up to [`CHUNK`]
+/// cells, or more if there would be too many chunks.
 fn chunks(scales: &[&DimensionScale], storage: &Storage) -> Option<Vec<usize>> {
     if storage.compression == 0 && storage.chunks.is_none() {
         return None;
     }
     let size: usize = scales.iter().map(|s| s.length).product();
-    // A chunk is half of this at least, and half of them may be cut by the end of an axis.
+    // A chunk has at least half of this, and half of all chunks may be cut by the end of an axis.
     let mut room = CHUNK.max(size / (MOST_CHUNKS / 4));
     let mut chunk: Vec<usize> = (scales.iter().rev())
         .map(|scale| {
@@ -305,8 +303,8 @@ fn chunks(scales: &[&DimensionScale], storage: &Storage) -> Option<Vec<usize>> {
     Some(chunk)
 }
 
-/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of
-/// HDF5 takes and one that the safe interface does not make.
+/// Writes an attribute that is a zero-terminated text. The dimension-scale interface of HDF5 takes
+/// only this kind, and the safe interface cannot write it.
 fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Hdf5Result<()> {
     use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
     let name = CString::new(name).unwrap_or_default();
@@ -329,7 +327,7 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Hdf5Result<()> {
     Ok(())
 }
 
-/// Writes a text whose length is known at run time only, which the safe interface has no type for.
+/// Writes a text whose length is known only at run time; the safe interface has no type for it.
 fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Hdf5Result<()> {
     let kind = dataset.dtype()?;
     assert!(dataset.is_scalar() && kind.size() == bytes.len(), "a text and its dataset");
@@ -363,8 +361,8 @@ fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
         }
         let collective =
             h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE);
-        // All chunks in one go, written last: in between, one rank's failure would keep the others
-        // waiting.
+        // All chunks are written at once at the end. Otherwise ranks would wait for one that failed
+        // in between.
         let at_once = h5p::H5Pset_dxpl_mpio_chunk_opt(
             transfer,
             h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
@@ -373,7 +371,7 @@ fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
     })
 }
 
-/// Writes this rank's slab; `together` with all ranks, and then also one with nothing to write.
+/// Writes this rank's slab. If `together`, all ranks write at once, even with an empty slab.
 fn write_slab(
     dataset: &Dataset,
     slab: &DatasetBox,
@@ -411,7 +409,7 @@ fn write_slab(
             )
         };
         status = status.min(selected);
-        // Also after a failure: the others are there already.
+        // Ranks also call this after a failure, as others may already wait in it.
         let written = h5d::H5Dwrite(
             dataset.id(),
             *h5t::H5T_NATIVE_DOUBLE,
@@ -450,10 +448,10 @@ mod tests {
         assert_eq!(of(&[(1 << 20, None)], 1), Some(vec![1 << 15]));
         assert_eq!(of(&[(500, None), (1000, None)], 9), Some(vec![32, 1000]));
         assert_eq!(of(&[(500, None), (1 << 16, None)], 9), Some(vec![1, 1 << 15]));
-        // Not more than can be written.
+        // No more chunks than can be written.
         let many = of(&[(1 << 20, None), (1 << 12, None)], 9);
         assert_eq!(many, Some(vec![1 << 8, 1 << 12]));
-        // What the user says holds, with or without compression, cut to the axis.
+        // The user's chunks hold with and without compression, cut to the axis.
         assert_eq!(of(&[(9, Some(4)), (11, Some(40))], 0), Some(vec![4, 11]));
     }
 }

@@ -1,4 +1,4 @@
-//! `fields.xdmf`: describes the grids and fields of `result.h5` for ParaView and VTK.
+//! `fields.xdmf`, which describes the grids and fields of `result.h5` for ParaView and VTK.
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
@@ -9,11 +9,11 @@ use std::path::Path;
 /// Name of the file.
 pub const NAME: &str = "fields.xdmf";
 
-/// What its text ends with.
+/// The end of its text.
 const END: &str = "</Domain>\n</Xdmf>\n";
 
-/// Writes `directory/fields.xdmf` for the states at the times of `steps`; without any there is
-/// none, and an older one goes. By one rank.
+/// Writes `directory/fields.xdmf` for the times of `steps`. Without any it removes an older file.
+/// Only one rank calls it.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
@@ -26,7 +26,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     }
 }
 
-/// The file's text. Several times are one collection in time, of collections of grids.
+/// The text of the file. Several times are a temporal collection of collections of grids.
 fn document(steps: &[Step]) -> String {
     let mut text = String::from("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n");
     if let [only] = steps {
@@ -44,7 +44,8 @@ fn document(steps: &[Step]) -> String {
     text + "</Grid>\n" + END
 }
 
-/// Each grid three-dimensional, flat ones one cell thick, which all readers place alike.
+/// The text of the grids at a time. Every grid is three-dimensional, and planes are one cell thick,
+/// as readers then agree on where cells are.
 fn grids_text(time: f64, grids: &[Grid]) -> String {
     let mut text = String::new();
     for grid in grids {
@@ -87,15 +88,15 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
     text
 }
 
-/// Where the numbers of a view are, which are so many along each axis.
+/// The element that refers to the numbers of a view, of which there are `counts` along the axes.
 fn values(view: &View, counts: &str) -> String {
     let place = format!("result.h5:{}", view.dataset);
-    let Some(moment) = &view.moment else { return item(counts, "Float", "HDF", &place) };
+    let Some(slice) = &view.time_slice else { return item(counts, "Float", "HDF", &place) };
     let list =
         |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
-    let rank = moment.shape.len();
-    let (mut start, mut count) = (vec![0; rank], moment.shape.clone());
-    (start[0], count[0]) = (moment.index, 1);
+    let rank = slice.shape.len();
+    let (mut start, mut count) = (vec![0; rank], slice.shape.clone());
+    (start[0], count[0]) = (slice.index, 1);
     format!(
         "<DataItem ItemType=\"HyperSlab\" Dimensions=\"{counts}\" NumberType=\"Float\" \
          Precision=\"8\">\n\
@@ -104,17 +105,17 @@ fn values(view: &View, counts: &str) -> String {
         list(&start),
         list(&vec![1; rank]),
         list(&count),
-        item(&list(&moment.shape), "Float", "HDF", &place)
+        item(&list(&slice.shape), "Float", "HDF", &place)
     )
 }
 
-/// The faces along an axis, which XDMF lists from the first axis on.
+/// The element with the faces along an axis.
 fn places(faces: &[f64]) -> String {
     let numbers: Vec<String> = faces.iter().map(f64::to_string).collect();
     item(&faces.len().to_string(), "Float", "XML", &numbers.join(" "))
 }
 
-/// Numbers of the type `kind`, of 8 bytes, or where they are.
+/// An element with numbers of 8 bytes, or with their location.
 pub(crate) fn item(dimensions: &str, kind: &str, format: &str, content: &str) -> String {
     format!(
         "<DataItem Dimensions=\"{dimensions}\" NumberType=\"{kind}\" Precision=\"8\" \

@@ -11,19 +11,19 @@ use crate::solve::snapshot::Fingerprint;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How a run by modes makes checkpoints.
+/// The checkpoints that a run by modes makes.
 pub(crate) struct Checkpointing {
-    /// Where they are.
+    /// Their files.
     pub store: Store,
     /// The checkpoint to continue from, until it is read.
     pub generation: Option<Generation>,
-    /// When they are made.
+    /// The times at which they are made.
     pub times: CheckpointTimes,
 }
 
 impl Checkpointing {
-    /// Opens `output`'s checkpoints; none for the classical method. `program_start` is when the
-    /// wall time begins. Collective.
+    /// Opens the checkpoints of `output`; none for the classical method. The wall time counts from
+    /// `program_start`. Collective.
     ///
     /// # Errors
     /// As [`Store::open`].
@@ -49,7 +49,7 @@ impl Checkpointing {
             if !store.is_empty() {
                 log.warn(format!(
                     "{} holds the checkpoint of a run that was not finished; this one replaces it. \
-                     --resume would go on from it",
+                     --resume would continue from it",
                     store.directory().display()
                 ));
             }

@@ -1,4 +1,4 @@
-//! The run without modes: `f' = A f + b` by explicit steps or by the exponential.
+//! The classical run, without modes: `f' = A f + b` by explicit steps or by the exponential.
 
 use crate::base::error::Result;
 use crate::base::progress::Progress;
@@ -14,7 +14,7 @@ use crate::results::summary::Summary;
 use crate::run::files::{EarlyStates, Solved};
 use crate::solve::prepared::Prepared;
 
-/// How a state is integrated over a leg.
+/// The integration of a state over a leg.
 #[derive(Clone, Copy)]
 pub(crate) struct Integration {
     /// The method.
@@ -46,7 +46,7 @@ pub(crate) fn integrate(
     }
 }
 
-/// Every field over all legs. Collective.
+/// Integrates every field over all legs. Collective.
 pub(crate) fn classically(
     prepared: &mut Prepared,
     prints: bool,

@@ -1,5 +1,5 @@
-//! Distances of a result to its second reading and to the exact semi-discrete solution, and the
-//! error estimate that follows.
+//! The error of the fields: estimated from the distance between two readings, and measured against
+//! the exact semi-discrete solution.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -10,6 +10,7 @@ use crate::problem::case::{Case, Integrator};
 use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
+use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
@@ -21,13 +22,16 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 
-/// Largest factor by which the norm may fall further than planned without a warning.
+/// The norm may fall by up to this factor more than planned without a warning.
 const RATIO_MARGIN: f64 = 1.2;
 
 /// Least ratio of a reliable estimate to the round-off in the two fields.
 const ROUND_OFF_MARGIN: f64 = 4.0;
 
-/// Norms of the result over all ranks.
+/// Largest ratio of what is only roughly known to the rest of a reliable estimate.
+const LARGEST_REST: f64 = 2.0;
+
+/// Norms of a field over all ranks.
 pub struct FieldNorms<'a> {
     /// All ranks.
     pub world: &'a Group,
@@ -47,36 +51,36 @@ impl<'a> FieldNorms<'a> {
         }
     }
 
-    /// `Σ |f − other|^power`, each cell with its volume beside the mean.
+    /// `Σ |f − other|^power`, each cell weighted with its volume relative to the mean.
     pub fn difference(&self, other: &[f64], power: i32) -> f64 {
         let f = self.f;
         self.volumes.power_sum(self.world, power, |i| f[i] - other[i])
     }
 
-    /// `Σ f²`, each cell with its volume beside the mean.
+    /// `Σ f²`, each cell weighted with its volume relative to the mean.
     pub fn square(&self, f: &[f64]) -> f64 {
         self.volumes.power_sum(self.world, 2, |i| f[i])
     }
 
-    /// Relative l2 distance to `other`.
+    /// l2 distance to `other`, relative to `other`.
     pub fn distance(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(other)).sqrt()
     }
 
-    /// Relative l2 distance of `other` to the field.
+    /// l2 distance of `other` to the field, relative to the field.
     fn distance_of(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(self.f)).sqrt()
     }
 
-    /// Largest `of(f)`.
+    /// The largest value of `of(f)`.
     pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
         let mine = self.f.iter().map(|&x| of(x)).fold(f64::NEG_INFINITY, f64::max);
         self.world.max(mine)
     }
 }
 
-/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells where there is an exact
-/// mean velocity; where the result has none there, it counts as zero. Collective.
+/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells that have an exact mean
+/// velocity. If the result has none there, it counts as zero. Collective.
 pub fn moment_errors(
     world: &Group,
     volumes: &CellVolumes,
@@ -115,7 +119,8 @@ pub(crate) fn refuse_not_finite(prepared: &Prepared, solution: &SolvedFields) ->
     prepared.communicator.world.agree(checked)
 }
 
-/// The error estimate, and the probabilities of measuring the field. Returns warnings. Collective.
+/// Puts the error estimate and the probabilities of measuring the field into `summary`, and returns
+/// warnings. Collective.
 pub(crate) fn compare(
     prepared: &Prepared,
     solution: &SolvedFields,
@@ -126,7 +131,7 @@ pub(crate) fn compare(
         .map(|field| FieldSummary { name: field.name.to_owned(), ..FieldSummary::default() })
         .collect();
     if case.start.is_some() {
-        let why = "the field that the run began with is known on its points only";
+        let why = "the warped field at the start is known at its points only";
         summary.doubt = Some(why.to_owned());
         return Vec::new();
     }
@@ -145,14 +150,14 @@ pub(crate) fn compare(
     warnings
 }
 
-/// Norms of the first field that the probabilities of measuring it follow from. Collective.
+/// The norms of the first field that determine the probabilities of measuring it. Collective.
 fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let Prepared { communicator, system, place, .. } = prepared;
     let pi = &system.weights.pi[place.mine.clone()];
     let world = &communicator.world;
     let volumes = CellVolumes::new(&prepared.case.space, &place.share);
     let norm = |term: &dyn Fn(usize) -> f64| volumes.power_sum(world, 2, term).sqrt();
-    // Of a degree above 0 the weights are the volumes, which the norm has.
+    // With elements the weights are the volumes, which the norm already contains.
     let weight = |i: usize| if system.weights.are_volumes { 1.0 } else { pi[i].sqrt() };
     let start = &system.states[0];
     let [_, auxiliary] = system.norms_of_parts(communicator, start);
@@ -164,8 +169,8 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     }
 }
 
-/// The distance to the exact semi-discrete solution (`solver.verify`), the worst of all times at
-/// which the field is written. Collective.
+/// Puts the distance to the exact semi-discrete solution (`solver.verify`) into `summary`: the
+/// largest of all times at which the field is written. Collective.
 pub(crate) fn verify(
     prepared: &mut Prepared,
     solution: &SolvedFields,
@@ -192,7 +197,7 @@ pub(crate) fn verify(
     }
 }
 
-/// Field `k` by the classical exponential at the end of each leg, on this rank's share. Collective.
+/// Field `k` at the end of each leg by the classical exponential, on this rank's share. Collective.
 fn exact_semidiscrete(
     prepared: &mut Prepared,
     k: usize,
@@ -215,8 +220,9 @@ fn exact_semidiscrete(
 }
 
 /// The error that a run inherits from the result that it continues. The difference `e` of two
-/// solutions with the same inflow obeys `e' = A e`: in the weighted norm it grows by `e^{growth t}`
-/// at most, and the weights differ by their spread at most. Collective.
+/// solutions with the same inflow obeys `e' = A e`. In the weighted norm it grows at most by
+/// `e^{growth t}`; between this norm and the l2 norm lies at most the spread of the weights.
+/// Collective.
 pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;
@@ -257,8 +263,8 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
         .collect()
 }
 
-/// The error estimate from the two readings of each field, and whether the norms fell as planned.
-/// Collective.
+/// Puts the error estimate into `summary`: from the two readings of each field, or with inflow that
+/// depends on time from its steps. Warns if a norm fell by more than planned. Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
@@ -269,7 +275,7 @@ fn estimate(
     let communicator = &prepared.communicator;
     let mut warnings = Vec::new();
     let mut largest_ratio: f64 = 0.0;
-    // The estimate and the round-off in it, of the field whose estimate is largest.
+    // The largest estimate of a field, and the round-off in it.
     let mut found: Option<(f64, f64)> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
         let norms = FieldNorms::new(prepared, &readings[0]);
@@ -279,7 +285,7 @@ fn estimate(
         }
         largest_ratio = largest_ratio.max(ratio);
         if let Some(second) = readings.get(1) {
-            // The distance does not contain the part of the error that both readings share.
+            // The efficiency corrects for the part of the error that both readings share.
             let estimate = norms.distance(second) / warp.estimator_efficiency;
             let amplification: f64 =
                 (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
@@ -295,29 +301,62 @@ fn estimate(
     summary.norm_ratio_planned = Some(warp.ratio);
     if largest_ratio > RATIO_MARGIN * warp.ratio {
         warnings.push(format!(
-            "the field's norm fell by a factor {largest_ratio:.3e} where {:.3e} was planned for: \
-             the tolerance may be missed by as much",
+            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
+             the error may exceed the tolerance in proportion",
             warp.ratio
         ));
     }
-    if let Some((estimate, round_off)) = found {
-        // Both readings share the error of the time steps.
-        let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
+    let found = match &system.schedule {
+        Some(schedule) => found.map(|_| from_the_steps(prepared, schedule, &fields[0][0])),
+        None => found.map(|(estimate, round_off)| Found {
+            estimate,
+            round_off,
+            doubt: warp.estimate_doubt(),
+        }),
+    };
+    if let Some(Found { estimate, round_off, doubt }) = found {
+        if let [only] = &mut summary.fields[..] {
+            only.error_estimate = Some(estimate).filter(|e| e.is_finite());
+        }
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.hidden_by_round_off = estimate <= round_off;
         let hidden = summary.hidden_by_round_off.then(|| {
             format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
         });
-        summary.doubt = warp.estimate_doubt().map(str::to_owned).or(hidden);
+        summary.doubt = doubt.map(str::to_owned).or(hidden);
         let is_known = estimate.is_finite() && !summary.hidden_by_round_off;
         summary.error_estimate_reliable = is_known && summary.doubt.is_none();
     }
     warnings
 }
 
-/// Largest leading error of a step that is taken for its error.
+/// An error estimate.
+struct Found {
+    estimate: f64,
+    /// The part that round-off may be.
+    round_off: f64,
+    /// Why it may not be the error.
+    doubt: Option<&'static str>,
+}
+
+/// The estimate with inflow that depends on time: the distance of `f` to the field that the search
+/// for the number of steps ended with, and the error of that. Collective.
+fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found {
+    let mine = &prepared.place.mine;
+    let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
+    let distance = FieldNorms::new(prepared, f).distance(&reference);
+    let (rest, stages) = (schedule.reference_error, schedule.stages());
+    let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;
+    let doubt = match schedule.jumps {
+        true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
+        false => may_be_large.then_some("the error of so few time steps is only roughly known"),
+    };
+    Found { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
+}
+
+/// Largest leading term of a step's error that counts as an estimate of it.
 const LARGEST_STEP_ERROR: f64 = 0.1;
-/// Least part of a mode's norm that a step must keep for the same.
+/// Least part of a mode's norm that a step must keep for this.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
 /// Adds the error of the time step, which both readings share, to the error estimate.
@@ -348,15 +387,15 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     };
     let whole = summary.error_estimate.unwrap_or(found);
     let size = match summary.step_is_estimated {
-        true => format!("leaves {found:.1e} of it"),
+        true => format!("contributes {found:.1e}"),
         false => format!("is too long for its error to be estimated (leading term {found:.1e})"),
     };
-    // The error goes with a power of the step; the rest of it stays.
+    // This part of the error falls with a power of the step; the rest does not depend on it.
     let order = plan.propagation.method.order() as f64;
     let room = tolerance - (whole - found);
     let enough = match room > 0.0 {
         true => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
-        false => "the rest of it is above the tolerance at any step".to_owned(),
+        false => "the rest of the error is above the tolerance at any step".to_owned(),
     };
     (whole > tolerance).then(|| {
         format!(

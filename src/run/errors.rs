@@ -1,9 +1,8 @@
 //! Distances to the exact solution: of `f`, density and momentum, absolute and relative.
 //!
-//! Of degree 0, sums over cells. Of a higher degree, integrals of the polynomials over each
-//! element by Gauss's rule, with more points than nodes: nothing is compared at nodes only, where a
-//! Galerkin scheme is better than in between. The exact density and momentum are
-//! [`VelocityIntegrals`].
+//! For degree 0 they are sums over cells. For higher degrees they are integrals of the polynomials
+//! over each element by Gauss's rule, with more points than nodes: at the nodes a Galerkin scheme
+//! is more accurate than in between. The exact density and momentum are [`VelocityIntegrals`].
 
 use crate::base::error::Result;
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
@@ -17,16 +16,17 @@ use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use std::ops::Range;
 
-/// Points beyond the nodes of an element, along each axis, where that is no more than so many.
+/// Additional points of an element along each axis, and the largest total number of points for
+/// which they are used.
 const MORE_POINTS: [(usize, f64); 3] = [(3, 2e7), (1, 1e8), (0, f64::INFINITY)];
 
 /// Numbers summed at a point of space: density, momenta.
 const SUMS: usize = 1 + MAX_DIMENSION;
 
-/// A function of space and its exact values, at the points of a rank's share.
+/// Values of a function of space and the exact ones, at the points of a rank's share.
 type Pair<'a> = (&'a Vec<f64>, &'a Vec<f64>);
 
-/// Norms over space of the distances of `pairs`, summed over them. Collective.
+/// Norms over space of the differences of `pairs`, summed over the pairs. Collective.
 pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> ErrorNorms {
     let sum = |k: usize| -> f64 {
         let of = |(a, b): &Pair<'_>| {
@@ -54,11 +54,11 @@ pub fn by_cells(
     GridErrors { field: Some(field), density, momentum: Some(momentum) }
 }
 
-/// Errors of the field `f` of a degree above 0 on a rank's `share` of space, in integrals over
+/// Errors of the field `f` of a degree above 0 on a rank's `share` of space, as integrals over
 /// elements. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 pub fn by_elements(
     world: &Group,
     case: &Case,
@@ -76,7 +76,7 @@ pub fn by_elements(
     Ok(sums.finish(world))
 }
 
-/// Rules of an element, and sums over elements.
+/// Quadrature rules of an element, and sums over elements.
 struct ElementSums<'a> {
     case: &'a Case,
     values_of: &'a ExactValues<'a>,
@@ -92,11 +92,11 @@ struct ElementSums<'a> {
     counts: [usize; 2],
     /// The element of space whose velocities are being summed.
     place: Option<Vec<usize>>,
-    /// Sums over velocities of the field at its points.
+    /// Sums over velocities at the points of that element.
     here: Vec<[f64; SUMS]>,
     /// Terms by element of space: norms of `f`, density, momentum.
     terms: [[Vec<f64>; 4]; 3],
-    /// Terms of the element of space whose velocities are being summed.
+    /// Norms of `f` on that element.
     field: [f64; 4],
 }
 
@@ -106,7 +106,7 @@ fn norm_terms(a: f64, b: f64) -> [f64; 4] {
 }
 
 impl<'a> ElementSums<'a> {
-    /// Collective (the largest exact density).
+    /// Empty sums. Collective: the largest exact density is needed.
     fn new(world: &Group, case: &'a Case, values_of: &'a ExactValues<'a>) -> Self {
         let space = &case.space;
         let total = |more: usize| -> f64 {
@@ -182,7 +182,7 @@ impl<'a> ElementSums<'a> {
         element.points(&points).into_iter().map(|[.., u, v, w]| [u, v, w]).collect()
     }
 
-    /// Ends the element of space whose velocities were summed.
+    /// Adds the terms of the element of space whose velocities were summed.
     fn flush(&mut self) {
         let Some(element) = self.place.take() else {
             return;

@@ -1,18 +1,18 @@
-//! Estimates of the grid's error from the solution alone, where there is nothing to compare with.
+//! Estimates of the grid's error from the solution alone.
 //!
-//! **Axes of degree 0**: the leading error is what the scheme adds to transport,
-//! `‖e‖ ≈ T ‖D f(T)‖` (its modified equation). `D` is the difference to the flux of third order: of
-//! the upwind scheme mostly its dissipation, of slopes the part that the limiter cuts off. If other
-//! axes have a higher degree, errors are integrals, and the variation of `f` over a cell counts,
-//! too.
+//! **Axes of degree 0**: the leading error is `‖e‖ ≈ T ‖D f(T)‖`, where `D` is the term that the
+//! scheme adds to transport (its modified equation), computed as the difference to a flux of third
+//! order. For the upwind scheme this is mostly dissipation, for slopes the part that the limiter
+//! cuts off. If other axes have a higher degree, errors are integrals, and the variation of `f`
+//! within a cell is added.
 //!
-//! **Axes of a higher degree**: the error is of the size of the Legendre coefficients beyond the
-//! highest one of each element. At fronts that is the highest one itself; where coefficients fall
-//! fast, as those of smooth data, it is smaller by how fast they fall. Beside `f` the error of the
-//! density is of the order of the square of that of `f`: what is smeared at a front of width `w` is
+//! **Axes of a higher degree**: the error is about as large as the Legendre coefficients beyond the
+//! highest one of each element. At fronts these are like the highest one itself. If coefficients
+//! fall fast, as for smooth data, they are smaller by the same rate. The error of the density is of
+//! the order of the square of that of `f`: an error that is smeared over a front of width `w` is
 //! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
 //!
-//! How far all of it may be trusted is in docs/limits.md, and tested in tests/cli/accuracy.rs.
+//! docs/limits.md says how reliable the estimates are; tests/cli/accuracy.rs tests it.
 
 use crate::base::error::Result;
 use crate::base::memory;
@@ -29,7 +29,7 @@ use crate::solve::prepared::Prepared;
 
 /// Factor on `T ‖D f(T)‖` in the estimate.
 const OF_TRANSPORT: f64 = 2.0;
-/// Least part of `‖f‖²` on the cells where `D f` is known, for there to be an estimate.
+/// Least part of `‖f‖²` on cells where `D f` is known for which there is an estimate.
 const LEAST_KNOWN: f64 = 0.1;
 /// Factor on the estimated coefficients beyond the highest one, in the estimate of elements.
 const OF_COEFFICIENTS: f64 = 3.0;
@@ -38,17 +38,17 @@ const OF_FRONTS: f64 = 0.5;
 /// The ratio that is assumed for degree 1, whose coefficients do not show one.
 const OF_DEGREE_1: f64 = 0.5;
 
-/// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run;
-/// none for measure-valued data, and where `V` jumps nearly everywhere. Collective.
+/// Estimates of the relative L2 errors of `f` and of the density due to the grid, at the end of a
+/// run. None for measure-valued data, or if `V` jumps nearly everywhere. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
     let space = &prepared.case.space;
     if !matches!(prepared.case.data, Data::Density) {
         return Ok([None; 2]);
     }
-    // What the solve took is not to lie beside the vectors of the estimate.
+    // Memory that the solve freed goes back before the vectors of the estimate are allocated.
     memory::give_back();
     let with_elements = space.degree() > 0;
     let mut found = [0.0; 2];
@@ -64,18 +64,18 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
 }
 
-/// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same of the integrals over the velocities.
-/// Next to an end of the box or a jump of `V` nothing is known of `D f`, and it is taken to be as
-/// large there as elsewhere; NaN where nearly all of `f` lies there. Collective.
+/// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same for the integrals over the velocities.
+/// Next to an end of the box or a jump of `V`, `D f` is unknown and assumed to be as large as
+/// elsewhere. NaN if nearly all of `f` lies there. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let Prepared { case, communicator, place, system, .. } = prepared;
     let (space, world, matrix) = (&case.space, &communicator.world, &system.matrix);
     let (block, rows, exchange) = (&matrix.block, matrix.rows(), &mut system.exchange);
     let scheme = world.agree(Scheme::new(case, &block.wide_ranges()))?;
-    // The block's field, of which the mode groups have a share each.
+    // The field on the whole block; each mode group has a share of it.
     let mut state = place.gathered(&communicator.modes, f);
     state.resize(matrix.length(), 0.0);
     fill_ghosts(exchange, &mut state, rows);
@@ -86,7 +86,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         let square = [volumes.power_sum(world, 2, |i| f[i]), volumes.integral(world, &squares)];
         square.map(f64::sqrt)
     };
-    let (mut added, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
+    let (mut added_term, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
     let of_cells = space.axes().enumerate().filter(|(_, axis)| axis.nodes.degree == 0);
     for (axis, _) in of_cells {
         let line = AxisLines { case, scheme: &scheme, block, rows, axis };
@@ -109,7 +109,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
             return Ok([f64::NAN; 2]);
         }
         let of_all = if known > 0.0 { (moving / known).sqrt() } else { 1.0 };
-        added.iter_mut().zip(&along).for_each(|(sum, part)| *sum += of_all * part);
+        added_term.iter_mut().zip(&along).for_each(|(sum, part)| *sum += of_all * part);
         if space.degree() > 0 {
             let mut within = vec![0.0; block.cells()];
             line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));
@@ -117,12 +117,12 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
             error = [0, 1].map(|k| f64::hypot(error[k], more[k]));
         }
     }
-    let (of, transport) = (norms(f), norms(&added[place.mine.clone()]));
+    let (of, transport) = (norms(f), norms(&added_term[place.mine.clone()]));
     let scale = OF_TRANSPORT * case.end;
     Ok([0, 1].map(|k| f64::hypot(error[k], scale * transport[k]) / of[k]))
 }
 
-/// Fills the ghosts of `vector`, which has so many `rows`. Collective over the space group.
+/// Fills the ghosts of `vector`, which follow its `rows` rows. Collective over the space group.
 fn fill_ghosts(exchange: &mut GhostExchange, vector: &mut [f64], rows: usize) {
     let (own, ghosts) = vector.split_at_mut(rows);
     exchange.start(own);
@@ -148,7 +148,7 @@ impl AxisLines<'_> {
         });
     }
 
-    /// The local number of the cell beside `cell`; none behind a jump of `V` or an end of the box.
+    /// The local number of the cell next to `cell`; none behind a jump of `V` or an end of the box.
     fn beside(&self, cell: &Cell, above: bool) -> Option<usize> {
         let space = &self.case.space;
         let n = space.dimension();
@@ -166,9 +166,9 @@ impl AxisLines<'_> {
         }
     }
 
-    /// What a flux of third order takes beyond that of the scheme at the face through which cell
-    /// `i` is left: `(2 b + a)/6 − ½ b ψ(a/b) − ½(1 − α) b` with the differences `a` behind and `b`
-    /// ahead. (`α` is 1 where slopes may be, and `ψ` zero where it is not.)
+    /// The difference between a flux of third order and that of the scheme, at the downstream face
+    /// of cell `i`: `(2 b + a)/6 − ½ b ψ(a/b) − ½(1 − α) b` with the differences `a` behind and `b`
+    /// ahead. With slopes `α = 1`, and without them `ψ = 0`.
     fn correction(&self, i: usize, cell: &Cell, f: &[f64]) -> Option<f64> {
         let up = self.scheme.speed(cell, self.axis) > 0.0;
         let behind = f[i] - f[self.beside(cell, !up)?];
@@ -178,13 +178,13 @@ impl AxisLines<'_> {
         Some(third - half_difference(self.case.limiter, behind, ahead) - central)
     }
 
-    /// The root of the mean square by which `f` varies within `cell`, with the sign of its slope.
+    /// The root mean square variation of `f` within `cell`, with the sign of its slope.
     fn within(&self, cell: &Cell, f: &[f64]) -> Option<f64> {
         let rise = 0.5 * (f[self.beside(cell, true)?] - f[self.beside(cell, false)?]);
         Some(rise / 12f64.sqrt())
     }
 
-    /// `D f` at cell `i`; none where a correction is not known.
+    /// `D f` at cell `i`; none if a correction is unknown.
     fn difference(&self, i: usize, cell: &Cell, corrections: &[f64]) -> Option<f64> {
         let speed = self.scheme.speed(cell, self.axis);
         if speed == 0.0 {
@@ -198,16 +198,18 @@ impl AxisLines<'_> {
 /// Squares of norms, by element.
 #[derive(Default)]
 struct Squares {
+    /// Of all coefficients.
     all: Vec<f64>,
+    /// Estimated, of the coefficients beyond the highest.
     beyond: Vec<f64>,
 }
 
 impl Squares {
-    /// Adds an element with the values `nodal` at its nodes; by axis the transform to Legendre
-    /// coefficients.
+    /// Adds an element with the values `nodal` at its nodes. `transforms` are those to Legendre
+    /// coefficients, by axis.
     fn add(&mut self, nodal: &[f64], transforms: &[Vec<Vec<f64>>]) {
         let mut all = 0.0;
-        // By axis, of the coefficients of each degree along it.
+        // Sums of squares by axis and by degree along it.
         let mut along: Vec<Vec<f64>> = transforms.iter().map(|t| vec![0.0; t.len()]).collect();
         let mut place = vec![0; transforms.len()];
         for (at, c) in apply_along_all(nodal, transforms).into_iter().enumerate() {
@@ -225,15 +227,15 @@ impl Squares {
         self.beyond.push(along.iter().map(|sums| beyond(sums)).sum());
     }
 
-    /// The relative error. Collective.
+    /// The estimated relative error. Collective.
     fn error(&self, world: &Group) -> f64 {
         OF_COEFFICIENTS * (world.sum_terms(&self.beyond) / world.sum_terms(&self.all)).sqrt()
     }
 }
 
-/// What the squares of coefficients of rising degree let expect of the square beyond the highest:
-/// `c_k² min(1, (r/r_front)²)²` with the factor `r` by which they fall, of two pairs where there
-/// are.
+/// The expected square beyond the highest of coefficients whose `squares` are given by rising
+/// degree: `c_k² min(1, (r/r_front)²)²` with their ratio `r`, taken over two pairs if there are as
+/// many.
 fn beyond(squares: &[f64]) -> f64 {
     let of_front = OF_FRONTS * OF_FRONTS;
     let [highest, ratio] = match *squares {
@@ -242,11 +244,11 @@ fn beyond(squares: &[f64]) -> f64 {
         [_, b, c] => [c, c / b],
         [.., a, b, c] => [c, (b + c) / (a + b)],
     };
-    // 0/0 is no factor, and nothing is beyond.
+    // A ratio 0/0 counts as 1; the highest coefficient is then 0.
     highest * (ratio / of_front).min(1.0).powi(2)
 }
 
-/// Estimates for the axes of higher degrees, of `f` and of its integral over the velocities.
+/// Estimates along the axes of higher degrees, for `f` and its integral over the velocities.
 /// Collective.
 fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let (space, share) = (&prepared.case.space, &prepared.place.share);

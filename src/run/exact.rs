@@ -1,5 +1,5 @@
-//! The exact solution on a rank's share, where the case names one: at the end, and its moments at
-//! every output time. Nothing else computes the exact density.
+//! The exact solution on a rank's share, if the case names one: at the end, and its moments at
+//! every output time. All exact densities are computed here.
 
 pub mod sheets;
 pub mod solution;
@@ -25,7 +25,7 @@ pub struct ExactRun {
     pub exact: Option<ExactSolution>,
     /// Moments at the output times before the end, then at the end.
     pub moments: Vec<Moments>,
-    /// Estimates of the errors of the density at the end, where it is integrated over velocities.
+    /// Estimates of the errors of the density at the end, if it is integrated over velocities.
     pub density_errors: Vec<f64>,
 }
 
@@ -36,19 +36,18 @@ struct AtTime {
     density_errors: Vec<f64>,
 }
 
-/// The exact solution of a run of `case` on `place`; nothing where the case names none. Collective
-/// over `world`.
+/// The exact solution of a run of `case` on `place`; empty if the case names none. Collective over
+/// `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite, the same on all ranks.
 pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> {
     let mut run = ExactRun::default();
     let Some(exact) = &case.exact else { return Ok(run) };
-    // Of a start from modes the data at the start are not known.
+    // If the run starts from modes, the data at the start are not known.
     let at_start = case.at_start.iter().filter(|_| case.start.is_none());
     let times = at_start.chain(&case.times).map(|time| time.time);
     let mut values_of = None;
-    // One field at a time.
     for time in times.chain([case.end]) {
         let found = match moments_of_sheet(world, case, place, time)? {
             Some(found) => found,
@@ -68,8 +67,8 @@ pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> 
     Ok(run)
 }
 
-/// The exact moments of measure-valued data at a time on `place`, as averages over cells; nothing
-/// of other data. Collective.
+/// The exact moments of measure-valued data at a time on `place`, as averages over cells; none for
+/// other data. Collective.
 fn moments_of_sheet(
     world: &Group,
     case: &Case,
@@ -91,9 +90,9 @@ fn moments_of_sheet(
     }))
 }
 
-/// The exact solution at a time on `place`: `f` at cell centres, and its integrals over the
-/// velocities, of degree 0 averaged over cells of space, or its sums over the velocities of the
-/// grid, where they do. Collective.
+/// The exact solution at a time on `place`: `f` at cell centres, and its moments. These are
+/// integrals over the velocities, averaged over cells of degree 0; or sums over the velocities of
+/// the grid, if these are accurate enough. Collective.
 fn at_time(
     world: &Group,
     case: &Case,
@@ -138,11 +137,11 @@ fn at_time(
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
 }
 
-/// Averages of the exact density at the end over equal cells of space, as many as `case` has, on
-/// all ranks. Collective.
+/// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
+/// same on all ranks. Collective.
 ///
 /// # Errors
-/// Where the exact solution is not finite.
+/// If the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     let mut share: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
     share[0] = split(&share[0], group.size(), group.rank());

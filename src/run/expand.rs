@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
 use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
@@ -14,6 +15,7 @@ use crate::run::exact::ExactRun;
 use crate::run::files::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
+use std::ops::Range;
 use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
@@ -28,15 +30,15 @@ pub struct Expanded {
     pub totals: Totals,
     /// The output times before the end.
     pub early: Vec<EarlyResult>,
-    /// Seconds of the distance to the exact solution.
+    /// Seconds that the distance to the exact solution took.
     pub exact_seconds: f64,
 }
 
-/// `solution` on the user's grid `result_grid`; its ranges, totals and errors go into `summary`.
-/// Collective.
+/// Expands `solution` to the user's grid `result_grid`, and puts its ranges, totals and errors into
+/// `summary`. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 pub(crate) fn expand(
     prepared: &Prepared,
     solution: SolvedFields,
@@ -70,27 +72,15 @@ pub(crate) fn expand(
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     let began = Instant::now();
-    match (&exact.exact, exact.moments.last()) {
-        (None, _) | (_, None) => {}
-        (Some(ExactSolution::Field(values)), Some(exact_moments)) => {
-            let share = &result_grid.share(share);
-            let errors = match (&case.exact, case.space.degree()) {
-                (Some(kind), 1..) => errors::by_elements(world, case, kind, share, &fields[0])?,
-                _ => {
-                    let field = field_errors(&norms(&fields[0]), &norms(values), volumes.mean());
-                    errors::by_cells(world, &volumes, field, &moments, exact_moments)
-                }
-            };
-            summary.set_errors(&errors);
-            let sizes: Vec<f64> = exact_moments.density.iter().map(|rho| rho.abs()).collect();
-            let [error, size] =
-                [&exact.density_errors, &sizes].map(|terms| volumes.integral(world, terms));
-            summary.exact_density_error = Some(error / size).filter(|error| error.is_finite());
-        }
-        (Some(ExactSolution::Moments(exact)), _) => {
-            set_moment_errors(world, &volumes, &moments, exact, summary);
-        }
-    }
+    let result = Compared {
+        world,
+        case,
+        share: &result_grid.share(share),
+        volumes: &volumes,
+        field: &fields[0],
+        moments: &moments,
+    };
+    result.set_errors(exact, summary)?;
     if case.accuracy.is_some() {
         summary.accuracy.goal_error = summary.error_density_l1_relative;
     }
@@ -98,19 +88,60 @@ pub(crate) fn expand(
     Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
 }
 
-/// Distances of the moments of measure-valued data to the exact ones, into `summary`. Collective.
-fn set_moment_errors(
-    world: &Group,
-    volumes: &CellVolumes,
-    moments: &Moments,
-    exact: &ExactMoments,
-    summary: &mut Summary,
-) {
-    let [density, velocity] = moment_errors(world, volumes, moments, exact);
-    let norms = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);
-    let density = ErrorNorms { l1: density, ..norms };
-    summary.set_errors(&GridErrors { field: None, density, momentum: None });
-    summary.error_velocity_l1 = Some(velocity);
+/// The result on a rank's share of the user's grid, to be compared with the exact solution.
+struct Compared<'a> {
+    world: &'a Group,
+    case: &'a Case,
+    share: &'a [Range<usize>],
+    volumes: &'a CellVolumes,
+    /// The first field.
+    field: &'a [f64],
+    moments: &'a Moments,
+}
+
+impl Compared<'_> {
+    /// Puts the distances to the exact solution into `summary`, if there is one. Collective.
+    ///
+    /// # Errors
+    /// If `V` is not finite.
+    fn set_errors(&self, exact: &ExactRun, summary: &mut Summary) -> Result<()> {
+        let (Some(solution), Some(moments)) = (&exact.exact, exact.moments.last()) else {
+            return Ok(());
+        };
+        let Self { world, case, share, volumes, .. } = *self;
+        let values = match solution {
+            ExactSolution::Moments(exact) => {
+                self.set_moment_errors(exact, summary);
+                return Ok(());
+            }
+            ExactSolution::Field(values) => values,
+        };
+        let errors = match (&case.exact, case.space.degree()) {
+            (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field)?,
+            _ => {
+                let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
+                let field = field_errors(&norms(self.field), &norms(values), volumes.mean());
+                errors::by_cells(world, volumes, field, self.moments, moments)
+            }
+        };
+        summary.set_errors(&errors);
+        let sizes: Vec<f64> = moments.density.iter().map(|rho| rho.abs()).collect();
+        let [error, size] =
+            [&exact.density_errors, &sizes].map(|terms| volumes.integral(world, terms));
+        summary.exact_density_error = Some(error / size).filter(|error| error.is_finite());
+        Ok(())
+    }
+
+    /// Puts the distances of the moments of measure-valued data to the exact ones into `summary`.
+    /// Collective.
+    fn set_moment_errors(&self, exact: &ExactMoments, summary: &mut Summary) {
+        let Self { world, volumes, moments, .. } = *self;
+        let [density, velocity] = moment_errors(world, volumes, moments, exact);
+        let norms = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);
+        let density = ErrorNorms { l1: density, ..norms };
+        summary.set_errors(&GridErrors { field: None, density, momentum: None });
+        summary.error_velocity_l1 = Some(velocity);
+    }
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.

@@ -1,5 +1,5 @@
-//! From the semi-discrete system to the fields at `T` and at the output times before: by modes, or
-//! classically.
+//! Solves the semi-discrete system, by modes or classically, for the fields at `T` and at the
+//! output times before.
 
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
@@ -11,8 +11,8 @@ use crate::run::files::{EarlyStates, RunFiles, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
-/// Every field at `T` and at the output times before, by the plan of `prepared`; counts go into
-/// `summary`. Without console output where no `files` are written. Collective.
+/// Every field at `T` and at the output times before, by the plan of `prepared`. Counts go into
+/// `summary`. There is no console output without `files`. Collective.
 ///
 /// # Errors
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.
@@ -34,8 +34,8 @@ pub(crate) fn solve(
     })
 }
 
-/// Moments and fields at the output times, from what was recovered there: `[field][time]`.
-/// Collective.
+/// Moments and fields at the output times, from the states or sums recovered there,
+/// `[field][time]`. Collective.
 fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
@@ -67,7 +67,7 @@ fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {
     Moments::of_sums(world, space.dimension(), &factors, sums.iter().copied())
 }
 
-/// Moments of `found`, and the fields themselves where `keep` says so.
+/// Moments of `found`, and the fields themselves if `keep` is set.
 fn moments_of_fields(
     prepared: &Prepared,
     found: Vec<Vec<f64>>,

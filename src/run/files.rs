@@ -5,7 +5,7 @@ use crate::run::checkpointing::Checkpointing;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The directory of warped fields, and their attributes.
+/// The directory of the files of warped fields, and the attributes of these files.
 #[derive(Clone, Copy)]
 pub(crate) struct WarpedOutput<'a> {
     /// The directory of the results.
@@ -39,8 +39,8 @@ pub(crate) struct Solved<History> {
     pub warning: Option<String>,
 }
 
-/// The state `ũ` at the end of each leg but the last, or its sums over velocities where only
-/// moments are asked for: `[field][leg]`.
+/// The state `ũ` at the end of each leg but the last, or its sums over velocities if only moments
+/// are wanted: `[field][leg]`.
 pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
 
 /// The fields that were solved for, with moments and fields at the output times before the end.

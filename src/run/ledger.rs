@@ -1,11 +1,12 @@
-//! The ledger of a run ([`Ledger`]): the entries that follow from the case, and those of the run.
+//! The ledger of a run ([`Ledger`]): balances of mass and energy, jumps and narrow regions of `V`.
 //!
 //! The outflow through each end of the box cannot be measured: the modes give `f` at output times
 //! only, not its time integral at an end. It is estimated by particles of the exact flow
 //! ([`flight`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
 //! is measured.
 //!
-//! Each rank follows whole replicates, and their sums are exact: the same bits on any ranks.
+//! Each rank follows whole replicates, and sums over them are exact, so that the bits do not depend
+//! on the number of ranks.
 
 pub mod draw;
 pub mod flight;
@@ -23,46 +24,47 @@ use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{
     AxisEnd, Drawer, Particle, ParticleSource, SampleBox, SampleSequence, resampled,
 };
-use crate::run::ledger::flight::{Flight, NUMBERS, Tally, end_index};
+use crate::run::ledger::flight::{Flight, NUMBERS, ParticleTally, end_index};
 use crate::solve::prepared::Prepared;
 
 /// Largest number of space cells of a case whose potential is evaluated on all of space.
 pub(super) const MOST_SPACE_CELLS: usize = 1 << 18;
-/// Largest number of cells into which the elements of a curved potential are cut.
+/// Largest number of cells that the elements of a curved potential are cut into.
 const MOST_PARTS: usize = 1 << 16;
 /// Independent replicates of each source.
 const REPLICATES: usize = 16;
-/// Points of a source for each cell, and the least and the most of them.
+/// Points of a source for each cell.
 const POINTS_PER_CELL: usize = 4;
+/// Least and most points of a source.
 const LEAST_POINTS: usize = 1 << 14;
 const MOST_POINTS: usize = 1 << 17;
-/// Particles of a replicate that are followed, of the initial data and of the inflow.
+/// Particles of a replicate that are followed, from the initial data and from the inflow.
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Largest number of nodes at which the initial data are evaluated.
 const MOST_NODES: usize = 1 << 19;
 /// Number of nodes that are evaluated together.
 const NODES_AT_ONCE: usize = 1 << 10;
 /// Data below this part of the largest value count as zero.
-const NOTHING: f64 = 1e-9;
+const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
-/// Least and most parts of the time over which a varying inflow is integrated, by Gauss's rule of
-/// two points, ...
+/// Least and largest number of equal parts of the time by which a time-dependent inflow is
+/// integrated, with Gauss's rule of two points on each, ...
 const TIME_PARTS: [usize; 2] = [1 << 8, 1 << 14];
-/// ... and about how many values of it are taken in all.
+/// ... and the number of its values in all, about.
 const MOST_VALUES: usize = 1 << 21;
 
-/// The ledger of `case`, on the grid of its results, before anything is solved: regions, jumps, and
+/// The ledger of `case`, on the grid of its results, before the solve: regions, jumps, and
 /// estimates by particles. Collective.
 ///
 /// # Errors
-/// Where `V` is not finite.
+/// If `V` is not finite.
 pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
     let mut ledger = Ledger::default();
     if case.space.space_cells() > MOST_SPACE_CELLS {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
-             {MOST_SPACE_CELLS} are looked at",
+             {MOST_SPACE_CELLS} are examined",
             case.space.space_cells()
         ));
         return Ok(ledger);
@@ -80,13 +82,13 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
         estimate(world, case, tracer, &mut ledger);
     }
     if matches!(case.data, Data::Measure { .. }) {
-        let why = "mass that entered: that of measure-valued data is not linear in the fields";
+        let why = "mass that entered: with measure-valued data it is not linear in the fields";
         ledger.omitted.push(why.into());
     }
     Ok(ledger)
 }
 
-/// The widths of the regions that lie between others.
+/// The widths of the regions between other regions.
 fn regions(case: &Case) -> Vec<NarrowRegion> {
     let names = axis_names(case.space.dimension());
     let widths = region_widths(case).into_iter();
@@ -122,8 +124,8 @@ fn jumps(case: &Case, potential: &Potential) -> Vec<AxisJumps> {
 /// A mean over the replicates of a source, and its standard error.
 #[derive(Clone, Copy)]
 struct TallyEstimate {
-    mean: Tally,
-    error: Tally,
+    mean: ParticleTally,
+    error: ParticleTally,
 }
 
 /// The estimates of each source of particles.
@@ -152,8 +154,8 @@ impl Sources {
         [&self.initial].into_iter().chain(self.entering.iter().map(|(_, found)| found))
     }
 
-    /// A number of the tally, over all sources.
-    fn sum(&self, of: impl Fn(&Tally) -> f64) -> f64 {
+    /// The sum of a number of the tally over all sources.
+    fn sum(&self, of: impl Fn(&ParticleTally) -> f64) -> f64 {
         self.all().map(|found| of(&found.mean)).sum()
     }
 
@@ -169,7 +171,7 @@ impl Sources {
         squares.sum::<f64>().sqrt()
     }
 
-    /// Standard error of all that leaves.
+    /// Standard error of all mass that leaves.
     fn error_of_outflow(&self) -> f64 {
         let squares = |found: &TallyEstimate| {
             let ends = found.error.outflow.iter().chain(&found.error.at_jumps);
@@ -186,7 +188,7 @@ fn open_ends(case: &Case) -> Vec<AxisEnd> {
     axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
 }
 
-/// Fills in the estimates by particles. Collective.
+/// Puts the estimates by particles into `ledger`. Collective.
 fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger) {
     let measure = matches!(case.data, Data::Measure { .. });
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
@@ -205,7 +207,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
     mass.outside = measure.then_some(initial.mean.outside);
-    // A sum of nothing is -0.
+    // The empty sum is -0.
     let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
     mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
     mass.entered_error = Some(sources.error_of_entering() + 0.0);
@@ -219,13 +221,13 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     }
     match case.reflects() {
         true => ledger.omitted.push(
-            "what leaves through which end: partial reflection has no single characteristic".into(),
+            "outflow through each end: partial reflection has no single characteristic".into(),
         ),
         false => outflow(case, &sources, ledger),
     }
 }
 
-/// Fills in the outflow through each end, and the mass that the interface law adds.
+/// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
 fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
     for end in open_ends(case) {
@@ -261,7 +263,7 @@ fn replicated(
         .map(|replicate| {
             let sequence = SampleSequence::new(drawer.dimensions(), replicate);
             let drawn = drawer.draw(source, &sequence, 0..many);
-            let mut tally = Tally::default();
+            let mut tally = ParticleTally::default();
             let mut inside: Vec<Particle> = Vec::new();
             for particle in drawn {
                 tally.add(&particle, 1.0 / many as f64);
@@ -285,7 +287,10 @@ fn replicated(
     };
     let scatter = world.sum_lanes(REPLICATES, tallies.iter().map(squares));
     let error = scatter.map(|sum| (sum / (count * (count - 1.0))).sqrt());
-    TallyEstimate { mean: Tally::from_numbers(&mean), error: Tally::from_numbers(&error) }
+    TallyEstimate {
+        mean: ParticleTally::from_numbers(&mean),
+        error: ParticleTally::from_numbers(&error),
+    }
 }
 
 /// The support of the initial data.
@@ -297,8 +302,8 @@ struct Support {
 }
 
 impl Support {
-    /// By the nodes of the grid, and by `points` of a sequence over the box and beyond the
-    /// velocities. Collective.
+    /// Evaluates the data at nodes of the grid, and at `points` points of a sequence over the box
+    /// and beyond its velocities. Collective.
     fn find(world: &Group, case: &Case, points: usize) -> Self {
         let space = &case.space;
         let n = space.dimension();
@@ -324,9 +329,9 @@ impl Support {
             look_at(nodes.by_ref().take(NODES_AT_ONCE).collect());
         }
         let largest = world.max(found.iter().fold(0.0, |most: f64, (_, value)| most.max(*value)));
-        // Lower ends as their negatives, so that both are largest.
+        // Lower ends are stored as negatives, so that both are maxima.
         let mut ends = vec![f64::NEG_INFINITY; 4 * n];
-        for (point, _) in found.iter().filter(|(_, value)| *value > NOTHING * largest) {
+        for (point, _) in found.iter().filter(|(_, value)| *value > NEGLIGIBLE * largest) {
             for a in 0..2 * n {
                 ends[a] = ends[a].max(-point[slot(a)]);
                 ends[2 * n + a] = ends[2 * n + a].max(point[slot(a)]);
@@ -340,8 +345,8 @@ impl Support {
     }
 }
 
-/// The box between `ends`, lower ones negative, then upper ones, and an element around it; the
-/// whole where nothing is.
+/// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
+/// an element on each side; the whole box if there are no data.
 fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     let whole = SampleBox::whole(space, 0.0);
     let axes = ends.len() / 2;
@@ -354,7 +359,7 @@ fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
-/// Mass that entered the grid until the end, by the rows of the scheme; none for measure-valued
+/// The mass that enters the grid until the end, by the rows of the scheme; none for measure-valued
 /// data. Collective.
 pub fn entered(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
@@ -379,7 +384,7 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     Some(space.sum_terms(&terms) * volumes.mean())
 }
 
-/// `∫ b_i dt` to the end of an inflow that depends on time, row by row, over so many `parts`.
+/// `∫ b_i dt` until the end for each row of a time-dependent inflow, over `parts` equal parts.
 fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64> {
     let part = case.duration() / parts as f64;
     let rule = gauss_legendre(2);
@@ -397,7 +402,7 @@ fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64
 }
 
 impl Ledger {
-    /// Fills in the measurements of the run: totals at the start and at the end, and the mass that
+    /// Adds the measurements of the run: totals at the start and at the end, and the mass that
     /// entered.
     pub(crate) fn close(&mut self, initial: Option<Totals>, end: Totals, entered: Option<f64>) {
         let mass = &mut self.mass;

@@ -6,20 +6,20 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::run::warnings::opening_line;
 
-/// Warnings and seconds of a run; lines are printed by rank 0 of runs that write files.
+/// Warnings and seconds of a run. Rank 0 prints lines if the run writes files.
 pub(crate) struct RunLog {
     /// Whether this rank prints.
     pub prints: bool,
     /// Every warning so far.
     pub warnings: Vec<String>,
-    /// Number of warnings that were printed.
+    /// Number of warnings printed so far.
     pub printed: usize,
     /// Seconds by step.
     pub watch: Stopwatch,
 }
 
 impl RunLog {
-    /// An empty log; nothing is printed unless `writes`.
+    /// An empty log. Nothing is printed unless the run `writes` files.
     pub fn new(world: &World, writes: bool) -> Self {
         Self {
             prints: writes && world.group().rank() == 0,
@@ -45,7 +45,7 @@ impl RunLog {
         self.line(&opening_line(plan));
     }
 
-    /// Records `warning` and prints it; before the solve only.
+    /// Records `warning` and prints it. Only before the solve.
     pub fn warn(&mut self, warning: String) {
         self.line(&format!("warning: {warning}"));
         self.warnings.push(warning);

@@ -1,4 +1,4 @@
-//! The run by modes: their start, the modes that are kept and written, and the recovered fields.
+//! The run by modes: their start, the files of modes that are kept, and the recovered fields.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -34,14 +34,14 @@ use num_complex::Complex64;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Every field by the modes of the plan. Collective.
+/// Solves for every field by the modes of the plan. Collective.
 ///
 /// # Errors
-/// As [`crate::solve::modes::run`]; files that cannot be written or read, or a start that is not
-/// flat where it is read.
+/// As [`crate::solve::modes::run`]; files that cannot be written or read, or a start whose `e^p w`
+/// is not flat where it is read.
 ///
 /// # Panics
-/// Where the plan has no modes.
+/// If the plan has no modes.
 pub(crate) fn by_modes(
     prepared: &mut Prepared,
     files: Option<RunFiles<'_>>,
@@ -50,7 +50,7 @@ pub(crate) fn by_modes(
     let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let prints = communicator.world.rank() == 0 && files.is_some();
-    let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, took: 0.0 });
+    let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, seconds: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resumed(found, plan, communicator, place));
@@ -59,7 +59,6 @@ pub(crate) fn by_modes(
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
     let mut progress = Progress::new(prints, "modes", left * fields / stages);
-
     let modes: Vec<Vec<usize>> = plan.layout.modes();
     let spread = Spread {
         communicator,
@@ -98,7 +97,7 @@ pub(crate) fn by_modes(
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     count(summary, &recovered, communicator);
-    let warped_seconds = warped.map_or(0.0, |w| w.took);
+    let warped_seconds = warped.map_or(0.0, |w| w.seconds);
     drop(start.kept);
     Ok(Solved {
         warped_seconds,
@@ -107,8 +106,8 @@ pub(crate) fn by_modes(
     })
 }
 
-/// Work of this rank's `batches` over all `stages` that is left: of a run that goes on, stages
-/// before that of the checkpoint are finished, and some batches of that one.
+/// Cost of this rank's `batches` over all `stages` that is left. In a resumed run the stages before
+/// that of the checkpoint are finished, and some batches of that stage.
 fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) -> usize {
     match resumed {
         Some(r) => (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches),
@@ -116,20 +115,20 @@ fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) ->
     }
 }
 
-/// The start of the modes: from the fields at time zero, or from the modes of a file.
+/// The start of the modes, from the initial fields or from the modes of a file.
 struct ModeStart {
     /// Norm of the modes of each field, or a bound on it.
     norms: Vec<f64>,
-    /// The modes of this rank, where the run keeps them; read already where a file has them.
+    /// The modes of this rank, if the run keeps them; already read if they start from a file.
     kept: Option<KeptModes>,
-    /// Checksum of the `/w` of that file.
+    /// Checksum of the dataset `/w` of that file.
     checksum: Option<u64>,
     /// A warning of the error of `f`, if it may exceed the tolerance.
     warning: Option<String>,
 }
 
 impl ModeStart {
-    /// Reads `initial.warped` where the case has it. Collective.
+    /// Reads `initial.warped` if the case has it. Collective.
     ///
     /// # Errors
     /// As [`read_start`].
@@ -172,8 +171,8 @@ struct ModeRun<'a> {
 }
 
 impl ModeRun<'_> {
-    /// Propagates the modes and recovers the fields; of a run that keeps the modes, with them and
-    /// their files. Collective.
+    /// Propagates the modes and recovers the fields. A run that keeps its modes (`kept`) also
+    /// writes their files. Collective.
     ///
     /// # Errors
     /// As [`crate::solve::modes::run`]; a propagator without room for its scratch.
@@ -226,7 +225,7 @@ impl ModeRun<'_> {
     ) -> Result<()> {
         let (case, plan) = (self.case, self.plan);
         let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
-        // The files of times before the end are numbered.
+        // Files of times before the end have a number in their name.
         let times = &case.times;
         let time = Leg::output_times(&legs[..=leg]).count() - 1;
         let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
@@ -245,12 +244,12 @@ impl ModeRun<'_> {
         let name = warped::file_name(case.fields[field].name, number);
         let path = files.output.directory.join(name);
         warped::write(&path, &about, self.spread, series, interval[0], kept)?;
-        files.took += started.elapsed().as_secs_f64();
+        files.seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
 }
 
-/// The checkpoint that a run continues from, with the batches that are left.
+/// The checkpoint that a run resumes from, with the batches that are left.
 fn resumed<'a>(
     generation: Generation,
     plan: &Plan,
@@ -265,7 +264,7 @@ fn resumed<'a>(
     }
 }
 
-/// Counts of a run by modes, over all groups. Collective.
+/// Puts the counts of a run by modes into `summary`, summed over all groups. Collective.
 fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicator) {
     let groups = &communicator.modes;
     summary.unitarity_defect = recovered.unitarity_defect;
@@ -277,8 +276,8 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
     summary.group_seconds = Some([-world.max(-busy), world.max(busy)]);
 }
 
-/// The fields with their weights undone, and the error of the time step relative to them.
-/// Collective.
+/// The recovered fields without weights; the error of the time step relative to them goes into
+/// `summary`. Collective.
 fn unweighted(
     prepared: &Prepared,
     recovered: Recovered,
@@ -311,25 +310,25 @@ fn unweighted(
 /// The files of the whole warped field, `DIR/warped….h5`.
 struct WarpedFiles<'a> {
     output: WarpedOutput<'a>,
-    /// Seconds that writing took.
-    took: f64,
+    /// Seconds spent writing.
+    seconds: f64,
 }
 
-/// The properties of the modes that were read from a file.
+/// Properties of modes that were read from a file.
 struct StartModes {
     /// Largest norm of a mode.
     largest_norm: f64,
-    /// Checksum of the file's `/w`.
+    /// Checksum of the file's dataset `/w`.
     checksum: u64,
     /// A warning of the error of `f`, if it may exceed the tolerance.
     warning: Option<String>,
 }
 
-/// Largest relative error of `f` by an uneven start that is accepted, whatever the tolerance.
+/// Largest relative error of `f` due to an uneven start that is accepted with any tolerance.
 const MOST_UNEVEN: f64 = 1e-3;
 
-/// Refuses a start whose `e^p w` is not flat where `f` is read, and warns of one that is less flat
-/// than `case.tolerance`. If the case asks for the warped field instead, it only warns.
+/// Refuses a start whose `e^p w` is not flat where `f` is read, and warns of one that varies by
+/// more than `case.tolerance`. Only warns if the case writes the warped field.
 fn refuse_uneven(
     start: &WarpedStart,
     case: &Case,

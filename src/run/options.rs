@@ -10,13 +10,13 @@ use std::time::Duration;
 pub struct Options {
     /// Blocks along each x-axis (`--ranks-x`).
     pub ranks_x: Option<Vec<usize>>,
-    /// Whether to go on from a checkpoint (`--resume`).
+    /// Whether to continue from a checkpoint (`--resume`).
     pub resume: bool,
     /// Whether to replace whatever the directory holds (`--force`).
     pub force: bool,
-    /// The wall time since the program began after which to stop with a checkpoint (`--walltime`).
+    /// Time since the start of the program after which to stop with a checkpoint (`--walltime`).
     pub walltime: Option<Duration>,
-    /// Raised when the run shall stop with a checkpoint.
+    /// Set from outside when the run shall stop with a checkpoint.
     pub stop: Arc<AtomicBool>,
 }
 

@@ -16,11 +16,11 @@ use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use std::borrow::Cow;
 
-/// Updates of cells that the probe may take for a plan.
+/// Largest number of cell updates for which the probe is made for a plan.
 const CHEAP_UPDATES: f64 = 1e8;
 
-/// The plan that a run on `resources` would have, with growth and norms measured on `world`'s ranks
-/// where that takes a fraction of a second, or where no plan can be made without. Collective.
+/// The plan of a run on `resources`. Growth and norms are measured on the ranks of `world` if that
+/// takes a fraction of a second, or if a plan is impossible without. Collective.
 ///
 /// # Errors
 /// As [`Plan::new`] and [`Prepared::new`].
@@ -32,11 +32,11 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
 pub struct Preview {
     /// The plan.
     pub plan: Plan,
-    /// Totals of the data on the grid at time zero, where the grid was assembled for the plan.
+    /// Totals of the data on the grid at time zero, if the grid was assembled for the plan.
     pub at_start: Option<Totals>,
 }
 
-/// The plan of [`plan`], with the totals of the initial data. Collective.
+/// As [`plan`], with the totals of the initial data. Collective.
 ///
 /// # Errors
 /// As [`plan`].
@@ -45,27 +45,26 @@ pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Prev
     Ok(Preview { plan: measured.plan(resources)?.plan, at_start: measured.at_start })
 }
 
-/// A reduced case with its measured growth and norms, from which plans for any number of ranks are
-/// made.
+/// A reduced case with its measured growth and norms. Plans for any number of ranks follow from it.
 pub struct MeasuredCase {
-    /// The case as it is solved.
+    /// The reduced case.
     pub case: Case,
-    /// Bounds before the growth is measured, by which a run is assembled.
+    /// Bounds before the growth is measured. A run is assembled by them.
     expected: Bounds,
     /// Bounds with the measured growth.
     bounds: Bounds,
     /// `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
-    /// Totals of the data on the grid at time zero, where the grid was assembled.
+    /// Totals of the data on the grid at time zero, if the grid was assembled.
     pub at_start: Option<Totals>,
 }
 
 impl MeasuredCase {
-    /// Measures growth and norms on the ranks of `world` where that takes a fraction of a second,
-    /// or where no plan can be made without. Collective.
+    /// Measures growth and norms on the ranks of `world` if that takes a fraction of a second, or
+    /// if a plan is impossible without. Collective.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Memory`] where nothing fits into `resources`; as
+    /// [`crate::base::error::Error::Memory`] if the case does not fit into `resources`; as
     /// [`Prepared::new`].
     pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
         let all = world.group();
@@ -73,20 +72,19 @@ impl MeasuredCase {
         refuse_too_large(&case, resources)?;
         let bounds = Bounds::new(&case)?;
         let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
-        let must = bounds.growth.is_infinite();
+        let is_unbounded = bounds.growth.is_infinite();
         let expected = bounds.clone();
-        if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
+        if case.method == Method::Classical || (updates > CHEAP_UPDATES && !is_unbounded) {
             return Ok(Self { case, expected, bounds, ratio: ASSUMED_RATIO, at_start: None });
         }
         refuse_too_large_here(world, &case)?;
-        let here = Resources { ranks: all.size(), ..Resources::default() };
-        let mut prepared = Prepared::new(world, &case, &here)?;
+        let mut prepared = Prepared::new(world, &case, &Resources::unlimited(world))?;
         let ratio = prepared.probe();
         let at_start = at_start(&mut prepared).map(|found| found.totals);
         Ok(Self { case, expected, bounds: prepared.bounds, ratio, at_start })
     }
 
-    /// The plan of a run on `resources`, and the one that it is assembled by.
+    /// The plan of a run on `resources`, and the provisional one by which it is assembled.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -99,7 +97,7 @@ impl MeasuredCase {
     }
 }
 
-/// A plan, and the one before anything was measured.
+/// A plan, and the provisional one before growth and norms were measured.
 pub struct RunPlans {
     /// The plan by which the run is assembled.
     provisional: Plan,
@@ -108,7 +106,7 @@ pub struct RunPlans {
 }
 
 impl RunPlans {
-    /// The plan of a run of the same `case` on other `resources`; its modes are not planned again.
+    /// The plans of the same `case` on other `resources`, with the same modes.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Ranks`] and [`crate::base::error::Error::Memory`].
@@ -121,8 +119,8 @@ impl RunPlans {
     }
 }
 
-/// The case with the data of the files that it names: the points of a warped field, the origin of a
-/// field, the values of a table. Collective.
+/// The case with data of the files that it names: points of a warped field, origin of a field,
+/// values of tables. Collective.
 ///
 /// # Errors
 /// As [`WarpedFile::new`], [`origin`] and [`with_tables`].

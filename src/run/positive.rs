@@ -29,7 +29,7 @@ pub fn limit(space: &PhaseSpace, share: &[Range<usize>], f: &mut [f64]) {
         let theta = (mean / (mean - least)).clamp(0.0, 1.0);
         element.for_each_cell(share, |cell, _| {
             let limited = mean + theta * (f[cell] - mean);
-            // Round-off does not leave a trace below zero.
+            // Round-off may leave a value just below zero.
             f[cell] = if mean >= 0.0 { limited.max(0.0) } else { limited };
         });
     });
@@ -50,7 +50,7 @@ mod tests {
         };
         let weight = |cell: usize| space.relative_volume(&space.cell(cell));
         let before: Vec<f64> = (0..space.cells()).map(|j| (1.7 * j as f64).sin() + 0.4).collect();
-        // The last two elements of x, as one rank of several has them.
+        // The last two elements of x, like the share of one rank of several.
         let share = 3..space.x[0].cells;
         let skip = share.start * space.velocity_cells();
         let mut after = before.clone();

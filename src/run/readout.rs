@@ -1,4 +1,4 @@
-//! `[readout]`: the result as a quantum computer would measure it.
+//! `[readout]`: simulates measurements of the result on a quantum computer.
 
 use crate::problem::case::Case;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -7,8 +7,8 @@ use crate::quantum::readout::{Readout, refused};
 use crate::results::summary::Summary;
 use crate::solve::prepared::Prepared;
 
-/// Reads from `field`, the first one of `case`, on this rank's share, with what the summary has of
-/// it so far. Collective.
+/// The readout of `field`, the first one of `case`, on this rank's share. It uses probabilities,
+/// error and minimum from `summary`. Collective.
 pub(crate) fn readout(
     prepared: &Prepared,
     case: &Case,
@@ -22,13 +22,13 @@ pub(crate) fn readout(
             return Readout::unavailable(case, why.unwrap_or("there is no plan of modes"));
         }
     };
-    // Implicit steps leave an error of their own.
+    // The error of implicit steps may exceed the tolerance.
     let state_error = match (case.propagator.method.order(), summary.error_estimate) {
         (0, _) => LabelledNumber::bound(case.tolerance),
         (_, Some(error)) => LabelledNumber::estimate(error, "the error estimate of the run"),
         (_, None) => LabelledNumber::unavailable("there is no error estimate of the run"),
     };
-    // The points of the window have errors of their own.
+    // Other points of the window may have larger errors.
     let window = probabilities.window_error.unwrap_or(1.0).max(1.0);
     let state_error =
         state_error.value().map_or(state_error.clone(), |x| state_error.with(x * window));

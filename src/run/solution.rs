@@ -1,4 +1,4 @@
-//! A solved case, and how its results are written.
+//! A solved case, and the writing of its results.
 
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
@@ -30,23 +30,24 @@ pub struct Solution {
     pub plan: Plan,
     /// This rank's space cells, one range an x-axis; may be empty.
     pub share: Vec<Range<usize>>,
-    /// Fields `[x, …, v, …]` on the share, moments on its space cells and totals at `T`; output
-    /// times before.
+    /// Results at `T`, fields `[x, …, v, …]` on the share and moments on its space cells, and those
+    /// of the output times before.
     pub results: Expanded,
-    /// The exact solution on the share, where the case names one.
+    /// The exact solution on the share, if the case names one.
     pub exact: Option<ExactSolution>,
     /// Moments of the exact solution at the output times before the end, then at the end.
     pub exact_moments: Vec<Moments>,
     pub(super) plateau: Vec<PlateauPoint>,
     pub(super) checkpointing: Option<Checkpointing>,
-    /// Keeps other runs out of the directory until the results are there. On the first rank.
+    /// The lock that keeps other runs out of the directory until the results are written. On the
+    /// first rank.
     pub(super) lock: Option<DirectoryLock>,
     pub(super) log: RunLog,
 }
 
 impl Solution {
-    /// Writes `result.h5`, the views of its grids, `readout.csv` and `summary.json` into
-    /// `directory`, which is made. Collective.
+    /// Writes `result.h5`, the XDMF and grid files that describe it, `readout.csv` and
+    /// `summary.json` into `directory`, which is created. Collective.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
@@ -55,12 +56,12 @@ impl Solution {
         self.write_prepared(world, directory)
     }
 
-    /// As [`write`](Self::write), into a directory that is known to take it; deletes the
+    /// As [`write`](Self::write), into a directory that is already checked and locked. Deletes the
     /// checkpoints. Collective.
     pub(super) fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
-        // Pictures of an older result do not belong to this one.
+        // Files of an older result do not belong to this one.
         all.on_first_rank(|| finished::remove_older(directory, case))?;
         let steps = result_file::write(
             &all,

@@ -27,7 +27,7 @@ use crate::scheme::reduce::reduced;
 use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
 
-/// A run in memory: what all of its steps use.
+/// The state that all steps of a run share.
 pub(super) struct Driver<'a> {
     world: &'a World,
     /// None for a run without console output, files and checkpoints.
@@ -51,25 +51,25 @@ pub(super) struct PlannedRun {
     place: Place,
 }
 
-/// Observables of the initial data, and the particles of the ledger.
+/// Observables of the initial data, and the ledger with its estimates by particles.
 pub(super) struct StartObserved {
     /// None for a run that starts from modes.
     totals: Option<Totals>,
-    /// Results at the start, where they are to be written.
+    /// Results at the start, if they are to be written.
     early: Option<EarlyResult>,
     ledger: Ledger,
     /// Mass that enters until the end.
     entered: Option<f64>,
 }
 
-/// What was found about the error of the fields.
+/// The error of the fields.
 pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
     /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
     estimated: [Option<f64>; 2],
 }
 
-/// All that the steps before the last have computed.
+/// The results of all steps before the last.
 pub(super) struct Computed {
     pub reduced: ReducedCase,
     pub planned: PlannedRun,
@@ -87,7 +87,7 @@ impl<'a> Driver<'a> {
         Self { world, output, log, summary: Summary::default() }
     }
 
-    /// Step 2: merges cells and leaves out velocities that the solution does not need. Collective.
+    /// Step 2: merges cells and drops velocities that the solution does not need. Collective.
     pub fn reduce(&self, case: &Case) -> Result<ReducedCase> {
         let case = reduced(&self.world.group(), case)?;
         Ok(ReducedCase { result_grid: ResultGrid::new(&case), case })
@@ -111,7 +111,7 @@ impl<'a> Driver<'a> {
         Ok(PlannedRun { prepared, lock, place })
     }
 
-    /// Step 4: the exact solution on this rank's share, where the case names one. Collective.
+    /// Step 4: the exact solution on this rank's share, if the case names one. Collective.
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
         let world = &planned.prepared.communicator.world;
         let exact_run = exact_run(world, &reduced.result_grid.case, &planned.place)?;
@@ -121,7 +121,7 @@ impl<'a> Driver<'a> {
         Ok(exact_run)
     }
 
-    /// Step 5: prints what is planned, and opens the checkpoints. Collective.
+    /// Step 5: prints a line about the plan, and opens the checkpoints. Collective.
     pub fn open(&mut self, planned: &PlannedRun) -> Result<Option<Checkpointing>> {
         let prepared = &planned.prepared;
         self.log.open(&prepared.plan);
@@ -133,7 +133,8 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Step 6: observables of the initial data, and the particles of the ledger. Collective.
+    /// Step 6: observables of the initial data, and the ledger with its estimates by particles.
+    /// Collective.
     pub fn observe_start(
         &mut self,
         reduced: &ReducedCase,
@@ -152,8 +153,8 @@ impl<'a> Driver<'a> {
         Ok(StartObserved { totals, early, ledger, entered })
     }
 
-    /// Step 7: every field at the output times and at `T`, the start included. It writes warped
-    /// fields and checkpoints. Collective.
+    /// Step 7: every field at the output times, with the start, and at `T`. Writes warped fields
+    /// and checkpoints. Collective.
     pub fn solve(
         &mut self,
         planned: &mut PlannedRun,
@@ -175,7 +176,7 @@ impl<'a> Driver<'a> {
         Ok(solution)
     }
 
-    /// Step 8: the error of the fields: estimated, and measured where `solver.verify` is set.
+    /// Step 8: the error of the fields, estimated, and measured if `solver.verify` is set.
     /// Collective.
     pub fn compare(
         &mut self,
@@ -254,8 +255,8 @@ impl<'a> Driver<'a> {
         warnings.into_iter().for_each(|warning| self.log.warn_later(warning));
     }
 
-    /// Makes sure that the results can be written, by this run alone; gives the directory's lock,
-    /// on the first rank. `case` is that of the results. Collective.
+    /// Checks that the results can be written, and locks the directory for this run; the first rank
+    /// has the lock. `case` is that of the results. Collective.
     fn lock(&mut self, case: &Case) -> Result<Option<DirectoryLock>> {
         let Some(Output { directory, .. }) = self.output else { return Ok(None) };
         let lock = results::prepare(&self.world.group(), directory, case)?;
@@ -281,8 +282,8 @@ impl<'a> Driver<'a> {
         Ok(prepared)
     }
 
-    /// `prepared` with its modes planned, for the ratio of norms that the probe measures. An error
-    /// if the disk has no room for the warped field. Collective.
+    /// `prepared` with its modes planned for the ratio of norms that the probe measures. Fails if
+    /// the disk has no room for the warped field. Collective.
     fn plan_modes(&mut self, mut prepared: Prepared, resources: &Resources) -> Result<Prepared> {
         if prepared.plan.warp.is_some() {
             let ratio = prepared.probe();

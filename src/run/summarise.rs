@@ -1,4 +1,4 @@
-//! The summary's numbers that follow from the plan, the semi-discrete system and the log.
+//! Fills the summary from the plan, the semi-discrete system and the log.
 
 use crate::base::memory;
 use crate::base::stopwatch::Stopwatch;
@@ -10,7 +10,7 @@ use crate::run::log::RunLog;
 use crate::solve::prepared::Prepared;
 
 impl Summary {
-    /// Fills in the numbers of plan, system and log. Collective.
+    /// Sets the numbers of plan, system and log. Collective.
     pub(crate) fn fill(&mut self, prepared: &Prepared, log: &RunLog) {
         let Prepared { case, plan, system, communicator, .. } = prepared;
         self.title = case.title.clone();
@@ -44,7 +44,7 @@ impl Summary {
         self.warnings_printed = log.printed;
     }
 
-    /// Fills in the numbers of the end: seconds, and peak memory. Collective.
+    /// Sets the numbers of the end: seconds, and peak memory. Collective.
     pub(crate) fn finish(&mut self, world: &Group, watch: &Stopwatch) {
         let peak = memory::peak();
         let [resident, anonymous] = [peak.resident, peak.anonymous];

@@ -1,4 +1,4 @@
-//! Warnings of parts of the case that the scheme does not resolve, and of keys without effect.
+//! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
 use crate::base::text::{counted, percent, place, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
@@ -6,15 +6,14 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
-use crate::problem::potential::written::{Unresolved, unresolved};
+use crate::problem::potential::resolution::{Unresolved, unresolved};
 use crate::run::ledger::MOST_SPACE_CELLS;
 
-/// Largest part of an axis beyond the end of a table, over which the table is constant, without a
-/// warning.
+/// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
 
 /// Warnings of values of `V` between the points of the scheme, of edges that are not along the
-/// axes, of keys without effect, and of tables that end early.
+/// axes, of settings without effect, and of tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
     let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));
@@ -26,7 +25,7 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
         .collect()
 }
 
-/// The key of `V` of a region.
+/// The key that gives `V` in a region.
 fn potential_key(case: &Case, region: usize) -> String {
     match case.potential[region].value.table() {
         Some(_) => TableOf::Potential(region).key(),
@@ -65,14 +64,14 @@ fn at_point(case: &Case, point: &[f64; 6]) -> String {
 
 fn oblique_edge(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
     format!(
-        "potential.{region}: its edge at {} is not along the axes; faces of cells are, so that \
-         particles are reflected and refracted by a staircase, along the axes only. More cells do \
-         not help",
+        "potential.{region}: its edge at {} is not along the axes; the grid replaces it by a \
+         staircase of faces, which reflect and refract particles along the axes only. More cells \
+         do not help",
         at_point(case, point)
     )
 }
 
-/// `scheme.degree` where every axis has its own.
+/// The warning of a `scheme.degree` without effect, as every axis has its own.
 fn idle_degree(case: &Case) -> Option<String> {
     let has = |key: String| case.settings.contains_key(&key);
     let own =
@@ -84,7 +83,7 @@ fn idle_degree(case: &Case) -> Option<String> {
     })
 }
 
-/// Regions with `reflection` from which no jump goes down.
+/// Warnings of regions with `reflection` from which no jump goes down.
 fn idle_reflections(case: &Case) -> Vec<String> {
     let reflects = |region: &Region| region.reflection.is_some();
     if !case.potential.iter().any(reflects) || case.space.space_cells() > MOST_SPACE_CELLS {
@@ -101,14 +100,14 @@ fn idle_reflections(case: &Case) -> Vec<String> {
     let idle = idle.filter(|(i, region)| reflects(region) && !higher.contains(i));
     let warning = |(i, _): (usize, &Region)| {
         format!(
-            "potential.{i}.reflection has no effect: no jump of V goes down from this region; it \
-             is that of the higher side"
+            "potential.{i}.reflection has no effect: no jump of V goes down from this region, and \
+             the reflection at a jump is that of its higher side"
         )
     };
     idle.map(warning).collect()
 }
 
-/// Tables that are constant over much of an axis, as they end before it does.
+/// Warnings of tables that end early, and are constant over much of an axis.
 fn short_tables(case: &Case) -> Vec<String> {
     let inflow = case.fields.iter().filter_map(|field| match &field.inflow {
         Inflow::Formula(formula) => Some((TableOf::Inflow, formula)),

@@ -8,7 +8,7 @@ use crate::run::unresolved::unresolved_parts;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 /// Warnings of a case: edges of `V` that miss faces, regions without a cell, parts of `V` that the
-/// grid does not resolve, keys without effect.
+/// grid does not resolve, settings without effect.
 pub fn warnings(case: &Case) -> Vec<String> {
     let found = overlooked(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
@@ -19,8 +19,8 @@ pub fn warnings(case: &Case) -> Vec<String> {
     });
     let origin = case.start_field.as_ref().and_then(|start| start.origin);
     let limited = origin.filter(|origin| origin.positive).map(|_| {
-        "initial.field: f was limited to positive values there (output.positive), which adds to \
-         its error what no estimate knows; a first part without it is exact in that"
+        "initial.field: f was limited to positive values there (output.positive), which adds an \
+         error that no estimate includes; run the first part without it to avoid this error"
             .to_owned()
     });
     (found.edges.iter().take(MOST_SHOWN).map(stray_edge))
@@ -34,10 +34,10 @@ pub fn warnings(case: &Case) -> Vec<String> {
         .collect()
 }
 
-/// Largest number of edges that miss faces and are named one by one.
+/// Largest number of edges that are named one by one.
 const MOST_SHOWN: usize = 8;
 
-/// The warning of the edges that are not named, of `all` that miss faces.
+/// The warning of the edges beyond [`MOST_SHOWN`], if `all` that miss faces are more.
 fn more_stray_edges(all: usize) -> Option<String> {
     let more = all.checked_sub(MOST_SHOWN).filter(|more| *more > 0)?;
     let at_least = if all >= MOST_STRAY_EDGES { "at least " } else { "" };
@@ -59,7 +59,7 @@ fn stray_edge(edge: &StrayEdge) -> String {
     )
 }
 
-/// A table with a jump of `V` between nearly all of its points.
+/// The warning of a table with a jump of `V` between more than half of its points.
 fn staircase((region, potential): (usize, &Region)) -> Option<String> {
     let table = potential.value.table().filter(|table| table.is_stepped())?;
     let [jumps, pairs] = table.steps();
@@ -73,8 +73,7 @@ fn staircase((region, potential): (usize, &Region)) -> Option<String> {
 
 fn empty_region(region: &usize) -> String {
     format!(
-        "potential.{region}: its where holds at no cell's centre; the region is not there on this \
-        grid"
+        "potential.{region}: its where holds at no cell's centre; the region vanishes on this grid"
     )
 }
 

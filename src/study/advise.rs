@@ -2,10 +2,10 @@
 //!
 //! The error is `∫|ρ − ρ_exact| dx / ∫|ρ_exact| dx` at the end, `ρ_exact` averaged over the cells.
 //! Schemes are tried on coarse grids without Schrödingerization, each grid twice as fine as the one
-//! before. Without `[exact]` the error is that of Richardson: from the distance `d` to a grid twice
-//! as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
+//! before. Without `[exact]` the error is Richardson's estimate from the distance `d` to a grid
+//! twice as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
 //! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
-//! or follows from the order; it is tried itself where the budget allows ([`grid_search`]).
+//! or follows from the order; it is tried itself if the budget allows ([`grid_search`]).
 //! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
 //! `f` ([`density::spread`]) and is tried on a coarse grid.
 //!
@@ -42,7 +42,8 @@ use crate::study::advise::trials::Trials;
 use crate::study::budget::refuse_slow_potential;
 use crate::study::trial::refuse_start_from_file;
 
-/// Part of the budget up to which schemes run by modes; the rest is for other fluxes of the best.
+/// Part of the budget up to which schemes are run by modes; the rest is for other fluxes of the
+/// best.
 const FOR_SCHEMES: f64 = 0.85;
 /// If a run of the best set-up takes more than this part of the budget, the search goes on.
 const EXPENSIVE: f64 = 0.25;
@@ -60,11 +61,12 @@ pub struct Request {
     pub budget: f64,
 }
 
-/// Finds the set-ups of `case` that are as exact as `request`. Collective; the same on all ranks.
+/// Finds the set-ups of `case` that reach the accuracy of `request`, the same on all ranks.
+/// Collective.
 ///
 /// # Errors
-/// [`Error::Input`] where nothing reaches the accuracy, and for a case that starts from a warped
-/// field; the error of a trial where none succeeds.
+/// [`Error::Input`] if nothing reaches the accuracy, and for a case that starts from a file; the
+/// error of a trial if none succeeds.
 pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceReport> {
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
     refuse_slow_potential(world, case, request.budget)?;
@@ -94,7 +96,7 @@ struct Study<'a> {
     share: f64,
     left_out: Vec<String>,
     candidates: Vec<SetupCandidate>,
-    /// Whether the search came to an end, and did not fail at a trial.
+    /// Whether the search ended without a failed trial.
     ended: bool,
 }
 
@@ -124,11 +126,14 @@ impl<'a> Study<'a> {
         (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
         self.left_out = match self.case.varies() && !self.case.is_galerkin() {
             true => {
-                vec!["slopes (scheme.limiter): not with an inflow that depends on time".to_owned()]
+                vec![
+                    "slopes (scheme.limiter): not possible if the inflow depends on time"
+                        .to_owned(),
+                ]
             }
             false => Vec::new(),
         };
-        self.try_as_it_stands()?;
+        self.try_own_grid()?;
         let found = self.grids_by_scheme()?;
         for (scheme, reached) in &found {
             self.add_classical(*scheme, reached)?;
@@ -160,7 +165,7 @@ impl<'a> Study<'a> {
         scheme.name(method, self.jumps)
     }
 
-    /// The advice: all set-ups, quickest first, with the best one by modes.
+    /// The advice: all set-ups, quickest first, with the best one by each method.
     fn advised(&mut self, given: Option<GivenCase>) -> Result<AdviceReport> {
         let candidates = std::mem::take(&mut self.candidates);
         let left_out = std::mem::take(&mut self.left_out);
@@ -206,8 +211,8 @@ impl<'a> Study<'a> {
     }
 }
 
-/// The error of an accuracy that none of `entries` reaches: with one reason, that of the set-up of
-/// fewest cells.
+/// The error for an accuracy that none of `entries` reaches, with the reason of the set-up that has
+/// the fewest cells.
 fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
     let verdict = match entries.iter().any(one_grid) {

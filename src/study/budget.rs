@@ -5,7 +5,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Group, World};
-use crate::plan::here::seconds_to_look;
+use crate::plan::here::seconds_to_evaluate;
 use crate::problem::case::Case;
 use std::time::Instant;
 
@@ -13,9 +13,9 @@ use std::time::Instant;
 /// holds on a busy machine, too.
 const UPDATES_PER_SECOND: f64 = 4e7;
 
-/// Part of the time left that is planned for, once the rate of this machine is known.
+/// Part of the time left that is allowed for, once the rate of this machine is known.
 const OF_TIME_LEFT: f64 = 0.6;
-/// Largest factor by which the allowed updates may grow when counting begins anew.
+/// Largest factor by which the allowed updates may grow when counting starts again.
 const MOST_MORE: f64 = 4.0;
 
 /// Refuses a grid on which evaluating `V` alone takes longer than `limit` seconds. Collective.
@@ -23,7 +23,7 @@ const MOST_MORE: f64 = 4.0;
 /// # Errors
 /// [`Error::Input`].
 pub fn refuse_slow_potential(world: &World, case: &Case, limit: f64) -> Result<()> {
-    world.group().on_first_rank(|| match seconds_to_look(case) {
+    world.group().on_first_rank(|| match seconds_to_evaluate(case) {
         seconds if seconds > limit => Err(Error::Input(format!(
             "{}: --budget {limit} s: to evaluate V once on {:.3e} cells of space takes about \
              {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",
@@ -125,9 +125,9 @@ impl Budget {
         !late && self.holds(self.counted + updates, part)
     }
 
-    /// Counts anew from zero, up to what this machine does in most of the time that is left, by the
-    /// rate of what was counted so far, and to [`MOST_MORE`] times what was allowed. False, and
-    /// nothing changes, where that is less than a quarter of what was allowed before. Collective.
+    /// Starts counting from zero again. Allowed is then what this machine does in [`OF_TIME_LEFT`]
+    /// of the time left, at the rate so far, and at most [`MOST_MORE`] times what was allowed
+    /// before. Changes nothing and returns false if that is less than a quarter of it. Collective.
     pub fn count_anew(&mut self) -> bool {
         let now = self.elapsed();
         let rate = self.counted / (now - self.counting_since);

@@ -1,20 +1,20 @@
 //! How long a run will take, from a few steps of it: `phasewarp plan --calibrate`.
 //!
-//! What comes before the modes (assembling, weights, probe, exact solution) is done as a run does
-//! it, and timed. Then the modes themselves are run for a part of the time, by the code that a run
-//! uses and on all ranks at once, so that ghost exchange and a memory that the ranks share count.
-//! With `t(n)` the seconds that take pieces of the work to `n` parts of `T`,
+//! The steps before the modes (assembling, weights, probe, exact solution) are done as in a run,
+//! and timed. Then some modes are propagated for a part of the time, by the code of a run and on
+//! all ranks at once, so that the times include ghost exchange and the memory bandwidth that ranks
+//! share. Propagating `pieces` over `n` of the parts of `T` takes
 //!
 //! ```text
-//! t(0) = fixed,     t(n) = fixed + piece · pieces + rate · cost(n)
+//! t(n) = fixed + piece · pieces + rate · cost(n)
 //! ```
 //!
-//! and a run takes `fixed + piece · pieces + rate · cost` with the pieces and the cost of the mode
-//! group with most to do. A piece is a batch of modes, where modes go one after the other a mode;
-//! cost is what the plan counts, applications or solves.
+//! seconds, and a run takes as long with the pieces and the whole cost of the mode group with most
+//! to do. A piece is a batch of modes, or one mode where modes are propagated one after the other.
+//! The cost is what the plan counts, applications or solves.
 //!
-//! The ranks at hand need not be as many as the run will have. Each then takes a block of the size
-//! that a rank of the run has: the box is cut down to as many blocks as there are ranks for.
+//! The calibration may have fewer ranks than the run, or more. Each then takes a block of the size
+//! that a rank of the run has, and the box is cut down to these blocks.
 
 pub mod classical;
 pub mod modes;
@@ -45,25 +45,26 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Instant;
 
-/// Seconds to write results, measured on a local disk: files and their metadata, a byte that is
-/// written and read back, and one of the warped field, which is transposed and transformed before;
-/// and a byte of a warped field that the run starts from, of which norms are taken. All depend on
-/// the file system.
+// Seconds of input and output, measured on a local disk. They depend on the file system.
+/// Seconds to create the files and write their metadata.
 const SECONDS_TO_WRITE: f64 = 0.01;
+/// Seconds to write a byte and read it back.
 const SECONDS_PER_BYTE: f64 = 2e-9;
+/// The same of the warped field, which is transposed and transformed before.
 const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
+/// Seconds a byte of the warped field that a run starts from, to read it and take its norms.
 const SECONDS_PER_GIVEN_BYTE: f64 = 4e-9;
 
 /// The predicted seconds of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Calibration {
-    /// Ranks that measured.
+    /// Number of ranks of the calibration.
     pub ranks: usize,
-    /// Space blocks they had, along each x-axis.
+    /// Its space blocks along each x-axis.
     pub space_blocks: Vec<usize>,
-    /// Whether they had the whole box, or were fewer than the run will have (or more).
+    /// Whether it had as many ranks as the run, and so the whole box.
     pub whole: bool,
-    /// Seconds that measuring took, the plan included.
+    /// Seconds that the calibration took, with the plan.
     pub took: f64,
     /// Seconds for one application of a mode, or one solve, on the block of a rank.
     pub seconds_per_application: f64,
@@ -152,7 +153,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     Ok((plan, calibration))
 }
 
-/// The run that is calibrated, before growth and norms are measured.
+/// The run that is calibrated, with its plan before growth and norms are measured.
 struct CalibratedCase<'a> {
     world: &'a World,
     case: &'a Case,
@@ -162,13 +163,13 @@ struct CalibratedCase<'a> {
 }
 
 impl CalibratedCase<'_> {
-    /// Whether the run has as many ranks as there are here.
+    /// Whether the run has as many ranks as the calibration.
     fn whole(&self) -> bool {
         self.provisional.layout.mesh.ranks() == self.world.group().size()
     }
 
-    /// The blocks of `plan`, assembled and timed, or as many of their size as there are ranks for.
-    /// Collective.
+    /// The blocks of `plan`, assembled and timed, or as many blocks of their size as there are
+    /// ranks for. Collective.
     fn block(&self, plan: &Plan, watch: &mut Stopwatch) -> Result<Prepared> {
         let mesh = &plan.layout.mesh;
         let (part, here) = match self.whole() {
@@ -187,7 +188,7 @@ impl CalibratedCase<'_> {
         Ok(block)
     }
 
-    /// The plan as the run will have it, with what is measured on the `block`. Collective.
+    /// The plan of the run, with the bounds and norms that are measured on the `block`. Collective.
     fn plan(&self, block: &mut Prepared, watch: &mut Stopwatch) -> Result<Plan> {
         let case = self.case;
         if self.provisional.warp.is_none() {
@@ -201,7 +202,7 @@ impl CalibratedCase<'_> {
         }
         watch.lap("probe");
         if !self.whole() {
-            // Of the whole box, where that is cheap.
+            // Bounds and ratio of the whole box: measured if that is cheap, else assumed.
             let found = planning::plan(self.world, case, self.resources)?;
             ratio = found.warp.map_or(ratio, |w| w.ratio);
             bounds = found.bounds;
@@ -212,8 +213,8 @@ impl CalibratedCase<'_> {
         Ok(plan)
     }
 
-    /// Seconds that `solver.verify` takes: applications like those of the probe, which took `probe`
-    /// seconds, of every field on every group, to round-off.
+    /// Seconds that `solver.verify` takes. It applies the matrix like the probe, which took `probe`
+    /// seconds, but to round-off, and to every field on every mode group.
     fn seconds_to_verify(&self, block: &Prepared, probe: f64) -> f64 {
         let courant = self.bounds.rate * self.case.duration();
         let fields = self.case.fields.len();
@@ -253,10 +254,10 @@ fn seconds_to_write(case: &Case, plan: &Plan) -> f64 {
         + SECONDS_PER_WARPED_BYTE * warped as f64
 }
 
-/// `case` on the middle of its box, cut down to blocks as large as those of `mesh` on at most
-/// `ranks` ranks, and the mesh of them.
+/// `case` on the middle of its box, cut down to as many blocks of the size of those of `mesh` as
+/// `ranks` ranks can take, and the mesh of these blocks.
 fn part_of(case: &Case, mesh: &ProcessMesh, ranks: usize) -> (Case, ProcessMesh) {
-    // As many blocks as divide the ranks, none more along an axis than the run has.
+    // Along each axis a number of blocks that divides the ranks left, at most that of the run.
     let mut parts = vec![1; mesh.space.len()];
     let mut left = ranks;
     for (part, &most) in parts.iter_mut().zip(&mesh.space) {
@@ -274,7 +275,7 @@ fn part_of(case: &Case, mesh: &ProcessMesh, ranks: usize) -> (Case, ProcessMesh)
     let space = PhaseSpace {
         x,
         v: case.space.v.clone(),
-        // These are whole: they are not split.
+        // A periodic axis is never split, so it stays whole.
         periodic: case.space.periodic,
     };
     let mesh = ProcessMesh { space: parts, groups: left };

@@ -1,14 +1,14 @@
 //! `phasewarp chart`: accuracy against cost, method by method.
 //!
-//! The methods are run on one case over a range of their choices (`programme`) within a budget of
-//! time: breadth first, each trial only where its expected time fits (`attempts`,
-//! [`crate::study::cost`]). What ran, what was refused and what was left out are the `entry`s. From
-//! these follow Pareto fronts (`result`), sentences that say which method to take (`verdict`),
-//! files (`files`) and the picture (`picture`).
+//! The methods are run on one case with a range of settings (`programme`) within a budget of time.
+//! Each trial runs only if its expected time fits (`attempts`, [`crate::study::cost`]); every
+//! method is tried once before any is varied. Each trial, run, refused or left out, is an `entry`.
+//! From the entries follow Pareto fronts (`result`), sentences on which method to take (`verdict`),
+//! files (`files`) and the figure (`picture`).
 //!
-//! There are two errors: the distance to the exact solution, where one is named, which is mostly
-//! the grid's; and the distance to the exact solution of the semi-discrete system, which is the
-//! method's.
+//! There are two errors. The distance to the exact solution, if one is named, is mostly the error
+//! of the grid. The distance to the exact solution of the semi-discrete system is that of the
+//! method.
 
 pub mod attempts;
 pub mod entry;
@@ -42,7 +42,7 @@ mod tests;
 ///
 /// # Errors
 /// [`crate::base::error::Error::Input`] for a case that starts from a file; the first trial's error
-/// where nothing could be run.
+/// if nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_too_large_here(world, case)?;
@@ -61,14 +61,14 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let given = Setting { space: case.space.clone(), setup: Setup::Given, flux: None };
     attempts.try_all(vec![given]);
     attempts.try_all(programme.own_grid());
-    // What fails on two grids, whatever the method, fails on all.
+    // If every method fails on two grids, all other trials would fail, too.
     if !attempts.has_results()
         && let Some(error) = attempts.first_error
     {
         return Err(error);
     }
     let (compared, compared_why) = attempts.grid_for_comparison(&programme);
-    attempts.try_all(programme.every_knob(&compared));
+    attempts.try_all(programme.every_choice(&compared));
     attempts.try_all(programme.other_degrees());
     attempts.try_all(programme.other_grids());
     attempts.try_all(programme.other_fluxes());
@@ -98,13 +98,13 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     Ok(chart)
 }
 
-/// Degrees that are compared, beside that of the case.
+/// Degrees that are compared with that of the case.
 const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 
 /// The case with elements of other degrees.
 struct Degrees {
     cases: Vec<Case>,
-    /// Why there are none, where there are none.
+    /// Why higher degrees are missing, if they are.
     left_out: Option<String>,
 }
 

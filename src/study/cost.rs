@@ -18,23 +18,23 @@ use crate::problem::case::{Case, Limiter, Method};
 use crate::propagate::classical::classical_steps;
 use crate::propagate::descriptor;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::study::knobs::row_choices;
+use crate::study::choices::row_choices;
 use std::collections::BTreeMap;
 
-/// Seconds a cell of an application, before anything is measured: a slow machine's.
+/// Seconds a cell of an application before anything is measured, on a slow machine.
 const RATE: f64 = 5e-9;
 /// Seconds a cell of the overhead, before anything is measured.
 const OVERHEAD: f64 = 3e-6;
-/// Factor on the time of vectors that leave the cache, where the rate is from a smaller grid.
+/// Factor on a rate from a smaller grid, for vectors that may no longer fit into the cache.
 const OUT_OF_CACHE: f64 = 2.0;
 /// Seconds of a trial that may be start-up, while only one grid was tried.
 const START_UP: f64 = 0.2;
 /// Applications that a step with slopes counts as, per stage.
 const SLOPES: usize = 8;
 
-/// Cost of an application to elements of `degree`, an unknown, in applications of degree 0: by the
-/// entries of a row, of which those of one element are contiguous. With slopes: of a stage of a
-/// step.
+/// Cost per unknown of an application with elements of `degree`, relative to degree 0. It grows
+/// with the entries of a row, but slower, as those of one element are contiguous. With slopes it is
+/// the cost of a stage of a step.
 pub fn application_weight(degree: usize, limiter: Limiter) -> usize {
     if limiter == Limiter::None { 1 + degree.div_ceil(2) } else { SLOPES }
 }
@@ -130,10 +130,10 @@ impl OverheadKey {
     }
 }
 
-/// A measured rate and where it is from.
+/// A measured rate, and the size of the trial that it is from.
 #[derive(Clone, Copy, Debug)]
-struct Rate {
-    /// Seconds an application takes a cell.
+struct MeasuredRate {
+    /// Seconds per application and cell.
     seconds_per_cell: f64,
     cells: f64,
     seconds: f64,
@@ -141,8 +141,8 @@ struct Rate {
 
 /// Seconds of a trial.
 #[derive(Clone, Copy, Debug)]
-pub struct Seconds {
-    /// For the result alone.
+pub struct TrialSeconds {
+    /// Without comparisons with other results.
     pub result: f64,
     /// To solve.
     pub solve: f64,
@@ -153,12 +153,12 @@ pub struct Seconds {
 /// A model of the seconds of runs of a case, learnt from its trials.
 #[derive(Debug, Default)]
 pub struct CostModel {
-    rates: BTreeMap<WorkKind, Rate>,
+    rates: BTreeMap<WorkKind, MeasuredRate>,
     /// Least seconds of the overhead, by number of cells.
     overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
-    /// Bounds before anything is measured, of matrices by modes and of others.
+    /// Bounds without a measurement; the flag tells runs by modes from classical ones.
     unmeasured: BTreeMap<(MatrixKey, bool), Bounds>,
-    /// Bounds, and `‖ũ(0)‖/‖f(t)‖`.
+    /// Measured bounds, and `‖ũ(0)‖/‖f(t)‖`.
     measured: BTreeMap<MatrixKey, (Bounds, f64)>,
 }
 
@@ -177,8 +177,8 @@ impl CostModel {
         }
     }
 
-    /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured, or with the growth measured on
-    /// the grid nearest to it, which goes with the cells of an axis.
+    /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured; or with the growth measured on
+    /// the nearest grid, in proportion to the cells along an axis.
     fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
         let own = MatrixKey::of(case);
         if let Some(known) = self.measured.get(&own) {
@@ -202,7 +202,7 @@ impl CostModel {
         Ok((bounds, *ratio))
     }
 
-    /// Bounds of the case's matrix without a measurement; computed once a matrix.
+    /// Bounds of the case's matrix without a measurement; each is computed once.
     fn unmeasured(&mut self, case: &Case) -> Result<Bounds> {
         let key = (MatrixKey::of(case), case.method == Method::Schrodingerized);
         if let Some(known) = self.unmeasured.get(&key) {
@@ -232,7 +232,7 @@ impl CostModel {
         self.overhead(case, cells) + rate * work * cells
     }
 
-    /// Seconds of the overhead on so many cells.
+    /// Seconds of the overhead of a trial of `case` on `cells` cells.
     pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
         let key = OverheadKey::of(case);
         let differs = |of: &OverheadKey| {
@@ -240,16 +240,17 @@ impl CostModel {
             (of.by_modes != key.by_modes, verified)
         };
         let nearest = self.overheads.iter().min_by_key(|(of, _)| differs(of));
-        nearest
-            .map_or(OVERHEAD * cells, |(_, known)| overhead(known, cells, case.space.shape().len()))
+        nearest.map_or(OVERHEAD * cells, |(_, known)| {
+            fitted_overhead(known, cells, case.space.shape().len())
+        })
     }
 
     /// Learns from a trial of `case` with this plan.
-    pub fn learn(&mut self, case: &Case, plan: &Plan, seconds: Seconds) {
+    pub fn learn(&mut self, case: &Case, plan: &Plan, seconds: TrialSeconds) {
         let cells = case.space.cells();
-        let (work, Seconds { solve, total, .. }) = (planned_work(case, plan), seconds);
+        let (work, TrialSeconds { solve, total, .. }) = (planned_work(case, plan), seconds);
         if work > 0.0 && solve > 0.0 {
-            let rate = Rate {
+            let rate = MeasuredRate {
                 seconds_per_cell: solve / (work * cells as f64),
                 cells: cells as f64,
                 seconds: solve,
@@ -270,10 +271,10 @@ impl CostModel {
     }
 }
 
-/// `a + b · cells` through the seconds known of the fewest and of the most cells. It grows with the
-/// cells, at least by [`OVERHEAD`] a cell where that is not more than what is known. Beyond them
-/// the steps of a comparison grow with the cells of an axis.
-fn overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
+/// `a + b · cells` through the `known` seconds of the fewest and of the most cells. `b` is at least
+/// [`OVERHEAD`], unless this alone exceeds the known seconds. Beyond the largest known grid the
+/// time grows faster: the steps of a comparison increase with the cells along an axis.
+fn fitted_overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
     let ends = known.first_key_value().zip(known.last_key_value());
     let Some(((&few, &little), (&many, &much))) = ends else { return OVERHEAD * cells };
     let (few, many) = (few as f64, many as f64);
@@ -295,13 +296,13 @@ mod tests {
     fn overheads_grow_with_the_cells_and_starting_up_does_not() {
         // A slow start on 16 x 16 says little about 64 x 64.
         let noisy = BTreeMap::from([(256, 0.13)]);
-        let found = overhead(&noisy, 4096.0, 2);
+        let found = fitted_overhead(&noisy, 4096.0, 2);
         assert!((0.13..0.3).contains(&found), "{found}");
         // Two grids give both parts back.
         let both = BTreeMap::from([(100, 0.05 + 100.0 * 1e-4), (400, 0.05 + 400.0 * 1e-4)]);
-        assert!((overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
+        assert!((fitted_overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
         for known in [noisy, both, BTreeMap::from([(100, 0.4), (400, 0.1)])] {
-            let all = [100.0, 400.0, 1600.0, 6400.0].map(|cells| overhead(&known, cells, 2));
+            let all = [100.0, 400.0, 1600.0, 6400.0].map(|cells| fitted_overhead(&known, cells, 2));
             assert!(all.windows(2).all(|two| two[0] < two[1]), "{all:?}");
         }
     }

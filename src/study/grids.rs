@@ -11,17 +11,18 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::{overlooked, region_edges};
 use std::cmp::Reverse;
 
-/// An edge this close to a face, in cells, lies on it.
+/// Largest distance from a face, in cells, of an edge that counts as on it.
 const ON_FACE: f64 = 1e-6;
-/// Edges whose places within cells differ by less than this part of a cell lie alike.
+/// Numbers of elements are equally good if their mismatches ([`mismatch`]) differ by less than
+/// this.
 const ALIKE: f64 = 0.02;
-/// Most elements along an axis of which multiples are taken to have edges of `V` on faces, by
-/// dimension; more where the case itself has more.
+/// Largest unit (fewest elements with all edges of `V` on faces) that is searched for, by
+/// dimension; larger if the case itself has more elements.
 const LARGEST_UNIT: [usize; 3] = [1000, 64, 16];
-/// Fewest elements of an axis where the case itself has no fewer, by dimension: of degree 0, and of
-/// a higher one.
+/// Fewest elements along an axis, by dimension, of degree 0 and of higher degrees; fewer only if
+/// the case itself has fewer.
 const FEWEST: [[usize; 3]; 2] = [[8, 4, 4], [4, 2, 2]];
-/// The coarsest grid has the case's cells over at most two to this power.
+/// The coarsest grid has the case's number of elements over at most two to this power.
 const COARSEST: u32 = 3;
 
 /// Largest number of cells of space of a grid that is planned for.
@@ -56,19 +57,19 @@ pub fn refined(case: &Case, factor: usize) -> Case {
     on_grid(case, &shape)
 }
 
-/// `case` with elements of `degree` along all axes, about as many unknowns as it has, and the flux
-/// and the interface that it has then; the axes that runs merge (`merged`, of all `2n`) keep their
-/// elements. The case itself where it has that degree.
+/// `case` with elements of `degree` along all axes and about as many unknowns. Flux and interface
+/// are those that its file gives with that degree. Axes that runs merge (`merged`, one flag for
+/// each of the `2n`) keep their elements. A case of that degree is returned as it is.
 ///
 /// # Errors
-/// As [`Case::parse`], where what the case has is not known of that degree.
+/// As [`Case::parse`], if the case has a setting that elements of that degree do not allow.
 pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
     if degree == case.space.degree() {
         return Ok(case.clone());
     }
     let mut set = case.overrides.clone();
     set.extend(degree_settings(case, degree));
-    // What would be refused beside a degree, and is varied here.
+    // Settings that are refused together with a degree, and that studies set themselves.
     set.extend(["scheme.limiter=none", "output.positive=false"].map(str::to_owned));
     let read = Case::parse(&case.name, &case.text, &set)?;
     let mut case = Case {
@@ -89,7 +90,7 @@ pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
     Ok(on_grid(&case, &grids.scaled(&case.space.elements(), 1.0)))
 }
 
-/// What `--set` takes to give all axes of `case` this degree.
+/// The `--set` options that give all axes of `case` this degree.
 pub fn degree_settings(case: &Case, degree: usize) -> Vec<String> {
     let axes =
         (0..case.space.dimension()).flat_map(|a| ["x", "v"].map(|x| format!("axis.{a}.{x}")));
@@ -102,7 +103,7 @@ pub fn degree_settings(case: &Case, degree: usize) -> Vec<String> {
     set
 }
 
-/// Edges of `V` that are on no face, and regions between cell centres, of the case's grid.
+/// Number of edges of `V` on no face of the case's grid, plus regions that hold no cell centre.
 pub fn stray_edges(case: &Case) -> usize {
     let found = overlooked(case);
     found.edges.len() + found.empty.len()
@@ -138,19 +139,19 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
 /// Grids over the box of a case.
 pub struct Grids {
     axes: Vec<Axis>,
-    /// Places that must be on faces, by axis. Along x where regions of `V` end; `None` where there
-    /// are too many: a curved edge is on no faces. Along v it is 0 where [`check_axis`] asks for
-    /// it, and `None` elsewhere.
+    /// Positions that must be on faces, by axis. Along x these are the edges of regions of `V`;
+    /// `None` if there are too many, as with a curved edge. Along v it is `v = 0` if [`check_axis`]
+    /// requires a face there, and `None` otherwise.
     ///
     /// [`check_axis`]: crate::scheme::interface::energy::check_axis
     edges: Vec<Option<Vec<f64>>>,
-    /// The fewest elements along each axis that have faces at all its edges: multiples have, too.
-    /// `None` where that would be too many.
+    /// The fewest elements along each axis that have faces at all its edges, as their multiples
+    /// have. `None` if that would be too many.
     units: Vec<Option<usize>>,
     /// Fewest elements along an axis, by dimension, for the degree of the case.
     fewest: [usize; 3],
-    /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
-    /// the case's.
+    /// For each of the `2n` axes, whether nothing varies along it. A run then has one cell there,
+    /// and grids keep the number of elements of the case.
     merged: Vec<bool>,
 }
 
@@ -159,15 +160,15 @@ impl Grids {
     pub fn new(case: &Case) -> Self {
         let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
         // An error in `V` is reported when the case is solved.
-        let rests = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
-        let at_rest = |axis: &Axis| (rests && inside(axis)).then(|| vec![0.0]);
+        let needs_rest = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
+        let at_rest = |axis: &Axis| (needs_rest && inside(axis)).then(|| vec![0.0]);
         let edges: Vec<_> =
             region_edges(case).into_iter().chain(case.space.v.iter().map(at_rest)).collect();
         let fewest = FEWEST[usize::from(case.space.degree() > 0)];
         Self::over(case.space.axes().cloned().collect(), edges, fewest)
     }
 
-    /// Over a box with these axes and edges.
+    /// Grids over a box with these axes and edges.
     fn over(axes: Vec<Axis>, edges: Vec<Option<Vec<f64>>>, fewest: [usize; 3]) -> Self {
         let largest = LARGEST_UNIT[axes.len() / 2 - 1];
         let unit = |(axis, edges): (&Axis, &Option<Vec<f64>>)| {
@@ -179,33 +180,34 @@ impl Grids {
         Self { axes, edges, units, fewest, merged }
     }
 
-    /// With axes of the `2n` that runs merge.
+    /// The same, with the axes of the `2n` that runs merge.
     pub fn with_merged(self, merged: Vec<bool>) -> Self {
         Self { merged, ..self }
     }
 
-    /// `cells(k, n)` along each axis `k` that has `n` in `shape`, merged axes as they are.
-    fn with(&self, shape: &[usize], cells: impl Fn(usize, usize) -> usize) -> Vec<usize> {
+    /// `shape` with `cells(k, n)` instead of `n` elements along each axis `k` that is not merged.
+    fn mapped(&self, shape: &[usize], cells: impl Fn(usize, usize) -> usize) -> Vec<usize> {
         let of = |(k, &n)| if self.merged[k] { n } else { cells(k, n) };
         shape.iter().enumerate().map(of).collect()
     }
 
     /// `shape`, twice as fine along the axes that are not merged.
     pub fn twice(&self, shape: &[usize]) -> Vec<usize> {
-        self.with(shape, |_, n| 2 * n)
+        self.mapped(shape, |_, n| 2 * n)
     }
 
-    /// `shape`, its axes of space (`of_space`) or of velocity twice as fine but for merged ones.
+    /// `shape`, twice as fine along its axes of space (`of_space`) or of velocity that are not
+    /// merged.
     pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
         let is_space = |k| k < self.dimension();
-        self.with(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
+        self.mapped(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
     }
 
     /// `shape` with about `part` of the elements along its axes of space (`of_space`) or of
-    /// velocity, but for merged ones.
+    /// velocity that are not merged.
     pub fn fewer(&self, shape: &[usize], of_space: bool, part: f64) -> Vec<usize> {
         let is_space = |k| k < self.dimension();
-        self.with(shape, |k, n| match is_space(k) == of_space {
+        self.mapped(shape, |k, n| match is_space(k) == of_space {
             true => self.near(k, n as f64 * part * (1.0 - 1e-12), 2),
             false => n,
         })
@@ -221,8 +223,8 @@ impl Grids {
         self.edges[k].as_ref().is_none_or(|edges| keeps(&self.axes[k], edges, n))
     }
 
-    /// Whether an axis of velocities needs an even number and no more.
-    fn is_even(&self, k: usize) -> bool {
+    /// Whether axis `k` is a velocity axis that needs an even number of elements, but no face at 0.
+    fn needs_even(&self, k: usize) -> bool {
         k >= self.dimension() && self.edges[k].is_none()
     }
 
@@ -232,14 +234,14 @@ impl Grids {
     }
 
     /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: the nearest number
-    /// with edges on faces, if there is one; along v otherwise an even number, as the error differs
-    /// where a cell stands still.
+    /// with edges on faces, if there is one. Along v it is otherwise even: with an odd number a
+    /// cell is at rest, and errors of such grids fall differently.
     fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
         let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
-        let unit = if self.is_even(k) { 2 } else { self.units[k].unwrap_or(1) };
+        let unit = if self.needs_even(k) { 2 } else { self.units[k].unwrap_or(1) };
         let above = wanted.next_multiple_of(unit);
         match above.checked_sub(unit) {
-            // Along v not fewer than wanted.
+            // Small units are always rounded up.
             Some(below) if unit > 2 && below >= fewest && wanted - below < above - wanted => below,
             _ => above,
         }
@@ -254,19 +256,19 @@ impl Grids {
         };
         let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
         let divisor = f64::from(1u32 << halvings);
-        self.with(own, |k, n| self.near(k, n as f64 / divisor, fewest.min(n)))
+        self.mapped(own, |k, n| self.near(k, n as f64 / divisor, fewest.min(n)))
     }
 
     /// About `scale` times `shape`.
     pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
         // Not a cell more where a product misses a whole number by round-off.
-        self.with(shape, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
+        self.mapped(shape, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
     }
 
-    /// About `scale` times `shape`, with the edges of `V` within their cells as `shape` has them:
-    /// errors of edges on faces and of edges within cells fall differently.
+    /// About `scale` times `shape`, with the edges of `V` at nearly the same positions within cells
+    /// as on `shape`: errors of edges on faces and of edges within cells fall differently.
     pub fn alike(&self, shape: &[usize], scale: f64) -> Vec<usize> {
-        self.with(shape, |k, n| {
+        self.mapped(shape, |k, n| {
             let wanted = n as f64 * scale * (1.0 - 1e-12);
             if self.keeps(k, n) {
                 return self.near(k, wanted, 2);
@@ -275,7 +277,7 @@ impl Grids {
             // A finer grid is no coarser than wanted.
             let [least, most] = if scale < 1.0 { [0.8, 1.25] } else { [1.0, 1.25] };
             let [least, most] = [least, most].map(|part| ((part * wanted).ceil() as usize).max(2));
-            let off = |m: usize| unlike(&self.axes[k], edges, [n, m]) + ON_FACE;
+            let off = |m: usize| mismatch(&self.axes[k], edges, [n, m]) + ON_FACE;
             let away = |m: usize| (m as f64 - wanted).abs();
             // The nearest of those that are nearly as good as the best.
             let best = (least..=most).map(off).fold(f64::INFINITY, f64::min);
@@ -284,24 +286,25 @@ impl Grids {
         })
     }
 
-    /// Whether axis `k` has half of `cells`, an even number of velocities, without losing an edge.
-    fn halves(&self, k: usize, cells: usize) -> bool {
-        match self.is_even(k) {
+    /// Whether half of `cells` along axis `k` keeps its edges on faces, or is even where it must
+    /// be.
+    fn can_halve(&self, k: usize, cells: usize) -> bool {
+        match self.needs_even(k) {
             true => cells.is_multiple_of(4),
             false => cells.is_multiple_of(2) && self.keeps(k, cells / 2),
         }
     }
 
-    /// Half of `shape`, where it has one that is not too coarse and loses no edge.
+    /// Half of `shape` along all axes that are not merged; none if an edge would leave its face.
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
         let mut free = (0..shape.len()).filter(|&k| !self.merged[k]).peekable();
         free.peek()?;
-        free.all(|k| self.halves(k, shape[k])).then(|| self.with(shape, |_, n| n / 2))
+        free.all(|k| self.can_halve(k, shape[k])).then(|| self.mapped(shape, |_, n| n / 2))
     }
 
-    /// `shape` with space axes so many times finer against the velocity axes, a power of two: the
-    /// velocity axes coarser if they can be, the space axes finer otherwise, or the other way
-    /// round.
+    /// `shape` with the space axes `ratio` times finer relative to the velocity axes; `ratio` is a
+    /// power of two. Above 1, each factor of two halves the velocity axes if they can be halved,
+    /// and else doubles the space axes; below 1, the other way round.
     pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
         let n = self.dimension();
         let mut shape = shape.to_vec();
@@ -315,8 +318,8 @@ impl Grids {
         for _ in 0..ratio.log2().abs().round() as usize {
             let (finer, coarser) =
                 if ratio > 1.0 { (&space, &velocity) } else { (&velocity, &space) };
-            let halves = coarser.iter().all(|&k| shape[k] >= 8 && self.halves(k, shape[k]));
-            if halves {
+            let can_halve = coarser.iter().all(|&k| shape[k] >= 8 && self.can_halve(k, shape[k]));
+            if can_halve {
                 coarser.iter().for_each(|&k| shape[k] /= 2);
             } else {
                 finer.iter().for_each(|&k| shape[k] *= 2);
@@ -326,9 +329,9 @@ impl Grids {
     }
 }
 
-/// By how much of a cell the distances of `edges` from the next face differ at most between two
+/// Largest difference, in cells, between the positions of `edges` within their cells for two
 /// numbers of elements along `axis`.
-fn unlike(axis: &Axis, edges: &[f64], numbers: [usize; 2]) -> f64 {
+fn mismatch(axis: &Axis, edges: &[f64], numbers: [usize; 2]) -> f64 {
     let apart = |edge: &f64| {
         let part = (edge - axis.lower) / (axis.upper - axis.lower);
         let [a, b] = numbers.map(|n| part * n as f64);
@@ -369,8 +372,8 @@ mod tests {
         assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
     }
 
-    /// Edges within cells lie in coarser and finer grids as they do in the case's, within a few
-    /// hundredths of a cell; those on faces stay there.
+    /// On coarser and finer grids, edges within cells have the same positions within cells as on
+    /// the case's grid, to a few hundredths of a cell; edges on faces stay on faces.
     #[test]
     fn edges_within_cells_lie_alike() {
         let within = grids(&[0.313, 0.771]);

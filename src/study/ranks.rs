@@ -1,10 +1,11 @@
 //! One case on many numbers of ranks: time, efficiency and memory of each, and the last number that
 //! is worth it.
 //!
-//! Times are modelled: the plan's cost of the mode group with most to do, on the block of a rank.
-//! Calibrated, they are the seconds measured on one number of ranks, scaled step by step: solving
-//! by that cost; what every mode group does for itself (assembling, weights, probe) by the rows of
-//! a block; what all ranks share by their number; the rest stays.
+//! Times are modelled by the plan's cost of the mode group with most to do, on the block of a rank.
+//! With a calibration they are the seconds measured on one number of ranks, each step scaled by
+//! itself: solving by that cost, the work that every mode group repeats (assembling, weights,
+//! probe) by the rows of a block, and the work that all ranks share by their number. Other steps
+//! are not scaled.
 
 use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, counted, shortened, time_text};
@@ -17,10 +18,10 @@ use std::fmt;
 
 /// A number of ranks is worth it if its efficiency is at least this, ...
 const LEAST_EFFICIENCY: f64 = 0.5;
-/// ... and it is at least so many times as fast as the last number that is.
+/// ... and it is at least this many times as fast as the last number that is worth it.
 const LEAST_GAIN: f64 = 1.1;
 
-/// Steps of a run that every mode group takes for itself, on its blocks.
+/// Steps of a run that every mode group repeats on its blocks.
 const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
 /// Steps that all ranks share.
 const SHARED: [&str; 2] = ["exact", "observables"];
@@ -52,7 +53,7 @@ struct RankLoad {
     ranks: f64,
     /// Modelled time to solve.
     cost: f64,
-    /// Rows of a block, and the exchange of ghosts in rows.
+    /// Rows of a block, plus the cost of ghost exchange in rows.
     rows: f64,
 }
 
@@ -97,11 +98,11 @@ pub struct RankCost {
     pub memory_per_node: Option<u64>,
     /// Whether the time saved is worth the ranks.
     pub worth_it: bool,
-    /// Whether it is the last number of ranks that is.
+    /// Whether it is the last number of ranks that is worth it.
     pub recommended: bool,
 }
 
-/// A number of ranks in a table.
+/// A line of the table: a number of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum RankLine {
@@ -120,15 +121,15 @@ pub enum RankLine {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct RankTable {
-    /// A line a number of ranks, rising.
+    /// One line for each number of ranks, rising.
     pub lines: Vec<RankLine>,
 }
 
-/// A case on so many ranks.
+/// A number of ranks to compare, with its plan.
 pub struct RankChoice {
     /// Number of ranks.
     pub ranks: usize,
-    /// The node.
+    /// The nodes of the machine, if they are given.
     pub node: Option<MachineNode>,
     /// The plan, or why there is none.
     pub plan: Result<Plan>,
@@ -210,7 +211,7 @@ impl RankTable {
         let percent = 100.0 * LEAST_EFFICIENCY;
         let rule = format!(
             "an efficiency of at least {percent:.0} %,\n{:<16}and at least {LEAST_GAIN} times as \
-             fast as the number before that is",
+             fast as the last number that is worth it",
             ""
         );
         match best.ranks == most.ranks {
@@ -224,7 +225,7 @@ impl RankTable {
     }
 }
 
-/// Why the case cannot run on so many ranks, in a line.
+/// Why the case cannot run on a number of ranks, on one line.
 fn refusal(error: &Error) -> String {
     match error {
         Error::Memory { needed, available, .. } => format!("{needed} a rank, {available} there"),
@@ -232,11 +233,11 @@ fn refusal(error: &Error) -> String {
     }
 }
 
-/// The numbers of ranks that are worth it, as they rise.
+/// Decides for rising numbers of ranks whether they are worth it.
 struct WorthwhileRanks {
     first_ranks: usize,
     first_time: f64,
-    /// The last that was, and its time.
+    /// The last number that was worth it, and its time.
     last: usize,
     last_time: f64,
 }
@@ -250,7 +251,7 @@ impl WorthwhileRanks {
         self.first_ranks as f64 * self.first_time / (ranks as f64 * time)
     }
 
-    /// Whether so many ranks are worth it, which then are the last that were.
+    /// Whether this number of ranks is worth it; it is then the last one that was.
     fn includes(&mut self, ranks: usize, time: f64) -> bool {
         let faster = ranks == self.first_ranks || LEAST_GAIN * time <= self.last_time;
         let worth_it = faster && self.efficiency(ranks, time) >= LEAST_EFFICIENCY;
@@ -328,7 +329,7 @@ mod tests {
 
     #[test]
     fn ranks_are_worth_what_they_save() {
-        // As fast as can be; an efficiency just below a half.
+        // Perfect scaling, then an efficiency below a half; then one just below.
         assert_eq!(worth(&[(1, 8.0), (2, 4.0), (4, 2.0), (8, 2.1)]), [1, 2, 4]);
         assert_eq!(worth(&[(1, 8.0), (2, 4.1), (4, 4.1), (8, 1.9)]), [1, 2, 8]);
         // Half of the efficiency, but no gain; the efficiency counts from the first number.

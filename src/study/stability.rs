@@ -1,9 +1,9 @@
-//! Where methods fail: borders found by running up to and beyond them, each beside its theory.
+//! `phasewarp stability`: where methods fail, measured and by theory.
 //!
-//! A [`StabilityPanel`](panel::StabilityPanel) varies one thing and measures another; its points
-//! have values by theory where there is a theory. A [`Border`](panel::Border) is where the method
-//! begins to fail, measured and by theory. Grids are coarsened so that a sweep takes seconds, which
-//! the notes say.
+//! A [`StabilityPanel`](panel::StabilityPanel) varies one quantity and measures another; its points
+//! also have values by theory, if there is one. A [`Border`](panel::Border) is where the method
+//! begins to fail, measured by runs on both sides of it, and by theory. Grids are coarsened so that
+//! a panel takes seconds; the notes then say so.
 //!
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|
@@ -16,6 +16,7 @@
 //! | `step` | step of the implicit methods | error | its leading term |
 //! | `tolerance` | tolerance | error | the tolerance; the smallest that a plan accepts |
 
+pub mod cases;
 pub mod explicit;
 pub mod grazing;
 pub mod growth;
@@ -27,7 +28,6 @@ pub mod reading;
 pub mod recovery;
 pub mod reference;
 pub mod report;
-pub mod scene;
 pub mod search;
 pub mod tolerance;
 
@@ -41,11 +41,11 @@ use crate::study::stability::panel::{
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
-/// A panel: the varied number along `x`, the measured one along `y`, and how.
+/// A panel: the varied quantity along `x`, the measured one along `y`, and the measurement.
 struct PanelSpec {
     name: PanelName,
     title: &'static str,
-    /// Whether it seldom takes an eighth of the budget, so that it may get two shares.
+    /// Whether it rarely uses an equal share of the budget: it may then have two, as time is left.
     cheap: bool,
     x: AxisScale,
     y: AxisScale,
@@ -83,15 +83,14 @@ const PANELS: [PanelSpec; 8] = [
 ];
 
 impl PanelSpec {
-    fn panel(&self, found: Findings) -> StabilityPanel {
-        let Findings { shape, curves, borders, verdict, notes } = found;
+    fn panel(&self, findings: Findings) -> StabilityPanel {
         let Self { name, title, .. } = *self;
-        let [x, y] = [self.x.clone(), self.y.clone()];
-        StabilityPanel { name, title, shape, x, y, curves, borders, verdict, notes }
+        StabilityPanel { name, title, x: self.x.clone(), y: self.y.clone(), findings }
     }
 }
 
-/// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
+/// Measures the panels `only` of `case`, or all if `only` is empty, within about `limit`.
+/// Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Input`] for a case that starts from a file. A panel that fails is
@@ -107,14 +106,14 @@ pub fn measure(
     let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<&PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();
-    let swept = scene::of(case);
+    let by_modes = cases::by_modes(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
     for (done, spec) in wanted.iter().enumerate() {
         let left = wanted.len() - done;
         budget.share(if spec.cheap && left > 1 { 2 } else { 1 }, left);
         let found = match budget.is_over() {
             true => Err(Error::input("the budget is used up")),
-            false => (spec.measure)(&PanelTask { world, case: &swept, budget: &budget }),
+            false => (spec.measure)(&PanelTask { world, case: &by_modes, budget: &budget }),
         };
         match found {
             Ok(found) => panels.push(spec.panel(found)),
@@ -140,7 +139,7 @@ mod tests {
     use super::*;
     use crate::results::draw::text::width;
 
-    /// Labels stay beside their frames of 360 by 260 points.
+    /// Labels are no longer than the sides of a frame of 360 by 260 points.
     #[test]
     fn labels_are_no_longer_than_their_axes() {
         for panel in &PANELS {

@@ -1,8 +1,9 @@
-//! A case with every combination of values: runs in directories of their own, and one table.
+//! `phasewarp sweep`: one run for every combination of values, each in its own directory, and one
+//! table of results.
 //!
-//! A directory is named after its values and a checksum of its case ([`name`]), as the Python
-//! package names it. So a sweep that was interrupted, or has grown by a value, goes on where it
-//! was: what is finished is kept, and a run with a checkpoint goes on from there.
+//! A directory is named after its values and a checksum of its case ([`name`]), as in the Python
+//! package. So a sweep that was interrupted, or extended by a value, can continue: finished runs
+//! are kept, and a run with a checkpoint resumes from it.
 
 pub mod name;
 pub mod table;
@@ -29,7 +30,7 @@ use std::sync::atomic::Ordering;
 /// Most runs of a sweep.
 const MOST_RUNS: usize = 10_000;
 
-/// The sweep that is asked for.
+/// What the user asks for.
 pub struct SweepRequest {
     /// The case file.
     pub path: PathBuf,
@@ -37,7 +38,7 @@ pub struct SweepRequest {
     pub text: String,
     /// `--set` options.
     pub set: Vec<String>,
-    /// `streamed` or `full`, where `--mode` gives it.
+    /// `streamed` or `full`; none without `--mode`.
     pub mode: Option<&'static str>,
     /// The keys and their values.
     pub vary: Vec<Vary>,
@@ -60,7 +61,7 @@ pub struct SweepRun {
 }
 
 impl SweepRun {
-    /// It in the table when it ended: with its `summary.json`, or null, and what went wrong.
+    /// The table row of this run, which has ended: its `summary.json`, or null, and its error.
     fn row(&self, summary: Value, error: Option<String>) -> SweepRow {
         let directory = self.directory.display().to_string();
         SweepRow { values: self.values.clone(), directory, ended: true, summary, error }
@@ -81,7 +82,7 @@ enum Done {
     Before,
     /// Done by this process.
     Now {
-        /// What it took.
+        /// Wall time.
         seconds: f64,
     },
 }
@@ -97,9 +98,9 @@ impl fmt::Display for Done {
 
 /// The result of a sweep, complete or stopped.
 pub struct SweepResult {
-    /// The runs that it came to.
+    /// The runs that were attempted.
     pub table: SweepTable,
-    /// Why it is not at its end.
+    /// Why it stopped early; none if it is complete.
     pub stopped: Option<Error>,
 }
 
@@ -107,8 +108,8 @@ impl Sweep {
     /// All combinations, read but not run.
     ///
     /// # Errors
-    /// [`Error::Input`] where a key is varied twice, there are too many runs, two of them are the
-    /// same, or no combination is a case: also where a key is unknown.
+    /// [`Error::Input`] if a key is varied twice, there are too many runs, two of them are the
+    /// same, or no combination is a valid case, as with an unknown key.
     pub fn new(request: SweepRequest) -> Result<Self> {
         let keys: Vec<String> = request.vary.iter().map(|vary| vary.key.clone()).collect();
         if let Some(i) = (1..keys.len()).find(|&i| keys[..i].contains(&keys[i])) {
@@ -186,7 +187,7 @@ impl Sweep {
     /// Solves one run, counted from 1, unless it is finished. Collective.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is no such run; [`Error::SweepStopped`]; as [`run::run`].
+    /// [`Error::Input`] if there is no such run; [`Error::SweepStopped`]; as [`run::run`].
     pub fn solve_one(&self, world: &World, number: usize, options: &Options) -> Result<()> {
         let Some(run) = number.checked_sub(1).and_then(|index| self.runs.get(index)) else {
             let last = self.runs.len();
@@ -207,8 +208,8 @@ impl Sweep {
     /// Collective.
     ///
     /// # Errors
-    /// What leaves nothing to go on with: results that cannot be written, a wall time too short for
-    /// anything.
+    /// Errors after which the sweep cannot continue: results cannot be written, or the wall time is
+    /// too short for the first run.
     pub fn solve(&self, world: &World, options: &Options) -> Result<SweepResult> {
         let mut table = SweepTable::new(&self.keys);
         let (mut finished, mut computed) = (0, 0);
@@ -271,11 +272,11 @@ impl Sweep {
         if world.group().rank() == 0 {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
         }
-        // A run that begins has nothing to resume.
+        // Only a run that has begun can be resumed.
         let there = |name: &&str| run.directory.join(name).exists();
         let begun = world.group().rank() == 0 && ["checkpoint", "result.h5"].iter().any(there);
         let resume = options.resume && world.group().max_count(usize::from(begun)) > 0;
-        // The memory of this run alone.
+        // So that the peak is that of this run alone.
         memory::reset_peak();
         let options = Options { resume, ..options.clone() };
         let summary = run::run(world, &case, &run.directory, &options)?;
@@ -293,8 +294,8 @@ impl Sweep {
         }
     }
 
-    /// A finished run as a row, failed where it misses what it was asked for and `solver.strict`
-    /// makes that an error; its numbers on the first rank. Collective.
+    /// The table row of a finished run. It has an error if the results miss the requested accuracy
+    /// and `solver.strict` makes that an error. Only the first rank has the summary. Collective.
     fn row(&self, world: &World, run: &SweepRun) -> Result<SweepRow> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
         let missed = run::refuse_missed(world, &run.directory, &self.case(run)?);
@@ -325,8 +326,9 @@ fn is_too_late(world: &World, error: &Error) -> bool {
     world.group().max_count(usize::from(matches!(error, Error::WallTime { .. }))) > 0
 }
 
-/// Why nothing more is to be begun: a signal to any rank; or the wall time, where `computed`
-/// something was, as one too short for anything is an error of the run. Collective.
+/// Why no further run may begin: any rank received a signal, or the wall time is over. The wall
+/// time counts only if something was `computed`; if it is too short for the first run, that run
+/// fails. Collective.
 fn reason_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
     let signal = options.stop.load(Ordering::Relaxed);
     let wall = options.walltime.filter(|_| computed);

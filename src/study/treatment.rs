@@ -14,7 +14,7 @@ pub struct Treatment {
 }
 
 impl Treatment {
-    /// Each law without weights, then with them where it needs them.
+    /// Each law without weights, then with them if it allows growth.
     pub fn all() -> Vec<Self> {
         let of_law = |interface| {
             let weighted = [false, true]
@@ -25,7 +25,7 @@ impl Treatment {
         Interface::ALL.into_iter().flat_map(of_law).collect()
     }
 
-    /// The same, those that prevent growth first.
+    /// As [`all`](Self::all), with those that prevent growth first.
     pub fn by_growth() -> Vec<Self> {
         let mut all = Self::all();
         all.sort_by_key(|treatment| treatment.may_grow());
@@ -42,7 +42,7 @@ impl Treatment {
         !self.weights && self.has_growing_law()
     }
 
-    /// `case` treated so.
+    /// `case` with this treatment.
     pub fn of(self, case: &Case) -> Case {
         let mut case = case.clone();
         case.interface = self.interface;

@@ -5,7 +5,6 @@ use crate::base::memory;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
@@ -24,9 +23,9 @@ pub struct Trial {
     pub seconds: f64,
     /// This rank's space cells, one range an x-axis; may be empty.
     pub share: Vec<Range<usize>>,
-    /// Every field at `T` on them, velocities fastest.
+    /// Every field at `T` on these cells, velocities fastest.
     pub fields: Vec<Vec<f64>>,
-    /// Moments there.
+    /// Moments on these cells.
     pub moments: Moments,
 }
 
@@ -37,7 +36,7 @@ pub struct Trial {
 pub fn trial(world: &World, case: &Case) -> Result<Trial> {
     memory::reset_peak();
     let case = Case {
-        // Comparisons need all of the grid.
+        // Comparisons need the values on the whole grid.
         expand: true,
         ..case.clone()
     };
@@ -79,7 +78,7 @@ pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
     }
 }
 
-/// Removes what the case file fixes of the series in `p`: interval, points, recovery point, sampled
+/// Removes the settings of the series in `p`, so that interval, points, recovery point,
 /// coefficients and the scale of the inflow are planned.
 pub fn plan_series(case: &mut Case) {
     let warp = &mut case.warp;
@@ -90,9 +89,4 @@ pub fn plan_series(case: &mut Case) {
 /// A propagator that takes `steps` equal steps to `T`, or none.
 pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
     Propagation { method, step: steps.map(|n| case.duration() / n as f64) }
-}
-
-/// The ranks of `world` on any mesh.
-pub fn ranks(world: &World) -> Resources {
-    Resources { ranks: world.group().size(), ..Resources::default() }
 }

@@ -1,9 +1,9 @@
-//! How far a run is from the exact solution, measured and estimated, and how it says so; elements
-//! against a separate implementation; partial reflection.
+//! The error of a run against the exact solution, measured and estimated, and its messages about
+//! it; elements against a separate implementation; partial reflection.
 
 use crate::support::{
     Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
-    directory, near, run,
+    directory, json_of, near, on_results, run, text_of,
 };
 use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
@@ -25,7 +25,7 @@ fn plane(degree: usize, count: usize) -> Vec<String> {
     [vec![format!("scheme.degree={degree}")], axes.to_vec()].concat()
 }
 
-/// The case with these settings, by the classical exponential: the grid's errors alone.
+/// The case with these settings by the classical exponential, whose only error is that of the grid.
 fn of_the_grid(name: &str, settings: &[String]) -> Job {
     let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
     run(name).set(&settings).set(&[CLASSICAL])
@@ -37,8 +37,8 @@ fn accuracy(summary: &Value, key: &str) -> Result<f64, String> {
     found.as_f64().ok_or_else(|| format!("accuracy.{key} is {found}, a number expected"))
 }
 
-/// How many times the error its estimate may be, least and most. More cases, of which one has less,
-/// are in docs/verification.md.
+/// The allowed ratio of an estimate to the error, least and most. docs/verification.md has more
+/// cases, one of which has a smaller ratio.
 struct EstimateBounds {
     field: [f64; 2],
     density: [f64; 2],
@@ -49,7 +49,7 @@ const OF_SLOPES: EstimateBounds = EstimateBounds { field: [0.35, 12.0], density:
 const OF_ELEMENTS: EstimateBounds = EstimateBounds { field: [0.4, 9.0], density: [0.15, 30.0] };
 const OF_MIXED: EstimateBounds = EstimateBounds { field: [0.35, 8.0], density: [0.15, 30.0] };
 
-/// A case, settings of its grid, and the expected report of its estimates.
+/// A case, settings of its grid, and the bounds on its estimates.
 type EstimateRow = (&'static str, Vec<String>, &'static EstimateBounds);
 
 fn estimate_rows() -> Vec<EstimateRow> {
@@ -80,13 +80,12 @@ fn estimate_rows() -> Vec<EstimateRow> {
     rows
 }
 
-/// Errors that were measured beside their estimates, of degrees 0 to 3, mixed ones and slopes,
-/// where data are smooth and where they jump, on coarse grids and on fine ones.
+/// Measured errors and their estimates for degrees 0 to 3, mixed degrees and slopes, for smooth and
+/// for discontinuous data, on coarse and on fine grids.
 #[test]
-fn estimates_of_the_grid_are_of_the_size_of_its_error() {
+fn estimates_of_the_grid_error_have_its_size() {
     check_all(&estimate_rows(), |(name, settings, bounds)| {
-        let place = directory();
-        let summary = of_the_grid(name, settings).solve(place.path())?;
+        let summary = of_the_grid(name, settings).summary()?;
         let value = |key: &str| accuracy(&summary.value, key);
         let within = |what: &str, error: f64, estimate: f64, [least, most]: [f64; 2]| {
             let ratio = estimate / error;
@@ -95,8 +94,7 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
         };
         let (error, density) = (value("grid")?, value("grid_density")?);
         summary.holds(near("grid", error, summary.number("error_l2_relative")?, 0.0))?;
-        // The estimate need not hold for errors above 80 %, and only roughly for densities below 1
-        // %.
+        // Errors above 80 % have no reliable estimate, nor have errors of the density below 1 %.
         if error <= 0.8 {
             within("f", error, value("grid_estimate")?, bounds.field)?;
         }
@@ -124,9 +122,9 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     let summary = Summary::read(finished, place.path()).unwrap();
     let error = summary.number("error_semidiscrete").unwrap();
     assert_eq!(accuracy(&summary.value, "algorithm").unwrap(), error);
-    let shown = Job::new(["report", &place.path().display().to_string()]);
+    let shown = on_results("report", place.path());
     shown.succeed().unwrap();
-    let report = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let report = text_of(place.path().join("report.html")).unwrap();
     assert!(report.contains("UNDER-RESOLVED: error of the grid (measured, relative L2)"));
 
     let empty = beams().set(&["initial.f=0"]).with(["--force"]).into(place.path());
@@ -165,8 +163,8 @@ fn chosen_accuracy_is_reached_and_kept() {
     assert!(differences(&datasets(place.path()).unwrap(), &before).is_empty());
 }
 
-/// A barrier that is narrower than the elements that would do without it: with `[exact]` and
-/// without, the grid that is chosen has its edges on faces, and particles come back from it.
+/// A barrier narrower than the elements that would suffice without it: with and without `[exact]`
+/// the chosen grid has faces at the edges of the barrier, and particles are reflected there.
 #[test]
 fn chosen_grids_keep_every_region() {
     let case = r#"
@@ -192,23 +190,23 @@ v = { lower = -2.5, upper = 2.5, cells = 50 }
             return Err(finished.report("no face at 0.3"));
         }
         let back = density[..left].iter().sum::<f64>() / density.iter().sum::<f64>();
-        // By a program that follows particles: 0.503 are at x < 0 at the end.
+        // A program that follows particles finds 0.503 of them at x < 0 at the end.
         if (back - 0.503).abs() > 0.02 {
-            return Err(finished.report(&format!("{back} of it is at x < 0")));
+            return Err(finished.report(&format!("{back} of the mass is at x < 0")));
         }
         Ok(())
     });
 }
 
-/// The last line of a run names both errors where that of the grid is the larger by far, as it is
-/// in summary.json; no other run has it.
+/// If the error of the grid is by far the largest, the last line of a run names it and the error of
+/// the algorithm, as in summary.json. No other run prints this line.
 #[test]
-fn the_last_line_names_the_limit_of_a_run() {
+fn the_last_line_of_an_under_resolved_run_names_its_errors() {
     let small = ["axis.0.x.cells=10", "axis.0.v.cells=10"];
     let fine = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
     let (measured, estimated) = ("(measured, relative L2)", "(estimated, relative L2)");
     let slopes = [SLOPES[0], SLOPES[1], "scheme.degree=0", "scheme.limiter=minmod"];
-    // Case, settings, what the line says of the grid's error, where there is one.
+    // Case, grid, settings, and how the line marks the grid's error; none if there is no line.
     type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], Option<&'a str>);
     let rows: [Row<'_>; 9] = [
         ("smooth-beams.toml", &small, &[], Some(measured)),
@@ -217,7 +215,7 @@ fn the_last_line_names_the_limit_of_a_run() {
         ("partial_reflection.toml", &fine, &["solver.tolerance=1e-2"], None),
         ("partial_reflection.toml", &fine, &["solver.tolerance=1e-3"], Some(measured)),
         ("partial_reflection.toml", &fine, &[CLASSICAL], None),
-        // Degrees that are mixed, and slopes.
+        // Mixed degrees, and slopes.
         ("smooth-beams.toml", &small, &["exact=none", "axis.0.v.degree=0"], Some(estimated)),
         ("smooth-beams.toml", &small, &[&["exact=none"], &slopes[..]].concat(), Some(estimated)),
         // Measure-valued data have no estimate, and no accuracy is claimed.
@@ -225,9 +223,9 @@ fn the_last_line_names_the_limit_of_a_run() {
     ];
     check_all(&rows, |(name, grid, settings, wording)| {
         let place = directory();
-        // A case without an exact solution is a file without that table.
+        // Without the table [exact], a case has no exact solution.
         let path = place.path().join("case.toml");
-        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let text = text_of(case(name))?;
         let without = settings.contains(&"exact=none");
         let kept = if without { text.split("[exact]").next().unwrap_or_default() } else { &text };
         std::fs::write(&path, kept).map_err(|e| e.to_string())?;
@@ -238,19 +236,17 @@ fn the_last_line_names_the_limit_of_a_run() {
         let finished = job.into(&results).succeed()?;
         let last = finished.output.lines().last();
         let line = last.filter(|line| line.starts_with("UNDER-RESOLVED"));
-        let text = std::fs::read_to_string(results.join("summary.json"));
-        let text = text.map_err(|e| finished.report(&e.to_string()))?;
-        let summary: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let summary = json_of(results.join("summary.json")).map_err(|e| finished.report(&e))?;
         let found = &summary["accuracy"];
         let fails = |what: &str| Err(finished.report(&format!("{what}; accuracy: {found}")));
         if found["under_resolved"] != line.is_some() || line.is_some() != wording.is_some() {
-            return fails("the line and the summary do not agree");
+            return fails("the last line and summary.json do not agree");
         }
         if without && (found["grid_measured"] != false || found["grid"] != found["grid_estimate"]) {
-            return fails("not the estimate");
+            return fails("the error of the grid is not the estimate");
         }
         let (Some(line), Some(wording)) = (line, wording) else { return Ok(()) };
-        // An estimate has one digit.
+        // An estimate is printed with one digit.
         let digits = |e: f64| match found["grid_measured"] == true {
             true => format!("{e:.2} %"),
             false => format!("about {} %", short(one_digit(e))),
@@ -262,18 +258,18 @@ fn the_last_line_names_the_limit_of_a_run() {
             words.push(format!("error of the algorithm {error:.1e}"));
         }
         match words.iter().find(|word| !line.contains(*word)) {
-            Some(word) => fails(&format!("\"{word}\" is not said")),
+            Some(word) => fails(&format!("\"{word}\" is not in the last line")),
             None => Ok::<(), String>(()),
         }
     });
 }
 
-/// Case, settings, words of the advice, and words that are not in it.
+/// Case, settings, texts that the advice contains, and texts that it does not.
 type AdviceRow<'a> = (&'a str, Vec<&'a str>, &'a [&'a str], &'a [&'a str]);
 
-/// The message UNDER-RESOLVED lists remedies for this run: the least factor on the cells, higher
-/// degrees or slopes if they apply, and a sufficient tolerance if the grid's error is below a
-/// tenth. On slightly fewer cells than it names the error is above a tenth.
+/// The message UNDER-RESOLVED lists remedies for this run: the smallest factor on the cells, a
+/// higher degree or slopes if they apply, and a sufficient tolerance if the grid's error is below a
+/// tenth. With slightly fewer cells than it names, the error is above a tenth.
 #[test]
 fn advice_matches_the_shortcomings_of_the_run() {
     let minmod = ["scheme.limiter=minmod", "solver.classical.integrator=ssp-rk3", CLASSICAL];
@@ -295,16 +291,14 @@ fn advice_matches_the_shortcomings_of_the_run() {
         ),
     ];
     check_all(&rows, |(name, settings, wording, never)| {
-        let place = directory();
-        let summary = run(name).set(settings).solve(place.path())?;
+        let summary = run(name).set(settings).summary()?;
         let advice = summary.value["accuracy"]["advice"].as_str().unwrap_or_default();
         let wording = wording.iter().all(|words| advice.contains(words));
         let is_right = wording && !never.iter().any(|words| advice.contains(words));
         summary.require(is_right, || format!("advice: {advice}"))
     });
-    let place = directory();
     // 1.3 times 34.
-    let summary = of_the_grid("smooth-beams.toml", &elements(2, 44)).solve(place.path()).unwrap();
+    let summary = of_the_grid("smooth-beams.toml", &elements(2, 44)).summary().unwrap();
     assert!(accuracy(&summary.value, "grid").unwrap() > 0.1);
 }
 
@@ -312,13 +306,13 @@ fn words(settings: &[String]) -> Vec<&str> {
     settings.iter().map(String::as_str).collect()
 }
 
-/// Errors and estimates are sums over the ranks, with the same bits on any of them.
+/// Errors and estimates are sums over the ranks, with the same bits on any number of ranks.
 #[test]
 fn errors_of_the_grid_are_the_same_on_any_ranks() {
     let rows = [
         ("smooth-beams.toml", elements(2, 10).to_vec()),
         ("smooth-beams.toml", elements(0, 26).to_vec()),
-        // With degree 0 along x: the flux across the faces of blocks.
+        // Degree 0 along x takes the flux across the faces of blocks.
         (
             "smooth-beams.toml",
             [vec!["axis.0.x.degree=0".to_owned()], elements(2, 10).to_vec()].concat(),
@@ -328,13 +322,11 @@ fn errors_of_the_grid_are_the_same_on_any_ranks() {
     check_all(&rows, |(name, settings)| {
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
         let job = |ranks: usize| run(name).set(&settings).on(ranks);
-        let alone = directory();
-        let expected = job(1).solve(alone.path())?;
+        let expected = job(1).summary()?;
         for (ranks, blocks) in [(2, "1"), (3, "3"), (4, "2")] {
-            let place = directory();
             let blocks = if *name == "quadrant2d.toml" { "1,2" } else { blocks };
             let ranks = if *name == "quadrant2d.toml" { 2 * (ranks / 2) } else { ranks };
-            let found = job(ranks).with(["--ranks-x", blocks]).solve(place.path())?;
+            let found = job(ranks).with(["--ranks-x", blocks]).summary()?;
             for key in ["accuracy", "error_l1", "error_density_l2_relative", "mass"] {
                 let (a, b) = (&found.value[key], &expected.value[key]);
                 found.require(a == b, || format!("{key}: {a}, on one rank {b}"))?;
@@ -344,8 +336,8 @@ fn errors_of_the_grid_are_the_same_on_any_ranks() {
     });
 }
 
-/// Relative L2 errors of `f` in the smooth case, to 15 %, as a separate implementation in Python
-/// found them (docs/verification.md): about 128 unknowns an axis.
+/// The relative L2 errors of `f` in the smooth case agree to 15 % with a separate implementation in
+/// Python (docs/verification.md), with about 128 unknowns per axis.
 #[test]
 fn smooth_beams_have_the_errors_of_a_separate_implementation() {
     let rows = [
@@ -357,9 +349,8 @@ fn smooth_beams_have_the_errors_of_a_separate_implementation() {
         (4, 26, "0.5", 0.027),
     ];
     check_all(&rows, |&(degree, count, flux, expected)| {
-        let place = directory();
         let job = of_the_grid("smooth-beams.toml", &elements(degree, count));
-        let summary = job.set(&[&format!("scheme.flux={flux}")]).solve(place.path())?;
+        let summary = job.set(&[&format!("scheme.flux={flux}")]).summary()?;
         let error = summary.number("error_l2_relative")?;
         summary.holds(near("error_l2_relative", error, expected, 0.15 * expected))
     });
@@ -370,9 +361,8 @@ fn smooth_beams_have_the_errors_of_a_separate_implementation() {
 #[test]
 fn errors_at_a_corner_fall_with_the_degree() {
     let errors = [1, 2, 3].map(|degree| {
-        let place = directory();
         let job = of_the_grid("quadrant2d.toml", &plane(degree, 4));
-        let summary = job.solve(place.path()).unwrap();
+        let summary = job.summary().unwrap();
         ["error_l2_relative", "error_density_l2_relative"].map(|key| summary.number(key).unwrap())
     });
     for (coarse, fine) in errors.iter().zip(&errors[1..]) {
@@ -387,42 +377,38 @@ const REFLECTING: &str = "partial_reflection.toml";
 /// transmitted, so mass is conserved to round-off.
 #[test]
 fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
-    // Degree, elements, their relative errors of f and of the density on twice as many, at most.
+    // Degree, elements, and limits on the relative errors of f and of the density on twice as many.
     let rows = [(1, 32, 0.19, 0.1), (2, 21, 0.028, 0.007), (3, 16, 0.0045, 0.0003)];
     check_all(&rows, |&(degree, count, of_f, of_density)| {
         // An even number of elements has a face on x = 0 and on v = 0.
-        let solve = |count: usize| {
-            let place = directory();
-            of_the_grid(REFLECTING, &elements(degree, count + count % 2)).solve(place.path())
-        };
+        let solve =
+            |count: usize| of_the_grid(REFLECTING, &elements(degree, count + count % 2)).summary();
         let (coarse, fine) = (solve(count)?, solve(2 * count)?);
         for (key, most) in [("error_l2_relative", of_f), ("error_density_l2_relative", of_density)]
         {
             let (a, b) = (coarse.number(key)?, fine.number(key)?);
             fine.holds(at_most(key, b, most))?;
-            // Degree 1 does not resolve the beam yet: its order is still on the way to 2.
+            // Degree 1 does not resolve the beam yet and has not reached its order 2.
             let least = if degree == 1 { 2.0 } else { 2f64.powi(degree as i32) };
             fine.require(a > least * b, || format!("{key}: {a:e}, then {b:e}"))?;
         }
         // A narrower beam, whose fastest part is slower than the end of the velocity box.
         let narrow = "initial.f=exp(-((x + 0.6)^2 + (v - 0.8)^2)/0.01)";
         let job = of_the_grid(REFLECTING, &elements(degree, 2 * count)).set(&[narrow]);
-        let place = directory();
-        let kept = job.solve(place.path())?;
+        let kept = job.summary()?;
         let (mass, initial) = (kept.number("mass")?, kept.number("mass_initial")?);
         kept.holds(near("mass", mass / initial, 1.0, 1e-12))
     });
 }
 
-/// By modes it meets its tolerance; and without the reflection, or with all of it, the solution is
-/// another.
+/// A run by modes with partial reflection meets its tolerance and agrees with the exact density.
+/// Runs without reflection or with full reflection do not.
 #[test]
-fn partial_reflection_by_modes_is_that_of_the_formula() {
+fn partial_reflection_by_modes_has_the_exact_density() {
     let grid = elements(3, 26);
     let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
     let solve = |settings: &[&str]| {
-        let place = directory();
-        let job = run(REFLECTING).set(&grid).set(settings).on(3).solve(place.path());
+        let job = run(REFLECTING).set(&grid).set(settings).on(3).summary();
         job.unwrap()
     };
     let summary = solve(&["solver.verify=true", "solver.tolerance=1e-5"]);
@@ -434,11 +420,11 @@ fn partial_reflection_by_modes_is_that_of_the_formula() {
     let right = summary.number("error_density_l2_relative").unwrap();
     for other in ["potential.0.reflection=0", "potential.0.reflection=1"] {
         let wrong = solve(&[other, CLASSICAL]).number("error_density_l2_relative").unwrap();
-        assert!(right < 2e-3 && wrong > 2e-2, "{other}: {wrong:e}, as it should be {right:e}");
+        assert!(right < 2e-3 && wrong > 2e-2, "{other}: {wrong:e}, as given {right:e}");
     }
 }
 
-/// Degrees, fluxes and reflections that there are not, each with its key and the limit.
+/// Invalid degrees, fluxes and reflections are refused with the key and the limit.
 #[test]
 fn invalid_schemes_are_refused() {
     let rows: &[(&str, &[&str])] = &[
@@ -463,8 +449,8 @@ fn invalid_schemes_are_refused() {
     Mistake::set("example1.toml", &slopes, &wording).refused_by_reader().unwrap();
 }
 
-/// A reflected part that is none, at any energy that occurs, is named with that energy and where it
-/// was given, before anything is solved.
+/// A reflected part outside of 0 to 1, at any energy that occurs, is refused before the solve, with
+/// that energy and with the place of the formula.
 #[test]
 fn reflected_parts_outside_of_0_and_1_are_refused() {
     let rows = [
@@ -486,10 +472,10 @@ fn reflected_parts_outside_of_0_and_1_are_refused() {
     });
 }
 
-/// A time step that is too long for the tolerance: the last line says so, and with `solver.strict`
-/// the exit code; one that is met says nothing.
+/// If the time step is too long for the tolerance, the last line says so, and with `solver.strict`
+/// the exit code is 1. A run that meets its tolerance prints no such line.
 #[test]
-fn a_missed_tolerance_is_reported_last() {
+fn a_missed_tolerance_is_reported_in_the_last_line() {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=18", "solver.tolerance=1e-6"];
     let long = "solver.propagator={method='crank-nicolson',step=0.05}";
     let [strict, verify] = ["solver.strict=true", "solver.verify=true"];
@@ -508,7 +494,7 @@ fn a_missed_tolerance_is_reported_last() {
         let refused = job(&[long, verify, strict]);
         refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
         assert!(place.path().join("summary.json").is_file(), "results are kept");
-        // A finished run ends as it ended before.
+        // With --resume, the finished run ends with the same error.
         let again = run("example1.toml").set(&small).set(&[long, verify, strict]).on(ranks);
         let again = again.into(place.path()).with(["--resume"]).run().unwrap();
         again.ended(1, &[missed[0], "solver.strict"]).unwrap();

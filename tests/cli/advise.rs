@@ -1,12 +1,12 @@
-//! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it
-//! does not.
+//! `phasewarp advise`: an advised run reaches the accuracy, and a run on half the cells does not.
 
-use crate::support::datasets;
 use crate::support::{Job, case, check_all, directory};
+use crate::support::{datasets, json_of};
 use serde_json::Value;
 use std::path::Path;
 
-/// A Gaussian that moves freely: smooth, its exact solution a formula. Cells that nothing divides.
+/// A smooth Gaussian that moves freely, with a formula for the exact solution and odd numbers of
+/// cells.
 const SMOOTH: &str = r#"
 potential = [{ value = "0" }]
 initial.f = "exp(-6*(x + 0.6)^2 - 20*(v - 0.4)^2)"
@@ -25,7 +25,7 @@ fn require(holds: bool, advised: &Value, what: &str) -> Result<(), String> {
     if holds { Ok(()) } else { Err(format!("{what}: {advised:#}")) }
 }
 
-/// The entry whose name begins so.
+/// The entry whose name starts with `name`.
 fn entry<'a>(advised: &'a Value, name: &str) -> Result<&'a Value, String> {
     let entries = advised["entries"].as_array().into_iter().flatten();
     let mut named = entries.filter(|e| e["name"].as_str().is_some_and(|n| n.starts_with(name)));
@@ -67,10 +67,10 @@ fn written(place: &Path, text: &str) -> Result<String, String> {
     Ok(path.display().to_string())
 }
 
-/// Where nearly all of the error is that in x, velocities are few: far fewer than what a ratio of 4
-/// allows, which is where balancing on a coarse grid ends. Half of either does not do.
+/// If nearly all of the error comes from x, the advice has few velocities: far fewer than the ratio
+/// of 4 at which balancing on a coarse grid ends.
 #[test]
-fn both_sizes_are_searched() {
+fn cells_in_space_and_in_velocity_are_chosen_separately() {
     let place = directory();
     let wide =
         SMOOTH.replace("- 20*(v - 0.4)^2", "- 2*(v - 0.4)^2").replace("cells = 37", "cells = 90");
@@ -87,8 +87,8 @@ fn both_sizes_are_searched() {
     text.contains(&text.output, &["Advised by modes: ", "Advised classically: "]).unwrap();
 }
 
-/// What is advised runs as it is printed and reaches the accuracy; on half the cells it does not;
-/// with and without an exact solution it is about the same.
+/// The advised command runs as printed and reaches the accuracy; on half the cells it does not. The
+/// advice is about the same with and without an exact solution.
 #[test]
 fn advice_on_a_smooth_problem_is_right() {
     check_all(&["1e-1", "4e-2"], |accuracy| {
@@ -100,7 +100,7 @@ fn advice_on_a_smooth_problem_is_right() {
         let order = number(&classical["order"]["order"]);
         require((order - 1.0).abs() < 0.25, classical, "not of order 1")?;
         require(advised["best"].is_u64(), &advised, "nothing by modes")?;
-        // The best of degree 0, of which the cells are equal.
+        // The best entry of degree 0, whose cells are equal.
         let all = advised["entries"].as_array().ok_or("no entries")?;
         let best = all.iter().find(|e| e["name"] == "Schrödingerized").ok_or("none of degree 0")?;
         require(best["known"] == "measured", best, "not measured")?;
@@ -115,8 +115,8 @@ fn advice_on_a_smooth_problem_is_right() {
         require(error <= epsilon, best, &format!("reaches only {error:e}"))?;
         let predicted = number(&best["error"]);
         require((error / predicted - 1.0).abs() < 0.02, best, &format!("error {error:e}"))?;
-        // Not by far more than it must be.
-        require(error >= 0.6 * epsilon, best, &format!("over-solves: {error:e}"))?;
+        // The grid is not much finer than needed.
+        require(error >= 0.6 * epsilon, best, &format!("finer than needed: {error:e}"))?;
         let shape = numbers(&best["shape"]);
         let half = [
             format!("axis.0.x.cells={}", (shape[0] / 2.0).floor()),
@@ -124,7 +124,7 @@ fn advice_on_a_smooth_problem_is_right() {
         ];
         let job = Job::new(["run", &path]).set(&half.each_ref().map(String::as_str));
         let coarser = run(job, "half")?;
-        require(coarser > epsilon, best, &format!("half of it reaches {coarser:e}"))?;
+        require(coarser > epsilon, best, &format!("half the cells reach {coarser:e}"))?;
         // Without the exact solution.
         let blind = advise(&path, accuracy).set(&["exact={}"]).succeed()?.json()?;
         require(blind["exact"] == false, &blind, "exact")?;
@@ -135,14 +135,14 @@ fn advice_on_a_smooth_problem_is_right() {
     });
 }
 
-/// The relative L1 error of the density that a run with these arguments reports.
+/// The relative L1 error of the density in the summary of a run with these arguments.
 fn run_error(words: &[&str], place: &Path) -> Result<f64, String> {
     let summary = Job::new(words.iter().copied()).solve(place)?;
     summary.number("error_density_l1_relative")
 }
 
-/// Smooth data: elements reach small errors with the least work, of an order above 2; what is
-/// advised reaches them, and so does `run --accuracy`, which chooses the same.
+/// For smooth data, elements reach small errors with the least work, with an order above 2. The
+/// advised run reaches them, and `run --accuracy` makes the same choice.
 #[test]
 fn elements_are_advised_for_small_errors_of_smooth_data() {
     let (place, accuracy) = (directory(), 2e-3);
@@ -151,7 +151,7 @@ fn elements_are_advised_for_small_errors_of_smooth_data() {
     let best = &advised["entries"][advised["best"].as_u64().unwrap_or(99) as usize];
     let degree = best["degree"].as_u64().unwrap_or(0);
     assert!(degree >= 2 && best["known"] == "measured", "{best:#}");
-    // Orders of high degrees, where there are two grids to show one.
+    // Orders of high degrees; an order needs two grids.
     let shows = |e: &&Value| {
         let pairs = e["order"]["pairs"].as_array().map_or(0, Vec::len);
         pairs > 0 && e["degree"].as_u64() >= Some(2)
@@ -161,7 +161,7 @@ fn elements_are_advised_for_small_errors_of_smooth_data() {
     for entry in high {
         assert!(number(&entry["order"]["order"]) > 2.0, "{entry:#}");
     }
-    // Other fluxes are tried of the best degree alone, and are in the settings.
+    // Other fluxes are tried only for the best degree, and the settings contain them.
     let named = |e: &&Value| e["name"].as_str().is_some_and(|name| name.contains(", flux "));
     let fluxes: Vec<&Value> = advised["entries"].as_array().unwrap().iter().filter(named).collect();
     assert!(!fluxes.is_empty(), "{advised:#}");
@@ -183,8 +183,8 @@ fn elements_are_advised_for_small_errors_of_smooth_data() {
     assert_eq!(error, again);
 }
 
-/// Without `[exact]` errors take a grid twice as fine, and the budget holds it: of smooth beams, of
-/// a well, and where data jump. What is advised reaches the accuracy.
+/// Without `[exact]`, errors are estimated on a grid twice as fine, which fits into the budget, for
+/// smooth beams, a well and discontinuous data. The chosen run reaches the accuracy.
 #[test]
 fn accuracies_are_reached_without_an_exact_solution() {
     let well = r#"
@@ -204,10 +204,8 @@ fn accuracies_are_reached_without_an_exact_solution() {
         let job = Job::new(words).set(&["exact={}"]);
         let finished = job.into(place.path()).succeed()?;
         finished.contains(&finished.errors, &["(estimated"])?;
-        // The same set-up, measured.
-        let choice = std::fs::read_to_string(place.path().join("accuracy.json"));
-        let choice: Value =
-            serde_json::from_str(&choice.map_err(|e| e.to_string())?).map_err(|e| e.to_string())?;
+        // The chosen set-up with an exact solution, which measures its error.
+        let choice = json_of(place.path().join("accuracy.json"))?;
         let chosen = choice["settings"].as_array().into_iter().flatten();
         let chosen: Vec<&str> = chosen.filter_map(Value::as_str).collect();
         let exact = ["exact={kind='characteristics'}"];
@@ -218,10 +216,10 @@ fn accuracies_are_reached_without_an_exact_solution() {
     });
 }
 
-/// Between cells of degree 0 with a flux below 1 jumps are matched by energy, and there are no
-/// slopes: none are named.
+/// With a flux below 1, degree 0 has neither the interface laws nor the slopes of the upwind
+/// scheme. The advice names none of them.
 #[test]
-fn no_law_of_the_upwind_scheme_is_tried_of_another() {
+fn laws_of_the_upwind_scheme_are_not_tried_with_another_flux() {
     let job = advise(&case("example1.toml"), "2e-1").set(&["scheme.flux=0.5"]);
     let advised = job.with(["--budget", "5s"]).succeed().unwrap().json().unwrap();
     let text = advised.to_string();
@@ -231,7 +229,7 @@ fn no_law_of_the_upwind_scheme_is_tried_of_another() {
     assert!(entry(&advised, "Schrödingerized, conservative interface").is_ok(), "{advised:#}");
 }
 
-/// A shorter budget leaves things open, and forbids nothing that a longer one finds.
+/// What a longer budget finds, a shorter one refuses only for its budget.
 #[test]
 fn budgets_do_not_contradict_each_other() {
     let within = |budget: &str| {
@@ -254,8 +252,8 @@ fn budgets_do_not_contradict_each_other() {
     assert!(compared >= 6, "{compared} compared: {short:#}");
 }
 
-/// A budget that holds little is kept: what is extrapolated to a very fine grid is not looked at
-/// cell by cell, and says nothing of the case as it stands where no order has settled.
+/// A short budget is kept: set-ups that are extrapolated to a very fine grid are not evaluated cell
+/// by cell, and nothing is claimed about the given case if no order is known.
 #[test]
 fn a_short_budget_is_kept() {
     check_all(&["1s", "2s", "4s"], |budget| {
@@ -267,13 +265,13 @@ fn a_short_budget_is_kept() {
         let advised = finished.json()?;
         let given = &advised["given"];
         let is_known = given.is_null() || number(&given["error"]) < 1e-2;
-        require(is_known, &advised, "the case as it stands")
+        require(is_known, &advised, "a claim about the given case")
     });
 }
 
-/// `--accuracy` is refused beside what it chooses, and `plan` and `check` take it.
+/// `--accuracy` is refused together with settings that it chooses. `plan` and `check` accept it.
 #[test]
-fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
+fn an_accuracy_excludes_settings_that_it_chooses() {
     let place = directory();
     let path = written(place.path(), SMOOTH).unwrap();
     let job = |words: &[&str]| {
@@ -288,7 +286,7 @@ fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
     }
     let finished = Job::new(["run", &path, "--budget", "3s"]).run().unwrap();
     finished.ended(2, &["--accuracy"]).unwrap();
-    // As a key of the case file it chooses the same.
+    // The key of the case file has the same effect.
     let key = "solver.accuracy=1e-1";
     let by_key = |words: &[&str]| {
         let words = [&words[..1], &[path.as_str(), "--set", key], &words[1..]].concat();
@@ -306,10 +304,10 @@ fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
     out_of_reach.ended(2, &["a relative error has no meaning"]).unwrap();
 }
 
-/// At a step: discontinuous data show an order well below 1, slopes take fewer cells, the step
-/// stays on a face.
+/// At a step, discontinuous data have an order well below 1, slopes need fewer cells, and all grids
+/// have a face at the step.
 #[test]
-fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
+fn advice_for_a_step_finds_its_order_and_keeps_it_on_a_face() {
     let rows = [(127, 2e-2), (128, 3e-2)];
     check_all(&rows, |(cells, epsilon)| {
         let job = advise(&case("example1.toml"), &epsilon.to_string());
@@ -330,7 +328,8 @@ fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
     });
 }
 
-/// The same advice on any ranks; in the plane; of measure-valued data; with what enters.
+/// The advice is the same on any number of ranks, also in the plane, for measure-valued data and
+/// with inflow.
 #[test]
 fn advice_is_the_same_on_any_ranks() {
     let rows = [
@@ -341,12 +340,12 @@ fn advice_is_the_same_on_any_ranks() {
     ];
     check_all(&rows, |(name, accuracy, settings)| {
         let predicted = |ranks: usize| {
-            // So long that the clock ends nothing: alone it takes two seconds. Beside busy
-            // processes three ranks wait for each other for a minute.
+            // The budget is long enough that the clock ends no trial. A job alone takes two
+            // seconds. On a busy machine, three ranks wait for each other for a minute.
             let job = advise(&case(name), accuracy).set(settings).with(["--budget", "60s"]);
             let mut advised = job.on(ranks).undisturbed().succeed()?.json()?;
             require(advised["best"].is_u64(), &advised, "nothing by modes")?;
-            // Which is quickest is the clock's.
+            // Which entry is the fastest depends on the clock.
             for chosen in ["ranks", "best", "best_classical"] {
                 advised[chosen].take();
             }
@@ -364,7 +363,7 @@ fn advice_is_the_same_on_any_ranks() {
     });
 }
 
-/// Nothing is no reference for a relative error; axes that a run merges keep their cells.
+/// A relative error of a zero density is refused. Axes that a run merges keep their cells.
 #[test]
 fn a_zero_density_is_refused_and_merged_axes_are_kept() {
     let rows = [("0", false), ("exp(-8*(x^2 + vx^2 + vy^2))", true)];
@@ -396,8 +395,8 @@ fn a_zero_density_is_refused_and_merged_axes_are_kept() {
     });
 }
 
-/// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be
-/// given on.
+/// An accuracy that no grid in memory reaches is refused, with a grid that would reach it. Invalid
+/// accuracies and budgets are refused, too.
 #[test]
 fn unreachable_accuracies_are_refused() {
     let rows = [

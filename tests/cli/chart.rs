@@ -1,27 +1,23 @@
-//! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the
-//! files hold.
+//! `phasewarp chart`: charts of every case, alone and under mpirun, within their budgets, and the
+//! contents of their files.
 
-use crate::support::{Job, case, check_all, directory, finite_volumes, shrunk};
+use crate::support::{Job, case, check_all, directory, finite_volumes, json_of, shrunk, text_of};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// What ends a chart late on a machine that others use: a trial that was begun in time, and
-/// starting and stopping under mpirun.
+/// Seconds that a chart may take beyond its budget on a busy machine, to finish the last trial and
+/// to start and stop under mpirun.
 const LATE: f64 = 10.0;
 
-fn read(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
-}
-
-/// Seconds for a chart that is only looked through.
+/// Budget in seconds of a chart of which only the form is checked.
 const BUDGET: f64 = 2.5;
 
-/// Seconds for a chart whose numbers are compared: enough for more trials than the tests ask for.
+/// Budget in seconds of a chart whose numbers are compared: enough for all trials that tests need.
 const LONGER: f64 = 5.0;
 
-/// `chart.json` of a chart of `name` within `budget` seconds.
+/// Makes a chart of the case `name` within `budget` seconds and returns `chart.json`.
 fn chart(
     name: &str,
     settings: &[&str],
@@ -32,15 +28,14 @@ fn chart(
         .set(settings)
         .into(place)
         .on(ranks);
-    // What is tried, and how exactly, is the clock's.
+    // The clock decides which trials are made, and how accurate they are.
     let job = if budget > BUDGET { job.undisturbed() } else { job };
     let finished = job.succeed()?;
-    let found: Value = serde_json::from_str(&read(&place.join("chart.json"))?)
-        .map_err(|e| finished.report(&e.to_string()))?;
+    let found = json_of(place.join("chart.json")).map_err(|e| finished.report(&e))?;
     let sentences = found["sentences"].as_array().map_or(&[][..], Vec::as_slice);
     for sentence in sentences.iter().filter_map(Value::as_str) {
         if !finished.output.contains(sentence) {
-            return Err(finished.report(&format!("does not say: {sentence}")));
+            return Err(finished.report(&format!("not printed: {sentence}")));
         }
     }
     match sentences.is_empty() {
@@ -53,7 +48,7 @@ fn entries(chart: &Value) -> &[Value] {
     chart["entries"].as_array().map_or(&[], Vec::as_slice)
 }
 
-/// What an entry's status asks for is there, and nothing is on a front that did not run.
+/// An entry has the values that its status requires, and only trials that ran are on a front.
 fn complete(entry: &Value) -> Result<(), String> {
     let known = |key: &str| !entry[key].is_null();
     let right = match entry["status"].as_str() {
@@ -72,7 +67,7 @@ fn complete(entry: &Value) -> Result<(), String> {
     }
 }
 
-/// Every tag is closed, by the one that it opened.
+/// Checks that all tags are closed in the right order.
 fn is_well_formed(svg: &str) -> Result<(), String> {
     let mut open: Vec<&str> = Vec::new();
     for piece in svg.split('<').skip(1) {
@@ -95,7 +90,7 @@ fn is_well_formed(svg: &str) -> Result<(), String> {
     }
 }
 
-/// Width and height that a PNG file says it has.
+/// The width and the height in the header of a PNG file.
 fn png_size(path: &Path) -> Result<[u32; 2], String> {
     let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
     if bytes.get(..8) != Some(b"\x89PNG\r\n\x1a\n") || bytes.get(12..16) != Some(b"IHDR") {
@@ -115,7 +110,7 @@ fn every_case_has_a_chart_within_its_budget() {
         let place = directory();
         let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
         entries(&found).iter().try_for_each(complete).map_err(|e| format!("{name}: {e}"))?;
-        // More ranks than cores wait for each other longer than anybody can foretell.
+        // On more ranks than cores, the time that ranks wait for each other is unknown.
         let took = found["took_seconds"].as_f64().unwrap_or(f64::INFINITY);
         if k % 4 == 0 && took > 3.0 * BUDGET + LATE {
             return Err(format!("{name}: {took} s of {BUDGET} s"));
@@ -127,12 +122,12 @@ fn every_case_has_a_chart_within_its_budget() {
             return Err(format!("{name}: no classical method was tried"));
         }
         both.fetch_add(usize::from(done("schrodingerized")), Ordering::Relaxed);
-        // A line for each trial, and one of names.
-        let csv = read(&place.path().join("chart.csv"))?;
+        // One line per trial and one line of names.
+        let csv = text_of(place.path().join("chart.csv"))?;
         if csv.lines().count() != entries(&found).len() + 1 {
             return Err(format!("{name}: chart.csv has {} lines", csv.lines().count()));
         }
-        is_well_formed(&read(&place.path().join("chart.svg"))?)
+        is_well_formed(&text_of(place.path().join("chart.svg"))?)
             .map_err(|e| format!("{name}: {e}"))?;
         let [width, height] = png_size(&place.path().join("chart.png"))?;
         match width >= 800 && height >= 600 {
@@ -140,15 +135,15 @@ fn every_case_has_a_chart_within_its_budget() {
             false => Err(format!("{name}: a picture of {width} x {height}")),
         }
     });
-    // On a machine that others use some find time for nothing but the first trial.
+    // On a busy machine some charts have time for the first trial only.
     let both = both.load(Ordering::Relaxed);
     assert!(3 * both >= all.len(), "by modes: {both} of {} cases", all.len());
 }
 
-/// A case small enough for all of the first rounds.
+/// Settings of a case small enough for all of the first rounds.
 const SMALL: [&str; 3] = ["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.5"];
 
-/// Its chart on one rank, which several tests read.
+/// The chart of this case on one rank, shared by several tests.
 static OF_STEP_UP: LazyLock<Value> = LazyLock::new(|| {
     chart("step_up.toml", &SMALL, (1, LONGER), directory().path()).expect("a chart")
 });
@@ -172,7 +167,7 @@ fn charts_do_not_depend_on_ranks() {
             true => &[
                 "modes", "applications", "error_exact", "error_semidiscrete", "probability_window",
             ],
-            // GMRES where space is split.
+            // With split space, GMRES takes other numbers of applications.
             false => &["modes", "solves"],
         };
         for key in numbers {
@@ -194,8 +189,7 @@ fn errors_fall_as_they_should() {
         else {
             continue;
         };
-        // What was asked for, whatever the profile and the treatment; without weights the growth is
-        // measured.
+        // Every profile and treatment meets its tolerance; without weights the growth is measured.
         assert!(error <= 1.5 * tolerance, "{e}");
         checked += 1;
     }
@@ -218,8 +212,8 @@ fn errors_fall_as_they_should() {
     }
 }
 
-/// Elements of every degree are there, by modes and classically, of a case of degree 0 and of one
-/// of degree 4, which then has cells of degree 0; on smooth data a higher degree leaves less.
+/// Elements of all degrees are tried by modes and classically, for a case of degree 0 and for one
+/// of degree 4. For smooth data, a higher degree has a smaller error.
 #[test]
 fn degrees_are_compared() {
     let small = ["axis.0.x.cells=12", "axis.0.v.cells=12", "time.end=0.4"];
@@ -241,7 +235,7 @@ fn degrees_are_compared() {
                     return Err(format!("{name}: no {method} trial of degree {degree}"));
                 }
             }
-            // With as many unknowns as 12 x 12 elements of degree 4 have.
+            // All with the number of unknowns of 12 x 12 elements of degree 4.
             let least = |degree: u64| {
                 let there = done(degree, method).into_iter().filter(|e| e["cells"] == 3600);
                 let errors = there.filter_map(|e| e["error_exact"].as_f64());
@@ -257,7 +251,7 @@ fn degrees_are_compared() {
 }
 
 #[test]
-fn without_an_exact_solution_the_semi_discrete_one_is_left() {
+fn without_an_exact_solution_errors_are_against_the_semi_discrete_one() {
     let place = directory();
     let settings = ["axis.0.x.cells=24", "axis.0.v.cells=20", "exact={}"];
     let found = chart("step_up.toml", &settings, (2, 3.0), place.path()).unwrap();
@@ -268,7 +262,7 @@ fn without_an_exact_solution_the_semi_discrete_one_is_left() {
 }
 
 #[test]
-fn what_cannot_be_charted_is_refused() {
+fn invalid_charts_are_refused() {
     let place = directory();
     let file = place.path().join("file");
     std::fs::write(&file, "").unwrap();

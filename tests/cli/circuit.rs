@@ -1,14 +1,15 @@
-//! `phasewarp export-circuit`: the program that it writes, read and simulated here by itself, has
-//! `H` of `export-quantum` as its block.
+//! `phasewarp export-circuit`: the circuit that it writes is simulated here by independent code.
+//! Its block is the matrix `H` of `export-quantum`.
 
-use crate::support::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, json_of, text_of};
 use num_complex::Complex64;
 use serde_json::Value;
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4, TAU};
 use std::path::Path;
 
-/// Cells of 0.4, so that the step of 0.2 is 2.5 levels on 8 velocities; few modes.
+/// A grid of 8 velocities with cells of 0.4, on which the step of 0.2 has 2.5 levels; a short time,
+/// so that there are few modes.
 const STEP: &[&str] = &[
     "scheme.interface=conservative",
     "axis.0.x.cells=4",
@@ -20,7 +21,7 @@ const STEP: &[&str] = &[
 const MODES: &[&str] = &["solver.warp.profile=gaussian", "solver.tolerance=0.1"];
 /// Two walls.
 const WELL: &[&str] = &["axis.0.x.lower=-1", "axis.0.x.upper=1"];
-/// Six walls of 20, 40 and 60 levels; no power of two.
+/// Six walls of 20, 40 and 60 levels; the numbers of cells are no powers of two.
 const BARRIERS: &[&str] = &[
     "scheme.interface=conservative",
     "axis.0.x.cells=30",
@@ -29,7 +30,7 @@ const BARRIERS: &[&str] = &[
     "axis.0.v.cells=20",
     "solver.tolerance=1e-3",
 ];
-/// The same by the unitary scheme.
+/// The same walls with the unitary scheme.
 const UNITARY_BARRIERS: &[&str] = &[
     "scheme.flux=0", "scheme.ends=closed", "axis.0.x.cells=30", "axis.0.v.lower=-1",
     "axis.0.v.upper=1", "axis.0.v.cells=20", "solver.tolerance=1e-3",
@@ -51,7 +52,8 @@ const PLANE: &[&str] = &[
     "axis.1.v.cells=2",
     "time.end=0.2",
 ];
-/// The barrier of 4 by 4 cells in a plane of 12 by 10, with different numbers of speeds.
+/// A barrier of 4 by 4 cells in a plane of 12 by 10, with different numbers of velocities along the
+/// axes.
 const CORNERS: &[&str] = &[
     "scheme.interface=conservative",
     "axis.0.v.lower=-1.2",
@@ -62,7 +64,7 @@ const CORNERS: &[&str] = &[
     "axis.1.v.cells=4",
     "solver.tolerance=1e-2",
 ];
-/// Other cells along one axis that is a ring.
+/// Different numbers of cells, with one periodic axis.
 const RING: &[&str] =
     &["scheme.interface=conservative", "axis.1.v.cells=6", "solver.tolerance=1e-2"];
 const SPACE: &[&str] = &[
@@ -72,10 +74,11 @@ const SPACE: &[&str] = &[
     "solver.tolerance=1e-2",
 ];
 
-/// A parabola with a step of 1.25 levels: four slopes, of both signs. Two slopes with a jump.
+/// A parabola with a step of 1.25 levels: four slopes of both signs.
 const PARABOLA: &[&str] = &["axis.0.x.lower=-0.75", "axis.0.x.upper=1.25"];
+/// Two slopes with a jump between them.
 const SLOPES: &[&str] = &["axis.0.x.lower=-1", "axis.0.x.upper=1"];
-/// A slope in a plane without jumps, along both axes.
+/// A potential in the plane with slopes along both axes and without jumps.
 const BOWL: &[&str] = &["potential.0.where=x < 9", "potential.0.value=x^2/2 + 0.3*x*y"];
 const CLOSED: &[&str] = &["scheme.flux=0", "scheme.ends=closed", "solver.tolerance=0.1"];
 
@@ -84,18 +87,14 @@ fn export(command: &str, name: &str, settings: &[&str], place: &Path) -> Job {
     Job::new([command, &case(name), "-o", &place]).set(settings)
 }
 
-fn read(place: &Path, name: &str) -> Result<String, String> {
-    std::fs::read_to_string(place.join(name)).map_err(|e| format!("{name}: {e}"))
-}
-
-/// A gate of a program: name, angle, qubits.
+/// A gate of a circuit: name, angle, qubits.
 struct Gate {
     name: String,
     angle: f64,
     qubits: Vec<usize>,
 }
 
-/// Words of OpenQASM 3 that are no names.
+/// Reserved words of OpenQASM 3.
 const RESERVED: &[&str] = &[
     "angle", "array", "barrier", "bit", "bool", "box", "break", "cal", "case", "complex", "const",
     "continue", "creg", "ctrl", "def", "default", "defcal", "delay", "duration", "durationof",
@@ -105,7 +104,7 @@ const RESERVED: &[&str] = &[
     "void", "while",
 ];
 
-/// The gates of a program of OpenQASM 3, and the first qubit that is not of the system.
+/// Parses a circuit in OpenQASM 3. Returns its gates and the first qubit outside of the system.
 fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
     let (mut first, mut qubits, mut system) = (HashMap::new(), 0usize, 0);
     let mut gates = Vec::new();
@@ -118,7 +117,7 @@ fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
         let (name, number) = head.split_once(['(', '[']).unwrap_or((head, "0)"));
         let number = number.trim_end_matches([')', ']']);
         if name == "qubit" {
-            // No parser of OpenQASM 3 takes these as names.
+            // No parser of OpenQASM 3 accepts these words as names.
             if RESERVED.contains(&rest) {
                 return Err(format!("a reserved word: {line}"));
             }
@@ -142,7 +141,7 @@ fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
     Ok((gates, system))
 }
 
-/// The column `start` of the block of a program.
+/// The column `start` of the block of a circuit.
 fn column(gates: &[Gate], system: usize, start: usize) -> Result<Vec<(usize, Complex64)>, String> {
     let mut terms = vec![(start as u128, Complex64::ONE)];
     for Gate { name, angle, qubits } in gates {
@@ -208,8 +207,8 @@ fn hermitian(text: &str) -> Result<Vec<HashMap<usize, Complex64>>, String> {
 const ROTATED: &[&str] = &["--mode-weights", "rotations", "--levels", "uniform"];
 const ROTATED_BINS: &[&str] = &["--mode-weights", "rotations", "--sub-bins", "1"];
 
-/// Which modes of the register the circuit has with their own wavenumbers: all, or with rotations
-/// those that carry something.
+/// For each mode of the register, whether the circuit has its own wavenumber: with a sum all modes,
+/// with rotations those with nonzero coefficients.
 fn carried(modes: &Value) -> Result<Vec<bool>, String> {
     let (kind, about) = match (&modes["Register"], &modes["Rotated"]) {
         (Value::Null, Value::Null) => return Ok(vec![true]),
@@ -222,10 +221,10 @@ fn carried(modes: &Value) -> Result<Vec<bool>, String> {
     let wavenumber = |l: i32| TAU * (f64::from(l) - 0.5 * points) / period;
     let carried: Vec<bool> =
         (0..points as i32).map(|l| wavenumber(l).abs() <= highest * (1.0 + 1e-12)).collect();
-    // All but a few.
+    // More than half of them.
     match 2 * carried.iter().filter(|&&is| is).count() > carried.len() {
         true => Ok(carried),
-        false => Err(format!("few modes carry something: {modes}")),
+        false => Err(format!("too few modes have nonzero coefficients: {modes}")),
     }
 }
 
@@ -245,7 +244,7 @@ fn the_block_is_the_exported_hamiltonian() {
         ("slope_jump.toml", &[STEP, SLOPES, MODES], &[]),
         ("slope_jump.toml", &[STEP, SLOPES, CLOSED], &[]),
         ("barrier2d.toml", &[PLANE, BOWL, MODES], &["--sub-bins", "1"]),
-        // Each mode with weights of its own, without forces and with them.
+        // Each mode with its own weights, without and with forces.
         ("example1.toml", &[STEP, MODES], ROTATED),
         ("harmonic_step.toml", &[STEP, PARABOLA, MODES], ROTATED),
         ("slope_jump.toml", &[STEP, SLOPES, MODES], &["--mode-weights", "rotations"]),
@@ -257,16 +256,15 @@ fn the_block_is_the_exported_hamiltonian() {
         export("export-quantum", name, &settings, matrix.path()).succeed()?;
         let job = export("export-circuit", name, &settings, circuit.path());
         job.with(options.iter().copied()).succeed()?;
-        let h = hermitian(&read(matrix.path(), "hamiltonian.mtx")?)?;
-        let (gates, system) = parse(&read(circuit.path(), "interface.qasm")?)?;
-        let about: Value = serde_json::from_str(&read(circuit.path(), "circuit.json")?)
-            .map_err(|e| e.to_string())?;
+        let h = hermitian(&text_of(matrix.path().join("hamiltonian.mtx"))?)?;
+        let (gates, system) = parse(&text_of(circuit.path().join("interface.qasm"))?)?;
+        let about = json_of(circuit.path().join("circuit.json"))?;
         let about = &about["description"];
         let alpha = about["alpha"].as_f64().ok_or("no alpha")?;
         if h.len() != 1 << system {
             return Err(format!("{} rows on {system} qubits", h.len()));
         }
-        // Counted again.
+        // The printed counts are those of the gates.
         let count = |name: &str| gates.iter().filter(|gate| gate.name == name).count();
         for (key, expected) in [
             ("toffoli", count("ccx")),
@@ -298,19 +296,19 @@ fn the_block_is_the_exported_hamiltonian() {
 }
 
 #[test]
-fn checked_columns_are_those_of_any_grid() {
+fn columns_are_checked_on_any_grid() {
     type Row = (&'static str, &'static [&'static str], &'static [&'static str], usize);
     let rows: &[Row] = &[
         ("barriers.toml", BARRIERS, &[], 6),
         ("barriers.toml", BARRIERS, &["--levels=uniform"], 6),
         ("barriers.toml", BARRIERS, &["--wavenumber=-2.5"], 6),
         ("barriers.toml", BARRIERS, &["--wavenumber=0", "--sub-bins=2"], 6),
-        // Two walls across each axis: of the cells 3 to 6 in three boxes, of 4 to 7 in one.
+        // Two walls across each axis.
         ("barrier2d.toml", CORNERS, &["--wavenumber=1.3"], 8),
         ("barrier2d.toml", CORNERS, &["--wavenumber=1.3", "--levels=uniform"], 8),
         ("periodic2d.toml", RING, &["--wavenumber=0.4"], 1),
         ("step3d.toml", SPACE, &["--wavenumber=-0.7"], 1),
-        // The unitary scheme: one mode, which has no wavenumber.
+        // The unitary scheme has one mode, without a wavenumber.
         ("barriers.toml", UNITARY_BARRIERS, &[], 6),
         ("barriers.toml", UNITARY_BARRIERS, &["--levels=uniform"], 6),
     ];
@@ -318,14 +316,13 @@ fn checked_columns_are_those_of_any_grid() {
         let place = directory();
         let job = export("export-circuit", name, settings, place.path());
         let printed = job.with(options.iter().copied().chain(["--check", "25"])).succeed()?.output;
-        let about: Value = serde_json::from_str(&read(place.path(), "circuit.json")?)
-            .map_err(|e| e.to_string())?;
+        let about = json_of(place.path().join("circuit.json"))?;
         let about = &about["description"];
         let difference = about["check"]["difference"].as_f64().ok_or("no check")?;
         let axes = about["transport"]["axes"].as_array().ok_or("no axes")?;
         let found: usize =
             axes.iter().map(|axis| axis["jumps"].as_array().map_or(0, Vec::len)).sum();
-        // Mode by mode, sparse access takes more. One mode is its own.
+        // For each mode, sparse access has the larger alpha. With one mode there is no highest one.
         let one = about["modes"]["One"].is_number();
         let highest = about[if one { "alpha" } else { "alpha_of_highest" }].as_f64();
         let highest = highest.ok_or("no alpha")?;
@@ -349,8 +346,7 @@ fn rounded_jumps_change_the_matrix_by_no_more_than_the_bound() {
         let place = directory();
         let job = export("export-circuit", "barriers.toml", &settings, place.path());
         job.with(["--sub-bins", bins, "--wavenumber", "1", "--check", "600"]).succeed().unwrap();
-        let about: Value =
-            serde_json::from_str(&read(place.path(), "circuit.json").unwrap()).unwrap();
+        let about = json_of(place.path().join("circuit.json")).unwrap();
         let number = |key: &str| about["description"][key].as_f64().unwrap();
         let found = about["description"]["check"]["difference"].as_f64().unwrap();
         // |H| of this mode is at most √2 (1 + 1)/2 times that of A.
@@ -371,13 +367,13 @@ fn exports_are_the_same_on_any_ranks() {
         let job = export("export-circuit", "example1.toml", &settings, place.path());
         job.on(ranks).succeed().unwrap();
         ["interface.qasm", "circuit.json", "azure.json", "qref.json"]
-            .map(|name| read(place.path(), name).unwrap())
+            .map(|name| text_of(place.path().join(name)).unwrap())
     };
     assert_eq!(files(1), files(3));
 }
 
 #[test]
-fn what_has_no_circuit_is_refused() {
+fn cases_without_a_circuit_are_refused() {
     type Row = (&'static str, &'static [&'static str], &'static [&'static str]);
     const FLAT: &str = "scheme.interface=conservative";
     let rows: &[Row] = &[

@@ -1,17 +1,19 @@
-//! Every rank refuses a wrong command line, with one message in all. Help is printed once.
+//! All ranks refuse a wrong command line, and one of them prints the message. Help is printed once.
 
-use crate::support::{Finished, Job, case, check_all, directory, plan, refused, require, run};
+use crate::support::{
+    Finished, Job, case, check_all, directory, plan, refused, require, run, text_of,
+};
 use phasewarp::base::text::COLUMNS;
 use std::path::{Path, PathBuf};
 
-/// Values of placeholders in a command line.
+/// The values of placeholders in a command line.
 struct Places {
     folder: String,
     out: String,
 }
 
 impl Places {
-    /// A word of a command line or of a message, where capitals stand for paths and `~` for a
+    /// Replaces a word of a command line or of a message: words in capitals are paths, and `~` is a
     /// space.
     fn word(&self, word: &str) -> String {
         match word {
@@ -78,7 +80,7 @@ fn mistakes_on_the_command_line_are_refused() {
         places.job(line).on(2).is_refused(&wording)
     });
     assert!(!Path::new(&places.out).exists(), "a refused run made its output directory");
-    // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
+    // A plan for more ranks than cells and modes can occupy: at most 3 blocks for 128 ranks.
     let small = ["axis.0.x.cells=3", "axis.0.v.cells=2"];
     let finished = plan("example1.toml", 128).set(&small).run().unwrap();
     if finished.code != Some(0) {
@@ -86,7 +88,7 @@ fn mistakes_on_the_command_line_are_refused() {
     }
 }
 
-/// Every rank ends by itself with exit code 2, also if only one of them found the mistake.
+/// Every rank ends with exit code 2, also if only one of them found the mistake.
 #[test]
 fn every_rank_ends_with_the_code() {
     let place = directory();
@@ -113,7 +115,8 @@ fn every_rank_ends_with_the_code() {
     });
 }
 
-/// No subcommand: the usage, exit code 2. Help and version: printed once, exit code 0.
+/// Without a subcommand, the usage is printed and the exit code is 2. Help and version are printed
+/// once, with exit code 0.
 #[test]
 fn help_is_printed_once() {
     let finished = Job::new([""; 0]).on(2).run().unwrap();
@@ -128,11 +131,11 @@ fn help_is_printed_once() {
     }
 }
 
-/// What is printed for people fits 100 columns, whatever the dimension and however long the title.
-/// Only a word that is longer than a line may stand out, as a quoted title in a command does.
+/// All printed lines fit 100 columns, in any dimension and with a long title. Only a single word
+/// may be wider, such as a quoted title in a command.
 #[test]
 fn no_line_is_wider_than_a_terminal() {
-    let title = "A title as long as somebody writes who never saw a terminal. ".repeat(4);
+    let title = "A title that is longer than a line of a terminal can be. ".repeat(4);
     let title = format!("title={title}");
     let coarse = ["axis.0.x.cells=8", "axis.0.v.cells=8"];
     let cases: [(&str, &[&str]); 3] =
@@ -188,17 +191,17 @@ fn no_line_is_wider_than_a_terminal() {
     check_all(&commands, |name| fits_a_terminal(&Job::new(["help", name]).succeed()?));
 }
 
-/// Every line that was printed fits 100 columns, but for one word that is longer.
+/// Checks that all printed lines fit 100 columns, except for lines of one word.
 fn fits_a_terminal(finished: &Finished) -> Result<(), String> {
     let is_word = |line: &str| !line.contains(' ') || line.starts_with("--set '");
     let wide = |line: &&str| line.chars().count() > COLUMNS && !is_word(line.trim());
     match finished.printed.lines().find(wide) {
         Some(line) => Err(finished.report(&format!("more than {COLUMNS} columns: {line}"))),
-        None => require(!finished.printed.is_empty(), finished, || "nothing is said".to_owned()),
+        None => require(!finished.printed.is_empty(), finished, || "no output".to_owned()),
     }
 }
 
-/// Exit code 2, before anything is computed, and what is there stays.
+/// An output directory that cannot be written is refused before the solve. Existing files stay.
 #[test]
 fn an_output_directory_that_cannot_be_written_is_refused() {
     let place = directory();
@@ -221,12 +224,12 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
     check_all(&rows, |path| {
         run("example1.toml").into(path).on(2).is_refused(&["output", &path.display().to_string()])
     });
-    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+    assert_eq!(text_of(&file).unwrap(), "kept");
 }
 
-/// A full disk where standard output goes is an error; a reader that went away is none.
+/// A full disk behind the standard output is an error. A pipe closed by its reader is not.
 #[test]
-fn what_cannot_be_printed_is_an_error() {
+fn output_that_cannot_be_printed_is_an_error() {
     let program = env!("CARGO_BIN_EXE_phasewarp");
     let example = case("example1.toml");
     check_all(&["schema", "plan --json CASE", "check CASE", "--help"], |line| {

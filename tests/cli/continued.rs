@@ -1,14 +1,14 @@
-//! Runs that go on from the results of others: `run --continue DIR --until T2`.
+//! Runs that continue from the results of other runs: `run --continue DIR --until T2`.
 
 use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
 use crate::support::{
     Job, Summary, at_most, case, check_all, datasets, differences, directory, directory_on_disk,
-    distance, field, near, run,
+    distance, field, near, of_case, run,
 };
 use std::fs;
 use std::path::Path;
 
-/// From the results in `directory` until `time`.
+/// A run that continues from the results in `directory` until `time`.
 fn on(directory: &Path, time: f64) -> Job {
     let directory = directory.display().to_string();
     Job::new(["run", "--continue", &directory, "--until", &time.to_string()])
@@ -19,8 +19,8 @@ fn inherited(summary: &Summary, key: &str) -> Option<f64> {
     summary.value["continued"][key].as_f64()
 }
 
-/// A run in two parts equals one run, to within the errors that both report. It has the same
-/// distance to the exact solution, which counts from time 0.
+/// A run in two parts equals one run, up to the errors that both report. Its error against the
+/// exact solution is the same, so the time of that solution counts from 0.
 #[test]
 fn two_parts_are_one_run() {
     const CLASSICAL: &str = "solver.method=classical";
@@ -39,7 +39,7 @@ fn two_parts_are_one_run() {
         ("pulsed_inflow.toml", &[pulse, &[CLASSICAL]].concat(), 0.8, 1.2),
         ("well.toml", &[grid, &["scheme.interface=conservative"]].concat(), 0.4, 0.9),
         ("barrier2d.toml", plane, 0.1, 0.2),
-        // Whose first part has one cell along y.
+        // The reduced grid of the first part has one cell along y.
         ("periodic2d.toml", &["axis.0.x.cells=12", "axis.1.x.cells=4"], 0.3, 0.5),
     ];
     check_all(&rows, |&(name, settings, middle, end)| {
@@ -74,7 +74,7 @@ fn two_parts_are_one_run() {
     });
 }
 
-/// Explicit steps go on, too; what enters depends on the time since 0.
+/// Explicit steps are continued, too. The inflow depends on the time since 0.
 #[test]
 fn steps_go_on() {
     let (whole, first, second) = (directory(), directory(), directory());
@@ -88,7 +88,7 @@ fn steps_go_on() {
     job.set(&["time.end=0.8"]).solve(first.path()).unwrap();
     let finished = on(first.path(), 1.2).on(2).into(second.path()).succeed().unwrap();
     let off = distance(&field(second.path()).unwrap(), &field(whole.path()).unwrap());
-    // Third order in steps of about a cell: what both parts differ in, no more.
+    // The two runs differ by the error of the steps, which have order 3.
     assert!(off < 1e-3, "{off:e}");
     finished
         .contains(&finished.output, &["error inherited from before t = 0.8: not known"])
@@ -97,7 +97,8 @@ fn steps_go_on() {
     assert_eq!(inherited(&summary, "error_total"), None);
 }
 
-/// The same bits on any ranks and any mesh, and after a stop; and a third part.
+/// A second part has the same bits on any ranks and any mesh, and after a stop. A third part adds
+/// up the errors.
 #[test]
 fn a_second_part_has_the_same_bits_on_any_ranks() {
     let first = directory_on_disk();
@@ -147,16 +148,14 @@ fn a_second_part_has_the_same_bits_on_any_ranks() {
     let again = job().with(["--resume"]).into(path).succeed().unwrap();
     assert!(again.output.contains("the run is finished"), "{}", again.output);
 
-    // A third part: errors add up, and the file is that of the second.
-    let third = directory();
-    let summary =
-        on(reference.path(), 0.8).set(&["solver.verify=true"]).solve(third.path()).unwrap();
+    // A third part, which starts from the file of the second.
+    let summary = on(reference.path(), 0.8).set(&["solver.verify=true"]).summary().unwrap();
     let total = inherited(&before, "error_total");
     assert!(total.is_some() && inherited(&summary, "error") == total, "{total:?}");
     assert!(inherited(&summary, "error_total") > inherited(&summary, "error_inherited"));
 }
 
-/// Output times count from 0; those of the first part are omitted with a message.
+/// Output times count from 0. Times of the first part are left out with a message.
 #[test]
 fn output_times_are_absolute() {
     let (first, second) = (directory(), directory());
@@ -205,7 +204,7 @@ fn what_cannot_go_on_is_refused() {
     let file = format!("initial.field={}", path.join("result.h5").display());
     let go = |settings: &[&str]| on(path, 0.5).set(settings).into(place.path());
     let given = |command: &str, settings: &[&str]| {
-        Job::new([command, &case("example1.toml")]).set(&small).set(&[&file]).set(settings)
+        of_case(command, "example1.toml").set(&small).set(&[&file]).set(settings)
     };
     let start = "time.start=0.2";
     let rows: [(Job, &[&str]); 21] = [
@@ -237,10 +236,10 @@ fn what_cannot_go_on_is_refused() {
         (given("stability", &[start]), &["initial.field", "a formula"]),
         (run("example1.toml").set(&[start]), &["time.start", "initial.field", "is missing"]),
     ];
-    // Where no results are that a run without -o would meet.
+    // A directory without results, for runs without -o.
     let apart = directory();
     check_all(&rows, |(job, wording)| job.clone().inside(apart.path()).is_refused(wording));
-    // A result of which a bit is flipped, and one that a run is about to replace.
+    // A result with a flipped bit, and the result of a run that is not finished.
     let damaged = directory();
     let bytes = fs::read(path.join("result.h5")).unwrap();
     let f = datasets(path).unwrap()["/f"].bytes.clone();
@@ -258,7 +257,8 @@ fn what_cannot_go_on_is_refused() {
     on(path, 0.5).is_refused(&["a run there is not finished"]).unwrap();
 }
 
-/// Other commands with a field to start from, and the default directory of results.
+/// Other commands accept a field to start from. Without -o, the directory of the results has the
+/// name of the first one and the end time.
 #[test]
 fn other_commands_take_a_field() {
     let first = directory();

@@ -1,11 +1,12 @@
-//! Disks that fill up while a run works, and its directory removed or made read-only: it ends with
-//! the right results or with one message, leaves nothing half-written, and goes on when all is well
-//! again. `make test` tries a few moments on each file system, `make torture` many.
+//! Disks that fill up during a run, and directories of results that are removed or made read-only.
+//! The run ends with the right results or with one message and leaves no incomplete file. After the
+//! fault is repaired, it can be continued. `make test` tries a few moments on each file system,
+//! `make torture` many.
 
 use crate::checkpoint::{OFTEN, Result, random};
 use crate::support::{
-    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk,
-    number_from_environment,
+    Finished, Job, Stored, check_all, datasets, differences, directory_on_disk, names_in,
+    number_from_environment, of_case, on_results,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,9 +16,9 @@ use std::process::{Command, Stdio};
 use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
-/// Bytes of a disk.
+/// The size of a disk in bytes.
 const SIZE: u64 = 16 << 20;
-/// Seconds after which a run on a full disk is taken for one that hangs.
+/// A run on a full disk that takes longer than this number of seconds counts as hanging.
 const LIMIT: u64 = 60;
 
 /// File systems with and without reservations of space (`fallocate`).
@@ -33,7 +34,7 @@ enum Event {
 
 const EVENTS: [Event; 3] = [Event::Full, Event::Removed, Event::ReadOnly];
 
-/// What runs write, and how.
+/// Settings of the kinds of runs, which differ in the files they write.
 const KINDS: [&[&str]; 5] = [
     &[],
     &["output.warped_field=true"],
@@ -44,17 +45,17 @@ const KINDS: [&[&str]; 5] = [
 
 fn job(kind: usize) -> Job {
     let small = ["axis.0.x.cells=60", "axis.0.v.cells=50", "time.end=0.3"];
-    Job::new(["run", &case("example1.toml")]).set(&small).set(KINDS[kind])
+    of_case("run", "example1.toml").set(&small).set(KINDS[kind])
 }
 
-/// A disk of its own, unmounted when the trial is over.
+/// A mounted disk, unmounted when the value is dropped.
 struct Disk {
     place: tempfile::TempDir,
     root: PathBuf,
 }
 
 impl Disk {
-    /// An empty disk; an error where this process may not mount one.
+    /// An empty disk, or an error if this process may not mount one.
     fn new(system: &str) -> Result<Self> {
         let place = directory_on_disk();
         let root = place.path().join("disk");
@@ -74,19 +75,19 @@ impl Disk {
         Ok(Self { place, root })
     }
 
-    /// The file that takes the room.
+    /// The file that fills the disk.
     fn filler(&self) -> PathBuf {
         self.root.join("filler")
     }
 
-    /// Leaves at most `room` bytes.
+    /// Fills the disk up to `room` free bytes.
     fn fill(&self, room: u64) -> Result<()> {
         let free = rustix::fs::statvfs(&self.root).map_err(|e| e.to_string())?;
         let mut file = fs::File::create(self.filler()).map_err(|e| e.to_string())?;
         let mut left = (free.f_bavail * free.f_frsize).saturating_sub(room);
         let block = [0; 1 << 16];
         while left > 0 {
-            // It fails where the run writes at the same time: then the disk is full.
+            // If the run writes at the same time, the disk may be full earlier.
             match file.write(&block[..left.min(block.len() as u64) as usize]) {
                 Ok(written) if written > 0 => left -= written as u64,
                 _ => break,
@@ -107,7 +108,7 @@ impl Drop for Disk {
     }
 }
 
-/// Nothing in a directory, and it itself, can be changed, not even by root; or it can again.
+/// Makes a directory and its contents immutable, also for root, or mutable again.
 fn protect(directory: &Path, now: bool) -> Result<()> {
     call("chattr", &["-R", if now { "+i" } else { "-i" }, &directory.display().to_string()])
 }
@@ -122,7 +123,7 @@ fn call(program: &str, arguments: &[&str]) -> Result<()> {
     }
 }
 
-/// The datasets of each kind, on a disk with room.
+/// The datasets of each kind of run on a disk with enough room.
 static WHOLES: [OnceLock<Result<BTreeMap<String, Stored>>>; KINDS.len()] =
     [const { OnceLock::new() }; KINDS.len()];
 
@@ -135,16 +136,11 @@ fn whole(kind: usize) -> Result<&'static BTreeMap<String, Stored>> {
     WHOLES[kind].get_or_init(run).as_ref().map_err(String::clone)
 }
 
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).into_iter().flatten();
-    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
-}
-
-/// Trials of each event on each file system, and how many of them ended with an error.
+/// For each event and file system, the number of trials and of those that ended with an error.
 type Tally = Mutex<[[[usize; 2]; SYSTEMS.len()]; EVENTS.len()]>;
 
-/// One run on one disk to which something happens at a moment: at a time, with the first
-/// checkpoint, or as soon as a file is written.
+/// One run on one disk, with an event at a random moment: after some time, after the start of the
+/// first checkpoint, or after the start of a file.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
     let draw = |what: u64| random(977 * number + what);
     let kind = number as usize / SYSTEMS.len() % KINDS.len();
@@ -164,7 +160,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let mut happened = None;
     let run = job(kind).on(1 + (3.0 * draw(5)) as usize).into(&results).within(LIMIT);
     let finished = run.closely().run_while(|_, since| {
-        if begun.is_none() && names(&results).iter().any(|name| name.contains(awaited)) {
+        if begun.is_none() && names_in(&results).iter().any(|name| name.contains(awaited)) {
             begun = Some(since);
         }
         if happened.is_none() && begun.is_some_and(|begun| since >= begun + delay) {
@@ -186,24 +182,24 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     again.succeed()?;
     let differ = differences(&datasets(&results)?, expected);
     if !differ.is_empty() {
-        return Err(finished.report(&format!("then other bits in {differ:?}")));
+        return Err(finished.report(&format!("other bits after the repair in {differ:?}")));
     }
     if let Some(name) = half_written(&results) {
-        return Err(finished.report(&format!("{name} is there for ever")));
+        return Err(finished.report(&format!("{name} is not removed")));
     }
-    Job::new(["check-result", &results.display().to_string()]).succeed().map(drop)
+    on_results("check-result", results).succeed().map(drop)
 }
 
 fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {
     match event {
         Event::Full => disk.fill(room),
-        // What the run writes meanwhile may be in its way.
+        // The removal may fail because the run writes at the same time.
         Event::Removed if results.exists() => {
             let _ = fs::remove_dir_all(results);
             Ok(())
         }
         Event::Removed => Ok(()),
-        // Files that are renamed meanwhile are not found.
+        // The command may fail because the run renames files at the same time.
         Event::ReadOnly => {
             let _ = protect(&disk.root, true);
             Ok(())
@@ -212,17 +208,19 @@ fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {
 }
 
 fn half_written(results: &Path) -> Option<String> {
-    names(results).into_iter().find(|name| name.ends_with(".partial"))
+    names_in(results).into_iter().find(|name| name.ends_with(".partial"))
 }
 
-/// Whether a run did what it was asked for, or ended with a message and left nothing half-written
-/// that it could remove.
+/// Checks that a run succeeded, or ended with a message and left no incomplete file that it could
+/// have removed.
 fn ended_well(event: Event, finished: &Finished, results: &Path) -> Result<()> {
     let left = half_written(results).filter(|_| event != Event::ReadOnly);
     match finished.code {
         Some(0) => Ok(()),
         Some(1 | 2) if finished.errors.contains("error: ") && left.is_none() => Ok(()),
-        _ => Err(finished.report(&format!("{event:?}: ended so, and left {:?}", names(results)))),
+        _ => {
+            Err(finished.report(&format!("{event:?}: ended so, and left {:?}", names_in(results))))
+        }
     }
 }
 
@@ -244,8 +242,8 @@ fn full_lost_and_read_only_disks_are_survived() {
     for (event, tally) in EVENTS.iter().zip(tally) {
         for (system, [runs, errors]) in SYSTEMS.iter().zip(tally) {
             println!("| {event:?} | {system} | {runs} | {errors} |");
-            // Of a few runs none may meet it.
-            assert!(errors > 0 || runs < 20, "no run on {system} met {event:?}");
+            // With few runs, the event may come after the end of all of them.
+            assert!(errors > 0 || runs < 20, "no run on {system} failed by {event:?}");
         }
     }
 }

@@ -1,8 +1,9 @@
-//! Embeddings of the inflow: tolerances are met with each, and what none can do is refused.
+//! Embeddings of the inflow: each meets its tolerances, and inflows beyond all of them are refused.
 
 use crate::support::{check_all, directory, meets_its_tolerance, refused, run};
 
-/// Every embedding, δ planned and given, a shift: the tolerance is met and the estimate is right.
+/// Every embedding with planned and given δ, and shifts: the tolerance is met and the error
+/// estimate is right.
 #[test]
 fn tolerances_are_met_with_every_embedding() {
     let steady = ["inflow_barrier.toml", "axis.0.x.cells=32", "axis.0.v.cells=36"];
@@ -22,15 +23,14 @@ fn tolerances_are_met_with_every_embedding() {
     check_all(&rows, |([name, x, v], settings)| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
         set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
-        let place = directory();
-        meets_its_tolerance(&run(name).on(2).set(&set).solve(place.path())?)
+        meets_its_tolerance(&run(name).on(2).set(&set).summary()?)
     });
 }
 
-/// A δ so small that the enlarged system grows beyond all digits; a δ without inflow; inflow that
-/// is not finite at some time, or changes too fast.
+/// A δ so small that the growth of the enlarged system leaves no digits is refused, and so is an
+/// inflow that is not finite at some time or changes too fast. A δ without inflow causes a warning.
 #[test]
-fn what_no_embedding_can_do() {
+fn inflows_that_no_embedding_can_treat_are_refused() {
     let rows: &[(&str, &[&str], &[&str])] = &[
         (
             "inflow_barrier.toml",
@@ -52,9 +52,8 @@ fn what_no_embedding_can_do() {
         let place = directory();
         refused(&run(name).on(2).set(settings).into(place.path()).run()?, wording)
     });
-    let place = directory();
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.delta=2"];
-    let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
+    let summary = run("example1.toml").set(&grid).summary().unwrap();
     let warnings = summary.warnings();
     assert!(warnings.contains("delta has no effect"), "{warnings}");
 }

@@ -1,11 +1,12 @@
-//! Runs against exact solutions: errors, their orders, bounds, refraction and mass.
+//! Runs compared with exact solutions: errors and their orders, bounds of the field, refraction and
+//! mass.
 
 use crate::support::{
     INTERFACES, Job, SLOPES, at_most, check_all, datasets, directory, finite_volumes, near, run,
     shrunk,
 };
 
-/// L1 error against the exact solution and its order, about ½: the solution jumps.
+/// The L1 error of example 1 at two sizes. Its order is about ½, as the solution jumps.
 #[test]
 fn error_of_example_1_against_the_exact_solution() {
     let rows = [("hat", 0.4614, 0.3297), ("conservative", 0.4605, 0.3296)];
@@ -22,7 +23,7 @@ fn error_of_example_1_against_the_exact_solution() {
                 .solve(place.path())?;
             let l1 = summary.number("error_l1")?;
             summary.holds(near("error_l1", l1, expected, 1e-4))?;
-            // The same from the file: f and the exact solution are both there.
+            // The same error from the fields in the file.
             let stored = datasets(place.path())?;
             let exact = stored
                 .get("/exact")
@@ -38,9 +39,9 @@ fn error_of_example_1_against_the_exact_solution() {
     });
 }
 
-/// The gain of slopes on example 1: the L1 error at two sizes. The figures of the hat interface are
-/// those of a separate implementation of the formulas; the conservative interface is next to it, as
-/// without slopes.
+/// Slopes reduce the L1 error of example 1, at two sizes. The numbers of the hat interface are from
+/// a separate implementation of the formulas; those of the conservative interface are close to
+/// them, as without slopes.
 #[test]
 fn slopes_gain_on_example_1() {
     let rows = [
@@ -51,25 +52,25 @@ fn slopes_gain_on_example_1() {
     ];
     check_all(&rows, |&(interface, limiter, expected, by)| {
         for (cells, expected) in [64, 128].into_iter().zip(expected) {
-            let place = directory();
             let job = run("example1.toml").on(2).set(&SLOPES).set(&[
                 &format!("axis.0.x.cells={cells}"),
                 &format!("axis.0.v.cells={cells}"),
                 &format!("scheme.interface={interface}"),
                 &format!("scheme.limiter={limiter}"),
             ]);
-            let summary = job.solve(place.path())?;
+            let summary = job.summary()?;
             summary.holds(near("error_l1", summary.number("error_l1")?, expected, by))?;
         }
         Ok(())
     });
 }
 
-/// Monotone data, so without extrema: order 2 with slopes, order 1 without; transport alone, with a
-/// force, in the plane.
+/// For monotone data, which have no extrema, the order is 2 with slopes and 1 without: for
+/// transport alone, with a force, and in the plane.
 #[test]
 fn slopes_are_of_second_order() {
-    // S rises from 0 to 1; what enters is 0, from the lower ends in x and the upper end in v.
+    // S rises from 0 to 1, so that the data are 0 at the ends where particles enter: the lower ends
+    // in x and the upper end in v.
     let rise = |of: &str, at: f64, width: f64| format!("(1 + tanh(({of} - ({at}))/{width}))/2");
     let line = |potential: &str, x: &str, v: &str| {
         let f = |x: &str, v: &str| {
@@ -81,7 +82,7 @@ fn slopes_are_of_second_order() {
     let force = line("0.5*x", "x - v*t - 0.25*t^2", "v + 0.5*t");
     let cloud = |x: &str, y: &str| format!("{} * {}", rise(x, -0.3, 0.5), rise(y, -0.2, 0.6));
     let plane = ("0".to_owned(), cloud("x", "y"), cloud("x - vx*t", "y - vy*t"));
-    // Name, scene, axes by refinement, end.
+    // Name, potential with initial and exact f, axes by refinement, end time.
     type Scene<'a> = (&'a str, &'a (String, String, String), fn(usize) -> String, f64);
     let axes_line = |n: usize| {
         format!(
@@ -140,23 +141,22 @@ fn slopes_are_of_second_order() {
     });
 }
 
-/// With slopes and the longest step, the field stays between the minimum and the maximum of data
-/// and inflow.
+/// With slopes and the longest step, the field stays between the minimum and the maximum of the
+/// data and of the inflow.
 #[test]
 fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
-    // Slopes do not go with an inflow that varies.
-    for name in (finite_volumes().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
-        for (limiter, integrator) in
-            [("minmod", "forward-euler"), ("van-leer", "forward-euler"), ("van-leer", "ssp-rk3")]
-        {
-            for interface in INTERFACES {
-                rows.push((name.clone(), limiter, integrator, interface));
-            }
+    let methods =
+        [("minmod", "forward-euler"), ("van-leer", "forward-euler"), ("van-leer", "ssp-rk3")];
+    // A time-dependent inflow does not support slopes.
+    let names = finite_volumes().into_iter().filter(|name| name != "pulsed_inflow.toml");
+    for (n, name) in names.enumerate() {
+        for (m, (limiter, integrator)) in methods.into_iter().enumerate() {
+            // The interfaces alternate, so that each method is tested with both.
+            rows.push((name.clone(), limiter, integrator, INTERFACES[(n + m) % 2]));
         }
     }
     check_all(&rows, |(name, limiter, integrator, interface)| {
-        let place = directory();
         let summary = run(name)
             .set(shrunk(name))
             .set(&[
@@ -166,7 +166,7 @@ fn slopes_keep_the_bounds() {
                 &format!("scheme.limiter={limiter}"),
                 &format!("scheme.interface={interface}"),
             ])
-            .solve(place.path())?;
+            .summary()?;
         // Every case has data and inflow between 0 and 1.
         let (least, most) = (summary.number("minimum")?, summary.number("maximum")?);
         summary.require(least >= -1e-14 && most <= 1.0 + 1e-14, || {
@@ -175,7 +175,7 @@ fn slopes_keep_the_bounds() {
     });
 }
 
-/// Snell's law: the velocity of the beam in the strip and behind it, from the moments in the file.
+/// The beam follows Snell's law before the strip, in it and behind it, by the moments in the file.
 #[test]
 fn the_lens_refracts_its_beam() {
     let place = directory();
@@ -191,8 +191,7 @@ fn the_lens_refracts_its_beam() {
     let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
     let points = density.len();
     assert_eq!(points, cells[0] * cells[1]);
-    // Fluxes through the strip of cells x from..to: Σ v_y f / Σ v_x f is the tangent of the beam's
-    // angle.
+    // The tangent of the beam's angle in a range of columns of cells: Σ v_y f / Σ v_x f.
     let tangent = |columns: std::ops::Range<usize>| {
         let sum = |axis: usize| -> f64 {
             columns
@@ -218,14 +217,12 @@ fn the_lens_refracts_its_beam() {
     }
 }
 
-/// Trapped and transmitted particles at both walls of the well, no particles at the ends of the
-/// box.
+/// The conservative interface keeps the mass to round-off if particles are trapped and transmitted
+/// at both walls of a well and none reach the ends of the box.
 #[test]
 fn conservative_interface_keeps_the_mass() {
     let change = |settings: &[&str]| -> Result<f64, String> {
-        let place = directory();
-        let summary =
-            run("well.toml").on(2).set(&["time.end=0.2"]).set(settings).solve(place.path())?;
+        let summary = run("well.toml").on(2).set(&["time.end=0.2"]).set(settings).summary()?;
         let (after, before) = (summary.number("mass")?, summary.number("mass_initial")?);
         summary.require(before > 0.1, || format!("mass_initial {before}"))?;
         Ok((after / before - 1.0).abs())
@@ -238,7 +235,7 @@ fn conservative_interface_keeps_the_mass() {
         at_most(&format!("change of mass, {settings:?}"), change(&settings).unwrap(), limit)
             .unwrap();
     }
-    // Control: the walls were met, where the hat interface makes mass.
+    // Control: particles reach the walls, where the hat interface changes the mass.
     let hat = change(&["scheme.interface=hat", "solver.method=classical"]).unwrap();
     assert!(hat > 1e-5, "hat: change of mass {hat:e}; the well's walls were not met");
 }

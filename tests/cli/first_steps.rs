@@ -1,17 +1,17 @@
 //! The first commands of a user: `init`, `check --json`, `schema`, `completions`, `man`.
 
-use crate::support::{Job, cases, check_all, directory};
+use crate::support::{Job, case, cases, check, check_all, directory, plan, text_of};
 
-/// In each dimension the case that `init` writes is checked without a warning; its grid in one
-/// dimension is as fine as its tolerance asks for.
+/// The case that `init` writes passes `check` without a warning in each dimension. In one dimension
+/// its grid is fine enough for its tolerance.
 #[test]
-fn a_case_to_begin_with() {
+fn init_writes_a_case_without_warnings() {
     let place = directory();
     check_all(&["1", "2", "3"], |dimension| {
         let file = place.path().join(format!("{dimension}.toml")).display().to_string();
         let init = Job::new(["init", &file, "--dimension", dimension]).on(2);
         init.succeed()?;
-        let written = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let written = text_of(&file)?;
         init.is_refused(&[&file, "--force"])?;
         init.with(["--force"]).succeed()?;
         if std::fs::read_to_string(&file).ok().as_deref() != Some(&written) {
@@ -36,12 +36,13 @@ fn a_case_to_begin_with() {
     Job::new(["init", "--dimension", "4"]).is_refused(&["--dimension", "'4'", "1..=3"]).unwrap();
 }
 
-/// The numbers of `check --json` are those of the case.
+/// The output of `check --json` has the numbers of the case.
 #[test]
 fn a_case_is_checked_as_json() {
     check_all(&cases(), |name| {
-        let job = Job::new(["check", &crate::support::case(name), "--json"]);
-        let found = job.on(2).succeed()?.json()?;
+        // On two ranks only one prints.
+        let ranks = if name == "example1.toml" { 2 } else { 1 };
+        let found = check(name).with(["--json"]).on(ranks).succeed()?.json()?;
         let axes = found["axes"].as_array().ok_or("no axes")?;
         let cells = axes.iter().map(|axis| {
             let number = |key: &str| axis[key].as_u64().unwrap_or(0);
@@ -58,17 +59,17 @@ fn a_case_is_checked_as_json() {
         }
         Ok(())
     });
-    let narrow = Job::new(["check", &crate::support::case("example1.toml"), "--json"])
-        .set(&["axis.0.v.lower=-0.6", "axis.0.v.upper=0.6"]);
+    let narrow = check("example1.toml").with(["--json"]);
+    let narrow = narrow.set(&["axis.0.v.lower=-0.6", "axis.0.v.upper=0.6"]);
     let found = narrow.succeed().unwrap().json().unwrap();
     assert!(found["warnings"].to_string().contains("velocit"), "{}", found["warnings"]);
 }
 
-/// The refusal of a case as JSON, beside the message.
+/// `check --json` reports the refusal of a case as JSON, in addition to the message.
 #[test]
 fn a_refused_case_is_reported_as_json() {
-    let example = crate::support::case("example1.toml");
-    // The setting, then key, value, --set, and words of the message.
+    let example = case("example1.toml");
+    // Setting, key, value, and a text of the message.
     let rows = [
         ("time.end=-1", "time.end", "-1", "above"),
         ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
@@ -90,10 +91,10 @@ fn a_refused_case_is_reported_as_json() {
             && error["exit_code"] == 2;
         if is_right { Ok(()) } else { Err(format!("{found:#}")) }
     });
-    // In a file, with the place.
+    // A mistake in a file is reported with its line and column.
     let place = directory();
     let path = place.path().join("mine.toml");
-    let text = std::fs::read_to_string(&example).expect("a case");
+    let text = text_of(&example).unwrap();
     std::fs::write(&path, text.replacen("cells = 128", "cells = 0", 1)).expect("a file");
     let file = path.display().to_string();
     let finished = Job::new(["check", &file, "--json"]).run().expect("an end");
@@ -110,10 +111,9 @@ fn a_refused_case_is_reported_as_json() {
     assert!(message.contains("none.toml") && message.contains("No such file"), "{found}");
 }
 
-/// Constants stand in the place of numbers, in files and in settings.
+/// Formulas of constants can replace numbers, in files and in settings.
 #[test]
 fn numbers_are_formulas_of_constants() {
-    let example = crate::support::case("example1.toml");
     let constants = "constants={T=0.25, L='6*T', eps='2*5e-7'}";
     let settings = |named: bool| {
         let pairs = [
@@ -121,7 +121,7 @@ fn numbers_are_formulas_of_constants() {
             ("axis.0.x.lower", "-L", "-1.5"),
             ("axis.0.x.upper", "L", "1.5"),
             ("solver.tolerance", "eps", "1e-6"),
-            // In a setting a formula in a list needs no quotes.
+            // In `--set`, a formula in a list needs no quotes.
             ("output.field_times", "[T, max(0.1, 0.3)]", "[0.25, 0.3]"),
             ("solver.warp.shift", "0*T", "0"),
             ("inflow.value", "1", "1"),
@@ -131,7 +131,7 @@ fn numbers_are_formulas_of_constants() {
     let plan = |named: bool| {
         let settings = settings(named);
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
-        let job = Job::new(["plan", &example, "--json"]).set(&[constants]).set(&settings);
+        let job = plan("example1.toml", 1).with(["--json"]).set(&[constants]).set(&settings);
         job.succeed().unwrap().json().unwrap()["warp"].take()
     };
     assert!(plan(true).is_object());
@@ -145,13 +145,13 @@ fn numbers_are_formulas_of_constants() {
         ("solver.warp.delta=maxx", &["solver.warp.delta", "did you mean \"max\""]),
     ];
     check_all(&rows, |(set, wording)| {
-        Job::new(["check", &example]).set(&[constants, set]).is_refused(wording)
+        check("example1.toml").set(&[constants, set]).is_refused(wording)
     });
 }
 
 /// Schema, completions and manual pages cover every command and key.
 #[test]
-fn editors_and_shells_are_served() {
+fn schema_completions_and_manual_pages_are_complete() {
     let schema = Job::new(["schema"]).on(2).succeed().unwrap().json().unwrap();
     let end = &schema["properties"]["time"]["properties"]["end"]["type"];
     assert_eq!(*end, serde_json::json!(["number", "string"]));
@@ -165,7 +165,7 @@ fn editors_and_shells_are_served() {
     let man = Job::new(["man", &pages.display().to_string()]).on(2);
     man.succeed().unwrap();
     for (page, wording) in [("phasewarp.1", "stability"), ("phasewarp-run.1", "walltime")] {
-        let text = std::fs::read_to_string(pages.join(page)).unwrap();
+        let text = text_of(pages.join(page)).unwrap();
         assert!(text.contains(wording), "{page}");
     }
 }

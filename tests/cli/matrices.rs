@@ -1,14 +1,14 @@
-//! `phasewarp export-matrix` writes one system in three formats. That it is the system of a run is
-//! checked by python/tests/test_matrices.py.
+//! `phasewarp export-matrix`: its files are consistent with each other.
+//! python/tests/test_matrices.py checks that they are the system of a run.
 
 use crate::simulator::vector;
-use crate::support::{Job, case, check_all, directory, near};
+use crate::support::{Job, case, check_all, directory, near, text_of};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 const GRID: &[&str] = &["axis.0.x.cells=8", "axis.0.v.cells=6"];
 
-/// An export: a case, its settings, and ranks.
+/// Exports: a case, its settings, and the number of ranks.
 const EXPORTS: &[(&str, &[&str], usize)] = &[
     ("example1.toml", &[], 1),
     ("example1.toml", &["inflow.value=0.3"], 2),
@@ -18,12 +18,12 @@ const EXPORTS: &[(&str, &[&str], usize)] = &[
     ("harmonic_step.toml", &["solver.warp.weights=none"], 1),
 ];
 
-/// Entries of a matrix by row and column, from 0.
+/// The entries of a matrix by row and column, which count from 0.
 pub type Entries = BTreeMap<(usize, usize), f64>;
 
-/// All entries of a file in Matrix Market's format.
+/// Reads all entries of a file in the Matrix Market format.
 pub fn matrix(path: &Path) -> Result<Entries, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = text_of(path)?;
     let (head, lines) = text.split_once('\n').ok_or("empty")?;
     let mirrored = match head.rsplit(' ').next() {
         Some("general") => None,
@@ -52,7 +52,7 @@ pub fn matrix(path: &Path) -> Result<Entries, String> {
 }
 
 #[test]
-fn a_and_its_parts_are_one_matrix() {
+fn the_exported_parts_s_and_k_sum_to_a() {
     check_all(EXPORTS, |(name, settings, ranks)| {
         let place = directory();
         let path = place.path().display().to_string();
@@ -64,7 +64,8 @@ fn a_and_its_parts_are_one_matrix() {
         let (b, start) = (place.path().join("b_f.npy"), place.path().join("initial_f.npy"));
         let (b, start) = (vector(&b)?, vector(&start)?);
         near("unknowns", start.len() as f64, roots.len() as f64, 0.0)?;
-        // D A = (S + K) D on the cells; behind them are the couplings to r, whose sum is b.
+        // D A = (S + K) D on the cells. The columns after them couple to the auxiliary unknowns r;
+        // their sum is b.
         let largest = a.values().fold(0.0, |m: f64, x| m.max(x.abs()));
         let mut entering = vec![0.0; b.len()];
         let places = a.keys().chain(s.keys()).chain(k.keys());
@@ -89,7 +90,7 @@ fn a_and_its_parts_are_one_matrix() {
 }
 
 #[test]
-fn what_matrices_are_not_all_of_is_refused() {
+fn cases_that_matrices_do_not_describe_are_refused() {
     let rows: &[(&[&str], &str)] = &[
         (&["inflow.value=t"], "inflow.value depends on t"),
         (

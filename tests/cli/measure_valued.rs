@@ -1,17 +1,17 @@
 //! Measure-valued data: the level-set fields and their moments.
 
 use crate::support::{
-    INTERFACES, Job, Mistake, all_refused, case, check, check_all, datasets, directory, distance,
-    run,
+    INTERFACES, Job, Mistake, Summary, all_refused, case, check, check_all, datasets, directory,
+    distance, run, text_of,
 };
 
-/// The fields `phi`, `psi_x` of one run, with one matrix and one pass over the modes, are those of
-/// runs of their own with plain data: the same bits by the classical method, within the tolerance
-/// by the other, whose plan follows the field.
+/// The fields `phi` and `psi_x` of one run, with one matrix and one pass over the modes, equal
+/// those of separate runs with plain data: to the bit by the classical method, and to the tolerance
+/// by modes, whose plan depends on the field.
 #[test]
-fn fields_of_one_run_are_those_of_runs_of_their_own() {
+fn fields_of_one_run_equal_those_of_separate_runs() {
     let size = ["axis.0.x.cells=38", "axis.0.v.cells=30", "time.end=0.9"];
-    let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
+    let measure: String = text_of(case("example2.toml")).unwrap();
     let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 \
              else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
     let (before, after) = (measure.find("[initial]").unwrap(), measure.find("[time]").unwrap());
@@ -52,22 +52,21 @@ fn fields_of_one_run_are_those_of_runs_of_their_own() {
     }
 }
 
-/// Example 2: errors of density and mean velocity fall with the cells, and the mass with them
-/// towards the exact one, 4 + 2 · 0.9 · 1.8.
+/// Example 2 by the classical method, with an interface or a degree and this number of cells or
+/// elements along both axes.
+fn classical_example_2(scheme: &str, cells: usize) -> Summary {
+    let grid = ["x", "v"].map(|axis| format!("axis.0.{axis}.cells={cells}"));
+    let grid = grid.each_ref().map(String::as_str);
+    run("example2.toml").set(&["solver.method=classical", scheme]).set(&grid).summary().unwrap()
+}
+
+/// Example 2: the errors of density, mean velocity and mass fall as the number of cells grows. The
+/// exact mass is 4 + 2 · 0.9 · 1.8.
 #[test]
 fn error_of_example_2_against_the_exact_moments() {
     for interface in INTERFACES {
         let rows = [64, 256].map(|cells| {
-            let place = directory();
-            let summary = run("example2.toml")
-                .set(&[
-                    "solver.method=classical",
-                    &format!("scheme.interface={interface}"),
-                    &format!("axis.0.x.cells={cells}"),
-                    &format!("axis.0.v.cells={cells}"),
-                ])
-                .solve(place.path())
-                .unwrap();
+            let summary = classical_example_2(&format!("scheme.interface={interface}"), cells);
             let number = |key: &str| summary.number(key).unwrap();
             assert!((number("mass_exact") - 7.24).abs() < 1e-6);
             let mass = (number("mass") - number("mass_exact")).abs();
@@ -82,8 +81,8 @@ fn error_of_example_2_against_the_exact_moments() {
     }
 }
 
-/// Moments in the file are those of its `phi` and `psi` by the paper's formula, recomputed here in
-/// two dimensions.
+/// The moments in the file follow from its `phi` and `psi` by the paper's formula in two
+/// dimensions.
 #[test]
 fn moments_of_example_3_are_those_of_its_level_sets() {
     let place = directory();
@@ -144,7 +143,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         (["exact={}", "potential.0.reflection=0.5"], &["potential.0.reflection", "two velocities"]),
     ];
     all_refused(&rows, |(settings, wording), _| Mistake::set("example2.toml", settings, wording));
-    // Properties that only the values on the grid show.
+    // Mistakes that only values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
         ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),
@@ -154,22 +153,14 @@ fn mistakes_in_measure_valued_data_are_refused() {
     });
 }
 
-/// Elements have the density over the zeros of the level set, without a delta function: example 2
-/// of degree 1 beside degree 0 with as many unknowns. The exact averages are those of its cells.
+/// Elements sum the density over the zeros of the level set, without a delta function. For example
+/// 2 their errors with degree 1 are smaller than those of degree 0 with the same number of
+/// unknowns.
 #[test]
-fn elements_of_example_2_are_better_than_the_delta_function() {
-    let [cells, elements] = [(0, 64), (1, 32)].map(|(degree, elements)| {
-        let place = directory();
-        let summary = run("example2.toml")
-            .set(&[
-                "solver.method=classical",
-                &format!("scheme.degree={degree}"),
-                &format!("axis.0.x.cells={elements}"),
-                &format!("axis.0.v.cells={elements}"),
-            ])
-            .on(2)
-            .solve(place.path())
-            .unwrap();
+fn elements_of_example_2_are_more_accurate_than_the_delta_function() {
+    let rows = [("scheme.interface=hat", 64), ("scheme.degree=1", 32)];
+    let [cells, elements] = rows.map(|(scheme, count)| {
+        let summary = classical_example_2(scheme, count);
         let number = |key: &str| summary.number(key).unwrap();
         assert!((number("mass_exact") - 7.24).abs() < 1e-6);
         ["error_density_l1", "error_velocity_l1"].map(number)
@@ -178,8 +169,8 @@ fn elements_of_example_2_are_better_than_the_delta_function() {
     assert!(better, "{cells:?} {elements:?}");
 }
 
-/// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, in space and of
-/// modes.
+/// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, which split
+/// space or the modes.
 #[test]
 fn moments_of_elements_have_the_same_bits_on_any_ranks() {
     let runs = [(1, "1"), (2, "2"), (3, "3"), (4, "2")].map(|(ranks, blocks)| {
@@ -202,15 +193,14 @@ fn moments_of_elements_have_the_same_bits_on_any_ranks() {
     }
 }
 
-/// Two dimensions: the mass of example 3 in elements.
+/// In two dimensions, elements of example 3 have the exact mass.
 #[test]
 fn elements_of_example_3_have_the_exact_mass() {
-    let place = directory();
     let summary = run("example3.toml")
         .set(&["scheme.degree=1", "axis.0.x.cells=4", "axis.1.x.cells=4"])
         .set(&["axis.0.v.cells=4", "axis.1.v.cells=4", "solver.method=classical"])
         .on(2)
-        .solve(place.path())
+        .summary()
         .unwrap();
     let number = |key: &str| summary.number(key).unwrap();
     assert!((number("mass_exact") - 0.1564).abs() < 1e-4);

@@ -1,11 +1,11 @@
-//! Fields and moments before the end are those of shorter runs.
+//! Fields and moments before the end equal those of shorter runs.
 
 use crate::support::{at_most, check_all, datasets, directory, distance, near, parsed, run};
 
-/// Fields and moments at output times equal those of runs that end there, by modes and classically.
-/// The sums of moments are the same whether the fields are written or not.
+/// Fields and moments at output times equal those of runs that end at these times, by modes and by
+/// the classical method. The moments are the same with and without the fields.
 #[test]
-fn results_before_the_end_are_those_of_shorter_runs() {
+fn results_before_the_end_equal_those_of_shorter_runs() {
     let grid = ["axis.0.x.cells=40", "axis.0.v.cells=33"];
     let measure = ["axis.0.x.cells=7", "axis.1.x.cells=6", "axis.0.v.cells=5", "axis.1.v.cells=6"];
     let modes = ["solver.tolerance=1e-7"];
@@ -28,7 +28,6 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         let every = format!("output.moments_every={}", 0.25 * time);
         let job = run(name).set(grid).set(method).set(&["solver.verify=true"]);
         let summary = job.clone().set(&[&at, &every]).on(3).solve(long.path())?;
-        // Which may be one leg more or less at the end, where the interval divides the time.
         let end = format!("time.end={time}");
         job.set(&[&end]).on(2).solve(short.path())?;
         let (long, short) = (datasets(long.path())?, datasets(short.path())?);
@@ -40,7 +39,7 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         let close = |dataset: &str, k: usize| {
             let all = long[&format!("/history{dataset}")].numbers();
             let one = short[dataset].numbers();
-            // Cells without mean velocity are not compared.
+            // Cells without a mean velocity are left out.
             let found: Vec<f64> = all[k * one.len()..(k + 1) * one.len()].to_vec();
             let (found, one): (Vec<f64>, Vec<f64>) =
                 (found.into_iter().zip(one)).filter(|(a, b)| !a.is_nan() || !b.is_nan()).unzip();
@@ -55,7 +54,7 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         let exact = parsed(name, &[]).is_ok_and(|case| case.exact.is_some());
         summary.require(exact == (moments.len() > 2), || format!("{exact}: {moments:?}"))?;
         moments.iter().try_for_each(|dataset| close(dataset, 3))?;
-        // The last of the history is the end.
+        // The last entry of the history is the result at the end.
         let last = times.len() - 1;
         for dataset in moments {
             let (all, end) = (&long[&format!("/history{dataset}")].bytes, &long[dataset].bytes);
@@ -67,8 +66,8 @@ fn results_before_the_end_are_those_of_shorter_runs() {
     });
 }
 
-/// The exact moments are integrals over the velocities, of elements too. Those of the start are
-/// near what the run begins with. Those at the end do not change with the times before.
+/// The exact moments are integrals over the velocities, also for elements. At the start they are
+/// close to the moments of the run, and at the end they do not depend on earlier output times.
 #[test]
 fn exact_moments_are_integrals_over_the_velocities() {
     const ELEMENTS: &[&str] = &["scheme.degree=2", "axis.0.x.cells=10", "axis.0.v.cells=8"];
@@ -83,8 +82,8 @@ fn exact_moments_are_integrals_over_the_velocities() {
         for name in ["/density_exact", "/momentum_exact", "/velocity_exact"] {
             assert_eq!(with[name].bytes, without[name].bytes, "{name}");
         }
-        // f(0) is 1 in two quarters of a disc: the density is √(1 − x²) then, at nodes; of degree 0
-        // its average over a cell. At the end as much is left, as nothing enters or leaves.
+        // f(0) is 1 in two quarters of a disc, so that its density is √(1 − x²), at nodes or
+        // averaged over cells. The mass is the same at the end, as nothing enters or leaves.
         let (x, density) = (with["/axis/x"].numbers(), with["/density_exact"].numbers());
         let half = 1.5 / x.len() as f64;
         let nodal = with.contains_key("/axis/weights_x");
@@ -113,11 +112,10 @@ fn exact_moments_are_integrals_over_the_velocities() {
     }
 }
 
-/// Moments alone, and those of fields that are written at the same times, are the same but for
-/// round-off. The field at the end is the same but for the tolerance: moments take no legs of their
-/// own.
+/// Moments without fields equal those of fields at the same times up to round-off. The fields at
+/// the end agree to the tolerance; they differ because only fields divide the run into legs.
 #[test]
-fn moments_alone_are_those_of_the_field() {
+fn moments_without_fields_equal_those_of_fields() {
     let (alone, with) = (directory(), directory());
     let job = run("barrier2d.toml")
         .set(&["axis.0.x.cells=9", "axis.1.v.cells=7", "solver.tolerance=1e-8"]);
@@ -131,15 +129,15 @@ fn moments_alone_are_those_of_the_field() {
         // Round-off of the sums over velocities, amplified by the recovery.
         assert!(off < 1e-9, "{name}: {off:e}");
     }
-    // Each run is within its tolerance of the exact solution.
+    // Each run differs from the semi-discrete solution by at most its tolerance.
     let off = distance(&alone["/f"].numbers(), &with["/f"].numbers());
     assert!(off < 2e-8, "f: {off:e}");
 }
 
-/// Moments at many times take the applications of a run without, and little more than those of
-/// legs from each to the next, in which they are the same.
+/// Moments at many times need few more applications of the matrix than a run without them. They
+/// equal the moments of a run that is divided into legs.
 #[test]
-fn many_times_take_the_applications_of_one() {
+fn moments_at_many_times_need_few_more_applications() {
     let rows = [
         ("example1.toml", &["solver.tolerance=1e-6"][..], 20),
         ("example1.toml", &["solver.tolerance=1e-9"], 100),
@@ -167,10 +165,10 @@ fn many_times_take_the_applications_of_one() {
     });
 }
 
-/// The output at time 0 consists of the data themselves, and fields follow at every multiple of
+/// The output at time 0 consists of the initial data, and fields follow at every multiple of
 /// `output.fields_every`.
 #[test]
-fn the_start_is_the_data() {
+fn the_output_at_time_0_is_the_initial_data() {
     const F: &str = "exp(-8*x^2 - 9*(v - 0.3)^2)";
     let data = format!("initial.f={F}");
     let exact = format!("exact={{ f = \"{F}\" }}");

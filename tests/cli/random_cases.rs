@@ -1,32 +1,31 @@
-//! Cases put together at random, and fields of any size: solved to the tolerance, or refused.
+//! Random cases, and fields of any size: solved to the tolerance, or refused.
 
 use crate::support::{
     INTERFACES, Job, check_all, datasets, differences, directory, estimate_is_right_or_silent,
     number_from_environment, refused, run, solved_or_refused, tolerance_is_met,
 };
 
-/// Scenes put together at random, the same ones every time: solved to the tolerance, with the same
-/// bits on more ranks, or refused; whatever the estimate says is of the right size.
+/// Random scenes, which are the same in every run of the tests, are refused, or solved to the
+/// tolerance with the same bits on more ranks and with an error estimate of the right size.
 #[test]
 fn random_scenes_are_solved_or_refused() {
     solved_or_refused_scenes(60, scene);
 }
 
-/// The same of elements of a random degree and flux.
+/// The same for elements of a random degree and flux.
 #[test]
 fn random_scenes_of_elements_are_solved_or_refused() {
     solved_or_refused_scenes(16, scene_of_elements);
 }
 
-/// The same of all profiles, propagators, embeddings and recoveries, with inflow in time, periodic
-/// axes, in one to three dimensions.
+/// The same for all profiles, propagators, embeddings and recoveries, with time-dependent inflow
+/// and periodic axes, in one to three dimensions.
 #[test]
 fn random_scenes_of_methods_are_solved_or_refused() {
     solved_or_refused_scenes(24, scene_of_methods);
 }
 
-/// `count` scenes of the hundred that `make test` tries, and of as many as `make torture` asks for
-/// that part.
+/// Tries `count` scenes, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets.
 fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String + Sync) {
     let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
     let count = count * number_from_environment("PHASEWARP_SCENES", 100) / 100;
@@ -54,18 +53,18 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
         if summary.value["error_semidiscrete"].is_null() {
             let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
             return summary
-                .require(nothing, || "no error_semidiscrete of a field that is there".into())
+                .require(nothing, || "no error_semidiscrete of a field that is not zero".into())
                 .map_err(with_scene);
         }
         solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         tolerance_is_met(&summary).map_err(with_scene)?;
         if summary.value["modes"] == 1 {
-            // A skew system has no second reading.
+            // A skew system has one mode and no second reading.
             return Ok(());
         }
         estimate_is_right_or_silent(&summary, 6.0).map_err(with_scene)
     });
-    // Most scenes hold something that can be solved.
+    // Most scenes can be solved.
     let solved = solved.into_inner();
     assert!(solved > seeds.len() / 2, "only {solved} of {} solved", seeds.len());
 }
@@ -84,8 +83,8 @@ impl Choices {
     }
 }
 
-/// A case in one or two dimensions: standing, grazing, trapped and escaping particles, edges off
-/// the faces, forces, inflow, boxes on one side of zero, single cells.
+/// A case in one or two dimensions, with standing, grazing, trapped and escaping particles, edges
+/// of regions off the faces, forces, inflow, velocities of one sign, and single cells.
 fn scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
@@ -106,8 +105,8 @@ fn scene(choices: &mut Choices) -> String {
     text + &content(choices, |choices| format!("interface = \"{}\"\n", choices.of(&INTERFACES)))
 }
 
-/// Elements in one or two dimensions, of degrees that differ from axis to axis; `v = 0` is a face
-/// of some boxes, inside of an element of others, which jumps refuse.
+/// Elements in one or two dimensions, whose degrees differ from axis to axis. In some velocity
+/// boxes `v = 0` is a face, in others it is inside an element, which is refused at jumps.
 fn scene_of_elements(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
@@ -140,7 +139,7 @@ fn scene_of_elements(choices: &mut Choices) -> String {
     text + &content(choices, scheme)
 }
 
-/// Cells, and on some axes elements, in one to three dimensions, solved by methods of all kinds.
+/// Cells or elements in one to three dimensions, with a random choice of the methods.
 fn scene_of_methods(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 1, 2, 2, 3]);
     let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3]][dimension - 1];
@@ -173,7 +172,7 @@ fn scene_of_methods(choices: &mut Choices) -> String {
         "[scheme]\ndegree = 1\n",
         "[scheme]\ndegree = 2\nflux = 1\n",
     ]);
-    // Profiles with a kink take many modes for few digits.
+    // Profiles with a kink need many modes, so their tolerances are large.
     let (profile, tolerances) = choices.of(&[
         ("planned", ["1e-2", "1e-5", "1e-8"]),
         ("designed", ["1e-3", "1e-6", "1e-10"]),
@@ -197,7 +196,7 @@ fn scene_of_methods(choices: &mut Choices) -> String {
     )
 }
 
-/// Potential, initial data, inflow, end, scheme and solver of a scene.
+/// The potential, initial data, inflow, end time, scheme and solver of a scene.
 fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -> String {
     let mut text = String::new();
     let values = ["0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100"];
@@ -221,8 +220,8 @@ fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -
     text + &format!("[solver.warp]\nweights = \"{weights}\"\n")
 }
 
-/// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero
-/// instead.
+/// A field of any size is solved to the tolerance or refused, as users may choose any units. It is
+/// never replaced by zero.
 #[test]
 fn fields_of_any_size_are_solved_or_refused() {
     let rows = ["1e-300", "1e-200", "1e-100", "1e100", "1e200", "1e300"];
@@ -241,8 +240,7 @@ fn fields_of_any_size_are_solved_or_refused() {
     });
 }
 
-/// If the field has (almost) decayed to zero, a relative error cannot be guaranteed: it is met or
-/// refused.
+/// For a field that has almost decayed to zero, the relative tolerance is met or refused.
 #[test]
 fn decayed_fields_are_solved_or_refused() {
     let rows = ["14", "30", "46", "54", "62"];

@@ -1,17 +1,15 @@
-//! Results as other programs see them: h5py, xarray, meshio and VTK's XDMF reader, by
-//! `tests/readers.py`.
+//! `tests/readers.py` reads results with h5py, xarray, meshio and VTK's XDMF reader.
 //!
-//! Skipped, and said so, where there is no Python with these packages; `make readers` installs
-//! them. A failure where `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are
-//! installed.
+//! Without a Python with these packages, the test is skipped with a message; with
+//! `PHASEWARP_READERS=required`, which `.ci/run` sets after the installation, it fails.
+//! `make readers` installs them.
 
-use crate::support::{Job, case, check_all, directory, python};
-use std::io::Write;
+use crate::support::{check_all, directory, of_case, python, skipped, text_of};
 use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
 
-/// The output of the script, as an error if it fails.
+/// The output of the script, or its error messages if it fails.
 fn read(python: &Path, arguments: &[&str]) -> Result<String, String> {
     python::run(python, SCRIPT, arguments)
 }
@@ -21,11 +19,7 @@ fn results_open_in_other_programs() {
     let Some(python) = python::with_packages("readers", SCRIPT) else {
         let why = "no Python with h5py, h5netcdf, xarray, meshio and vtk; `make readers` installs \
                    them";
-        let required = std::env::var("PHASEWARP_READERS").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/readers.rs: {why}");
-        return;
+        return skipped("PHASEWARP_READERS", "tests/cli/readers.rs", why);
     };
     const ODD: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];
     const LINE: &str = "exact={ f = \"1 + x + 10*v\" }";
@@ -52,7 +46,7 @@ fn results_open_in_other_programs() {
     ];
     check_all(rows, |(name, ranks, settings)| {
         let place = directory();
-        let job = Job::new(["run", &case(name)]).set(&settings.concat()).on(*ranks);
+        let job = of_case("run", name).set(&settings.concat()).on(*ranks);
         let summary = job.solve(place.path())?;
         let path = place.path().display().to_string();
         let printed = read(&python, &[&path]);
@@ -66,14 +60,14 @@ fn results_open_in_other_programs() {
         };
         let early = printed.trim_end().ends_with(expected);
         summary.require(printed.starts_with(&path) && early, || {
-            format!("the script said: {printed}")
+            format!("the script printed: {printed}")
         })?;
-        // Controls: a wrong field and a displaced field are noticed.
+        // Controls: the script finds a wrong field and a displaced field.
         if *name != "barrier2d.toml" || settings.contains(&FILM) {
             return Ok(());
         }
         let xdmf = place.path().join("fields.xdmf");
-        let text = std::fs::read_to_string(&xdmf).map_err(|e| e.to_string())?;
+        let text = text_of(&xdmf)?;
         for (old, new) in [("density</", "velocity</"), ("ORIGIN_DXDYDZ\">\n", "")] {
             let (before, after) = text.split_once(old).ok_or("no such text in fields.xdmf")?;
             let after = match new {
@@ -82,21 +76,21 @@ fn results_open_in_other_programs() {
                 _ => format!("{new}{after}"),
             };
             std::fs::write(&xdmf, format!("{before}{after}")).map_err(|e| e.to_string())?;
-            summary.require(read(&python, &[&path]).is_err(), || format!("not noticed: {old}"))?;
+            summary.require(read(&python, &[&path]).is_err(), || format!("not found: {old}"))?;
         }
         std::fs::write(&xdmf, text).map_err(|e| e.to_string())?;
-        read(&python, &[&path]).map_err(|why| format!("not sound again: {why}"))?;
+        read(&python, &[&path]).map_err(|why| format!("the original file: {why}"))?;
         for (file, old, new) in [
             ("space.xdmf", "/density<", "/potential<"),
             ("plane_y.xdmf", "/exact<", "/f<"),
             ("plane_x.xdmf", "Time Value=\"", "Time Value=\"1"),
         ] {
             let file = place.path().join(file);
-            let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+            let text = text_of(&file)?;
             summary.require(text.contains(old), || format!("no {old} in {text}"))?;
             std::fs::write(&file, text.replacen(old, new, 1)).map_err(|e| e.to_string())?;
             let noticed = read(&python, &[&path]).is_err();
-            summary.require(noticed, || format!("not noticed: {old} as {new}"))?;
+            summary.require(noticed, || format!("not found: {old} replaced by {new}"))?;
             std::fs::write(&file, text).map_err(|e| e.to_string())?;
         }
         Ok(())

@@ -1,31 +1,31 @@
-//! `[readout]` from outside: observables of some cells as a quantum computer would measure them.
+//! `[readout]`: observables of some cells as a quantum computer would measure them.
 
-use crate::support::{Job, Mistake, all_refused, case, check_all, directory};
+use crate::support::{Job, Mistake, all_refused, check_all, directory, of_case, text_of};
 use crate::support::{datasets, differences, near};
 use serde_json::Value;
 use std::path::Path;
 
 const SMALL: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];
-/// A profile with which the recovery point has a probability worth the name.
+/// A profile with a high probability of the recovery point.
 const LIKELY: &[&str] = &["solver.warp.profile=smooth", "solver.tolerance=1e-4"];
 
 fn run(settings: &[&[&str]]) -> Job {
-    Job::new(["run", &case("example1.toml")]).set(&settings.concat())
+    of_case("run", "example1.toml").set(&settings.concat())
 }
 
 fn csv(place: &Path) -> Result<String, String> {
-    std::fs::read_to_string(place.join("readout.csv")).map_err(|e| e.to_string())
+    text_of(place.join("readout.csv"))
 }
 
 #[test]
-fn the_same_bits_on_any_ranks_and_beside_any_cells() {
+fn samples_depend_neither_on_ranks_nor_on_other_cells() {
     const CELLS: &[&str] = &["readout={cells=[[3],[11],[22]],seed=7}"];
     let reference = directory();
     run(&[SMALL, CELLS]).solve(reference.path()).unwrap();
     let found = datasets(reference.path()).unwrap();
     let text = csv(reference.path()).unwrap();
     assert_eq!(found["/readout/estimate"].shape, [3 * 3 * 5]);
-    let meshes: &[(usize, &str)] = &[(1, "1"), (2, "2"), (2, "1"), (3, "3"), (4, "2"), (4, "4")];
+    let meshes: &[(usize, &str)] = &[(2, "2"), (2, "1"), (3, "3"), (4, "2"), (4, "4")];
     check_all(meshes, |(ranks, blocks)| {
         let place = directory();
         run(&[SMALL, CELLS]).with(["--ranks-x", blocks]).on(*ranks).solve(place.path())?;
@@ -53,9 +53,10 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     }
 }
 
-/// In the plane, and with partial reflection, of cells and of elements.
+/// The samples have the same bits on any ranks in the plane, and with partial reflection for cells
+/// and for elements.
 #[test]
-fn the_same_bits_in_other_scenes() {
+fn samples_of_other_scenes_do_not_depend_on_ranks() {
     const PLANE: &[&str] = &[
         "axis.0.x.cells=7",
         "axis.0.v.cells=6",
@@ -69,14 +70,14 @@ fn the_same_bits_in_other_scenes() {
     let cells = [CELLS, &["scheme.degree=0"]].concat();
     let plane: &[(usize, &str)] = &[(2, "1,2"), (3, "1,1"), (4, "2,2")];
     let line: &[(usize, &str)] = &[(2, "2"), (3, "1"), (4, "2")];
-    // The last is how many observables there are of a cell.
+    // Case, settings, meshes, and the number of observables of a cell.
     let rows = [
         ("barrier2d.toml", PLANE, plane, 5),
         ("partial_reflection.toml", &cells, line, 3),
         ("partial_reflection.toml", &elements, line, 3),
     ];
     check_all(&rows, |(name, settings, meshes, observables)| {
-        let job = || Job::new(["run", &case(name)]).set(settings);
+        let job = || of_case("run", name).set(settings);
         let reference = directory();
         job().solve(reference.path())?;
         let found = datasets(reference.path())?;
@@ -84,7 +85,7 @@ fn the_same_bits_in_other_scenes() {
         if *shape != [3 * observables * 5] {
             return Err(format!("{name}: rows {shape:?}"));
         }
-        // The values are those of the moments, whatever reflects.
+        // The values are those of the moments.
         let [values, density] = ["/readout/value", "/density"].map(|d| found[d].numbers());
         let cell = found["/readout/cell"].numbers()[0] as usize;
         near("the density at the first cell", values[0], density[cell], 1e-13)?;
@@ -124,7 +125,7 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
         let found = value(&row["value"]).unwrap();
         assert!((found - expected).abs() <= 1e-13 * expected.abs(), "{row}");
         for m in row["measured"].as_array().unwrap() {
-            // Unknown numbers are null with a reason.
+            // An unknown number has no value but a reason.
             for (name, figure) in m.as_object().unwrap() {
                 if name == "estimator" {
                     continue;
@@ -141,10 +142,9 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
             }
         }
     }
-    // 40 bounds or so, each missed once in twenty times at most.
+    // There are about 40 bounds. Each is missed with a probability of at most 1/20.
     assert!(missed <= 6, "{missed}");
-    // The norm of the field, and the probability that the amplitudes give: e^{−2p◇} C_f² … is that
-    // of the slice.
+    // The norm of the field, and the probability of the slice.
     let f = stored["/f"].numbers();
     let norm = f.iter().map(|f| f * f).sum::<f64>().sqrt();
     let readout = &summary.value["readout"];
@@ -152,7 +152,8 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
     let (p, repetitions) =
         (value(&readout["probability"]).unwrap(), value(&readout["repetitions"]).unwrap());
     assert!(p > 1e-6 && p < 1.0 && (p * repetitions - 1.0).abs() < 1e-12, "{p}");
-    // A measurement of the x-register finds the cell with Σ f² / C_f², which is not the density.
+    // A measurement of the x-register finds a cell with the probability Σ f² / C_f², which is not
+    // its density.
     for (k, cell) in [5usize, 8, 14].into_iter().enumerate() {
         let square: f64 = f[17 * cell..17 * (cell + 1)].iter().map(|f| f * f).sum();
         let basis = value(&readout["basis_probability"][k]).unwrap();
@@ -161,7 +162,7 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
 }
 
 #[test]
-fn missing_states_have_a_reason() {
+fn a_readout_without_a_quantum_state_gives_a_reason() {
     type Row = (&'static str, &'static [&'static str], usize, &'static str);
     const TINY: &[&str] = &["axis.0.x.cells=20", "axis.0.v.cells=16", "readout={points=[[0.1]]}"];
     let table: &[Row] = &[
@@ -172,7 +173,7 @@ fn missing_states_have_a_reason() {
     ];
     check_all(table, |(name, settings, count, why)| {
         let place = directory();
-        let job = Job::new(["run", &case(name)]).set(&[TINY, settings].concat()).on(2);
+        let job = of_case("run", name).set(&[TINY, settings].concat()).on(2);
         let summary = job.solve(place.path())?;
         let readout = &summary.value["readout"];
         let is_labelled = |figure: &Value| {
@@ -214,7 +215,7 @@ fn mistakes_are_refused() {
     ];
     // Correct settings are accepted.
     let right = "readout={points=[[0],[1.5]],accuracy=0.1,seed=4}";
-    let understood = Job::new(["check", &case("example1.toml")]).set(&[right]);
+    let understood = of_case("check", "example1.toml").set(&[right]);
     let printed = understood.succeed().unwrap().output;
     assert!(printed.contains("readout of 2 cells: to 1e-1, seed 4"), "{printed}");
     all_refused(table, |(readout, wording), _| {

@@ -1,21 +1,23 @@
-//! Reductions remove only what a case does not need: the solution is that of the whole grid.
+//! Reductions do not change the solution: they remove only unknowns that a case does not need.
 
-use crate::support::{Finished, Job, Mistake, all_refused, case, check_all, directory, field};
+use crate::support::{
+    Finished, Job, Mistake, all_refused, case, check_all, directory, field, of_case, text_of,
+};
 use crate::support::{datasets, differences, distance};
 
-/// A case, what makes it small or another, and how many ranks it runs on.
+/// A case, its settings, and the number of ranks.
 type Row = (&'static str, &'static [&'static str], usize);
 
 /// The plane, with data that do not vary along y.
 const PLANE: &[&str] = &["axis.0.x.cells=12", "axis.1.x.cells=5"];
-/// No variation along vy either; all velocities of x.
+/// Data that do not vary along vy either.
 const LINE: &[&str] = &[
     "axis.0.x.cells=12",
     "axis.1.x.cells=5",
     "axis.1.v={lower=-0.7, upper=0.9, cells=8}",
     "initial.f=exp(-9*(x + 0.5)^2 - 6*(vx - 0.5)^2)",
 ];
-/// The same with x and y in each other's place, so that it is the first axis that goes.
+/// The same with x and y exchanged, so that the first axis is merged.
 const TURNED: &[&str] = &[
     "axis.0.x={lower=-0.5, upper=0.5, cells=7, boundary='periodic'}",
     "axis.0.v={lower=-0.7, upper=0.9, cells=5}",
@@ -24,7 +26,7 @@ const TURNED: &[&str] = &[
     "potential.0.where=y < 0",
     "initial.f=exp(-9*(y + 0.5)^2)*max(0, 1 - abs(vy - 0.5))*(1 + vx)",
 ];
-/// Something enters from the left, of one velocity along y more than of another.
+/// Inflow from the left that depends on the velocity along y.
 const ENTERS: &[&str] = &[
     "axis.0.x.cells=12",
     "axis.1.x.cells=5",
@@ -53,7 +55,7 @@ const SPACE: &[&str] = &[
     "initial.f=max(0, 1 - 3*abs(x + 0.4))*max(0, 1 - 2*abs(vx - 0.5))*(1 + vy)",
 ];
 
-/// Elements in the plane, y of a degree of its own; nothing varies along y.
+/// Elements in the plane, with another degree along y; nothing varies along y.
 const ELEMENTS: &[&str] = &[
     "axis.0.x={lower=-1.2, upper=1.2, cells=6}",
     "axis.1.x.cells=3",
@@ -62,7 +64,7 @@ const ELEMENTS: &[&str] = &[
     "axis.1.x.degree=3",
     "scheme.degree=1",
 ];
-/// The same with something that enters, of one velocity along y more than of another.
+/// The same with an inflow that depends on the velocity along y.
 const ENTERING_ELEMENTS: &[&str] = &[
     "axis.0.x={lower=-1.2, upper=1.2, cells=4}",
     "axis.1.x.cells=2",
@@ -95,9 +97,9 @@ const ROWS: &[Row] = &[
     ("periodic2d.toml", ENTERING_ELEMENTS, 2),
 ];
 
-/// A run with results on the whole grid, and what it compares with.
+/// A run of a row with results on the whole grid.
 fn run((name, settings, ranks): &Row, more: &[&str]) -> Job {
-    Job::new(["run", &case(name)])
+    of_case("run", name)
         .set(settings)
         .set(&["solver.tolerance=1e-7", "output.expand=true"])
         .set(&["output.field_times=[0.2]", "output.moment_times=[0.3]"])
@@ -105,7 +107,7 @@ fn run((name, settings, ranks): &Row, more: &[&str]) -> Job {
         .on(*ranks)
 }
 
-/// With and without, every number is the same within the tolerance, and there are fewer unknowns.
+/// With the reduction there are fewer unknowns, and all numbers are the same to the tolerance.
 #[test]
 fn answers_are_those_of_the_whole_grid() {
     check_all(ROWS, |row| {
@@ -129,7 +131,7 @@ fn answers_are_those_of_the_whole_grid() {
                 format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
             })?;
             // Mean velocities are undefined where the density is almost zero. Planes are copies of
-            // parts of fields (tests/readers.py), which may be small beside the whole.
+            // parts of fields (tests/readers.py), in which f may be small.
             if !name.contains("velocity") && !name.contains("plane_") {
                 let apart = distance(&found.numbers(), &whole.numbers());
                 let same = apart <= 3e-7 || whole.numbers().iter().all(|x| *x == 0.0);
@@ -140,8 +142,8 @@ fn answers_are_those_of_the_whole_grid() {
     });
 }
 
-/// Of measure-valued data the exact mass and the errors of the moments are those of the whole grid
-/// too.
+/// For measure-valued data, the exact mass and the errors of the moments are those of the whole
+/// grid, too.
 #[test]
 fn moments_of_level_sets_are_those_of_the_whole_grid() {
     let settings: &[&str] = &[
@@ -165,7 +167,7 @@ fn moments_of_level_sets_are_those_of_the_whole_grid() {
     }
 }
 
-/// The same bits on any ranks, with any reduction.
+/// Reduced runs have the same bits on any ranks.
 #[test]
 fn bits_do_not_depend_on_ranks() {
     let rows: &[Row] = &[
@@ -192,13 +194,13 @@ fn bits_do_not_depend_on_ranks() {
 }
 
 fn check(name: &str, settings: &[&str]) -> Result<Finished, String> {
-    Job::new(["check", &case(name)]).set(settings).succeed()
+    of_case("check", name).set(settings).succeed()
 }
 
-/// An axis is kept if data vary along it or inflow differs at its ends. The reason is reported if
-/// the axis looks reducible.
+/// An axis is kept if data vary along it or an output needs it. `check` gives the reason if the
+/// data do not show it.
 #[test]
-fn what_differs_is_kept() {
+fn axes_that_a_case_needs_are_kept() {
     type Kept = (&'static [&'static str], Option<&'static str>);
     let rows: &[Kept] = &[
         (&["potential.1.value=0.2 + 0.1*y"], None),
@@ -219,7 +221,7 @@ fn what_differs_is_kept() {
             lines.any(|line| line.starts_with(start) && line.contains(text))
         };
         if printed("reduced", " y:") {
-            return Err(finished.report("y is left out"));
+            return Err(finished.report("y is reduced"));
         }
         match why {
             Some(why) if !printed("kept", why) => {
@@ -248,15 +250,16 @@ fn results_have_the_velocities_of_the_case() {
     let f = all["/f"].numbers();
     assert!(f.iter().step_by(9).all(|f| *f == 0.0), "vy = -0.8");
     assert!(summary.number("minimum").expect("a number") <= 0.0);
-    // And the report finds its case in them.
+    // The report describes the reduced case.
     let place = here.path().display().to_string();
     let finished = Job::new(["report", &place]).succeed().expect("a report");
-    let html = std::fs::read_to_string(here.path().join("report.html")).expect("a page");
-    let known = html.contains("nothing varies along it") && !html.contains("not understood");
+    let html = text_of(here.path().join("report.html")).unwrap();
+    let known =
+        html.contains("nothing varies along it") && !html.contains("cannot read the case file");
     assert!(known, "{}", finished.report("the case is not that of the result"));
 }
 
-/// Each reduction by itself, by its key.
+/// Each reduction can be switched off by its key.
 #[test]
 fn each_can_be_switched_off() {
     let small = ["axis.0.x.cells=24", "axis.0.v.cells=25"];
@@ -273,7 +276,7 @@ fn each_can_be_switched_off() {
     assert!(cells < 600.0 && unknowns == 0.0);
     let (g, of_both, ..) = solve(&["solver.reduce.velocities=false"]);
     assert!(distance(&g, &f) < 3e-7 && of_both == 600.0);
-    // Twice the modes but for l = 0, and the same sum.
+    // Twice the modes except for l = 0, with the same sum.
     let (g, _, both, _) = solve(&["solver.reduce.modes=false"]);
     assert_eq!(both, 2.0 * modes - 1.0);
     assert!(distance(&g, &f) < 1e-11, "{:e}", distance(&g, &f));
@@ -288,7 +291,7 @@ fn each_can_be_switched_off() {
     }
 }
 
-/// Wrong keys, and what cannot be, are refused.
+/// Wrong keys and impossible combinations are refused.
 #[test]
 fn mistakes_are_refused() {
     let rows: &[(&[&str], &str)] = &[
@@ -305,12 +308,12 @@ fn mistakes_are_refused() {
         ),
     ];
     all_refused(rows, |(settings, word), _| Mistake::set("periodic2d.toml", settings, &[word]));
-    // All of it may be switched off together wherever part of it may not.
+    // Switching off all reductions is allowed where switching off only the one of modes is not.
     let settings = ["solver.reduce=false", "output.warped_field=true"];
     check("periodic2d.toml", &settings).expect("a case that is right");
 }
 
-/// Ranks take modes as long as those suffice; `--ranks-x` splits space.
+/// Ranks share the modes as long as there are enough of them; `--ranks-x` splits space.
 #[test]
 fn space_is_split_by_ranks_x() {
     let blocks = |more: &[&str]| -> Vec<u64> {

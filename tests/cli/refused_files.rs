@@ -3,7 +3,7 @@
 use crate::support::{Mistake, all_refused, edited};
 
 #[test]
-fn mistakes_in_the_file_are_named_with_their_line() {
+fn mistakes_in_a_file_are_reported_with_their_line() {
     const X: &str = "x = { lower = -1.5, upper = 1.5, cells = 128 }";
     let rows: &[(&str, &str, &[&str])] = &[
         // Unknown keys, with the nearest known one.
@@ -19,7 +19,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         (X, "x = 128", &["axis.0.x", "128", "table"]),
         ("value = \"0.2\"", "value = true", &["potential.0.value", "true", "formula"]),
         ("title     = \"Step down (example 1)\"", "title = 1", &["title", "1", "text"]),
-        // The inflow's embedding and the shift; t only where it means something.
+        // The embedding of the inflow and the shift; t where a formula cannot depend on it.
         (
             "inflow  = \"boundary\"",
             "inflow  = \"diagonal\"",
@@ -84,7 +84,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             &["axis.0.x", "double precision"],
         ),
         (X, "x = { lower = -1e308, upper = 1e308, cells = 128 }", &["axis.0.x", "1e100"]),
-        // Numbers that are none.
+        // Numbers that are not finite.
         (X, "x = { lower = nan, upper = 1.5, cells = 128 }", &["axis.0.x.lower", "nan", "finite"]),
         (X, "x = { lower = -1.5, upper = inf, cells = 128 }", &["axis.0.x.upper", "inf", "finite"]),
         (
@@ -253,7 +253,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             &["output.chunks", "whole numbers above 0"],
         ),
         ("recovery_points = 2", "recovery_points = 2\nxdmf = 1", &["output.xdmf", "true or false"]),
-        // No TOML.
+        // Invalid TOML.
         ("end = 1.0", "end = = 1.0", &[]),
         ("end = 1.0", "end = 1.0 2.0", &[]),
         ("interface = \"hat\"", "interface = \"hat", &[]),
@@ -261,12 +261,12 @@ fn mistakes_in_the_file_are_named_with_their_line() {
     ];
     all_refused(rows, |(old, new, wording), place| {
         let (path, mut line) = edited(place, old, new);
-        // A mistake on a later line of the new text, where that is what is wrong.
+        // If the new text has two lines, the mistake is on the second one.
         if new.contains('\n') && !new.starts_with("where") {
             line += 1;
         }
         let path = path.display().to_string();
-        // A key that is missing is missed in its table, which starts further up.
+        // A missing key is reported for its table, which starts on an earlier line.
         let location = match wording.contains(&"missing") {
             true => path.clone(),
             false => format!("{path}:{line}:"),

@@ -1,15 +1,17 @@
-//! Formulas that are not finite, and files that are no case, are refused with a short message.
+//! Formulas that are not finite, and files that are not cases, are refused with a short message.
 
-use crate::support::{Job, Mistake, all_refused, case, check, check_all, directory, refused, run};
+use crate::support::{
+    Job, Mistake, all_refused, case, check, check_all, directory, refused, run, text_of,
+};
 
-/// Longer than this is no message.
+/// The largest length of a message in characters.
 const LONGEST_MESSAGE: usize = 2000;
 
 const NOT_FINITE: &[(&str, &str, &[&str])] = &[
     ("initial.f", "sqrt(-x)", &["NaN", "x = 0.0", "v = -1.4"]),
     ("initial.f", "1/(x - 0.01171875)", &["inf", "x = 0.01171875"]),
     ("initial.f", "exp(800*abs(v))", &["inf", "v = -1.4"]),
-    // Found by one rank only, which need not be the first.
+    // A mistake that only one rank finds, which need not be the first.
     ("initial.f", "sqrt(1.4 - x)", &["NaN", "x = 1.4"]),
     ("potential.0.value", "1/(x + 1.5)", &["inf", "x = -1.5"]),
     ("potential.0.value", "sqrt(-1.4 - x)", &["NaN", "x = -1.3"]),
@@ -17,9 +19,9 @@ const NOT_FINITE: &[(&str, &str, &[&str])] = &[
     ("inflow.value", "1e308*v^2*1e10", &["inf", "x = -1.5"]),
 ];
 
-/// A formula that is undefined somewhere is named, with its text, the value and the place.
+/// A formula that is not finite somewhere is reported with its text, its value and the place.
 #[test]
-fn formulas_that_are_not_finite_are_named_with_the_place() {
+fn formulas_that_are_not_finite_are_reported_with_the_place() {
     check_all(NOT_FINITE, |(key, formula, wording)| {
         let place = directory();
         let job = run("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
@@ -30,7 +32,7 @@ fn formulas_that_are_not_finite_are_named_with_the_place() {
     });
 }
 
-/// `check` refuses what `run` will refuse for its formulas.
+/// `check` refuses the same formulas as `run`.
 #[test]
 fn check_finds_formulas_that_are_not_finite() {
     check_all(NOT_FINITE, |(key, formula, wording)| {
@@ -39,7 +41,8 @@ fn check_finds_formulas_that_are_not_finite() {
     });
 }
 
-/// Formulas for `α` that give no profile: the mistake, its place, and what is expected.
+/// Formulas for `α` that give no profile are refused with the mistake, its place, and the expected
+/// values.
 #[test]
 fn formulas_for_alpha_that_make_no_profile_are_refused() {
     let rows: [(&str, &[&str]); 14] = [
@@ -58,30 +61,35 @@ fn formulas_for_alpha_that_make_no_profile_are_refused() {
         ("50 + 51", &["between 0.01 and 100"]),
         ("true", &["a formula in quotes expected"]),
     ];
+    // `run` on two ranks refuses them, too: one that is not finite, and one without a profile.
+    let by_run = ["ln(p)", "-1 + 0*p"];
     check_all(&rows, |(formula, wording)| {
         let alpha = format!("solver.warp.alpha={formula}");
         let settings = ["solver.warp.profile=exponential", &alpha];
         let wording: Vec<&str> =
             ["solver.warp.alpha", *formula].into_iter().chain(wording.iter().copied()).collect();
         check("example1.toml").set(&settings).is_refused(&wording)?;
+        if !by_run.contains(formula) {
+            return Ok(());
+        }
         let place = directory();
         run("example1.toml").set(&settings).into(place.path()).on(2).is_refused(&wording)
     });
-    // Of another profile, and a constant with the name of the coordinate.
+    // A formula for another profile, and a constant with the name of the coordinate p.
     let job = check("example1.toml").set(&["solver.warp.alpha=1 - p"]);
     job.is_refused(&["solver.warp.alpha", "1 - p", "\"exponential\" only"]).unwrap();
     let job = check("example1.toml").set(&["constants.p=2"]);
     job.is_refused(&["constants.p", "already means something"]).unwrap();
 }
 
-/// A condition that yields no number is a mistake too, not false.
+/// A condition with the value NaN is refused; it does not count as false.
 #[test]
 fn conditions_that_are_not_finite_are_refused() {
     let job = check("example1.toml").set(&["potential.0.where=\"sqrt(x)\""]);
     job.is_refused(&["where", "sqrt(x)", "NaN"]).unwrap();
 }
 
-/// An exact solution that yields no number is found before the solve, not after it.
+/// An exact solution that is not finite is refused before the solve.
 #[test]
 fn exact_solution_is_checked_before_the_solve() {
     let place = directory();
@@ -89,13 +97,13 @@ fn exact_solution_is_checked_before_the_solve() {
     job.into(place.path()).on(2).is_refused(&["exact.f", "sqrt(-x)", "NaN", "x = 0.0"]).unwrap();
 }
 
-/// A file that is none, or cannot be one.
+/// Files that are not TOML, contain no case, or have too deep or too long contents are refused.
 #[test]
-fn files_that_are_no_case_are_refused() {
+fn files_that_are_not_cases_are_refused() {
     let deep = |open: &str, middle: &str, close: &str| {
         format!("a = {}{middle}{}\n", open.repeat(20_000), close.repeat(20_000))
     };
-    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let text = text_of(case("example1.toml")).unwrap();
     let formula = |f: String| text.replace("value = \"0.2\"", &format!("value = \"{f}\""));
     let rows: Vec<(&str, Vec<u8>, &[&str])> = vec![
         ("empty", b"".to_vec(), &["axis", "1 to 3"]),
@@ -141,14 +149,14 @@ fn files_that_are_no_case_are_refused() {
         let path = path.display().to_string();
         Mistake::set(&path, &[], &[wording, &[path.as_str()][..]].concat())
     });
-    // The longest list of terms that is read does no harm.
+    // A formula with almost the largest number of terms is accepted.
     let place = directory();
     let path = place.path().join("long.toml");
     std::fs::write(&path, formula(format!("x{}", "+x".repeat(4_900)))).unwrap();
     Job::new(["check", &path.display().to_string()]).succeed().unwrap();
 }
 
-/// Messages can be read: a value of thousands of characters is not repeated in full.
+/// Messages are short: a value of thousands of characters is not repeated in full.
 #[test]
 fn messages_stay_short() {
     let long = format!("initial.f=\"{}\"", "-".repeat(9_000));

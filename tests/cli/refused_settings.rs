@@ -1,10 +1,10 @@
-//! Mistakes in `--set`, and in keys that depend on each other, are refused with their text.
+//! Mistakes in `--set` and contradictory keys are refused with the text of the setting.
 
 use crate::support::{Job, Mistake, SLOPES, all_refused, check_all, directory, edited, run};
 
-/// Slopes are not linear: refused wherever a matrix is needed.
+/// Slopes are not linear. They are refused with methods that need a matrix.
 #[test]
-fn slopes_where_none_can_be_are_refused() {
+fn slopes_are_refused_with_methods_that_need_a_matrix() {
     let rows: &[(&[&str], &[&str])] = &[
         (&[], &["schrodingerized", "not linear", "ssp-rk3"]),
         (&SLOPES[..1], &["exponential", "not linear", "ssp-rk3"]),
@@ -21,9 +21,9 @@ fn slopes_where_none_can_be_are_refused() {
     mistake.refused_by_reader().unwrap();
 }
 
-/// A text or a number instead of a table: the message shows the correct form.
+/// A text or a number instead of a table is refused with an example of the correct form.
 #[test]
-fn tables_are_shown_by_an_example() {
+fn a_missing_table_is_refused_with_an_example() {
     let rows = [
         ("potential=[{ table = \"V.csv\" }]", "a table as { file = \"V.csv\" } expected"),
         ("initial.table=f.h5", "a table as { file = \"f.h5\" } expected"),
@@ -41,9 +41,9 @@ fn tables_are_shown_by_an_example() {
     });
 }
 
-/// A key that must be there and is misspelt: missing, and the nearest to it is known.
+/// If a required key is misspelt, the message names the misspelt key and the right one.
 #[test]
-fn misspelt_keys_that_must_be_there_are_named() {
+fn misspelt_required_keys_are_named() {
     let place = directory();
     let (path, line) = edited(place.path(), "end = 1.0", "edn = 1.0");
     let path = path.display().to_string();
@@ -53,9 +53,9 @@ fn misspelt_keys_that_must_be_there_are_named() {
     mistake.refused_by_reader().unwrap();
 }
 
-/// An implicit method without its step, in the file or set from outside.
+/// An implicit method without a step, in the file or by `--set`, is refused.
 #[test]
-fn a_missing_step_is_named_with_its_place() {
+fn a_missing_step_is_named_with_its_file() {
     let place = directory();
     for method in ["crank-nicolson", "backward-euler"] {
         let new = format!("method = \"{method}\"");
@@ -118,7 +118,7 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
     });
 }
 
-/// Mistakes that only the grid or the plan reveals name their file.
+/// Mistakes that are found on the grid or in the plan are reported with their file.
 #[test]
 fn late_mistakes_name_the_file() {
     let rows = [
@@ -133,9 +133,9 @@ fn late_mistakes_name_the_file() {
     });
 }
 
-/// Cases that need periodic axes, and cases that do not support them.
+/// Invalid boundaries, and blocks along an axis that must stay whole.
 #[test]
-fn boundaries_that_cannot_be_are_refused() {
+fn invalid_boundaries_are_refused() {
     let rows: [(&str, &[&str]); 3] = [
         ("axis.0.x.boundary=reflecting", &["axis.0.x.boundary", "reflecting", "periodic"]),
         ("axis.0.v.boundary=periodic", &["axis.0.v.boundary", "velocity"]),

@@ -1,12 +1,12 @@
-//! Grids beyond the memory and absurd scales are refused soon.
+//! Grids that do not fit into memory and absurd scales are refused soon.
 
 use crate::support::{
-    Job, SECONDS_TO_REFUSE, case, check_all, directory, plan, refused, solved_or_refused,
+    SECONDS_TO_REFUSE, check_all, directory, of_case, plan, refused, solved_or_refused,
 };
 
-/// More cells than fit into memory are refused before allocation, by every command.
+/// Grids that do not fit into memory are refused before allocation, by every command.
 #[test]
-fn grids_beyond_the_memory_are_refused() {
+fn grids_that_do_not_fit_into_memory_are_refused() {
     let rows: &[(&str, [&str; 2], &[&str])] = &[
         ("run", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
         ("plan", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
@@ -23,7 +23,7 @@ fn grids_beyond_the_memory_are_refused() {
     ];
     check_all(rows, |(command, cells, settings)| {
         let place = directory();
-        let mut job = Job::new([*command, &case("example1.toml")]).set(cells).set(settings);
+        let mut job = of_case(command, "example1.toml").set(cells).set(settings);
         if *command == "run" {
             job = job.into(place.path());
         }
@@ -32,13 +32,13 @@ fn grids_beyond_the_memory_are_refused() {
     // A grid that --set makes too large is reported as a mistake of --set, not of a line of the
     // file.
     let set = "axis.0.x.cells=100000000000";
-    let job = Job::new(["check", &case("example1.toml")]).set(&["axis.0.v.cells=20", set]);
+    let job = of_case("check", "example1.toml").set(&["axis.0.v.cells=20", set]);
     job.is_refused(&[&format!("--set {set}"), "axis.0.x.cells", "memory"]).unwrap();
     let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
     plan.is_refused(&["memory", "needed", "976.6 KiB"]).unwrap();
 }
 
-/// However many cells, `plan` and `check` answer or refuse.
+/// For any number of cells, `plan` and `check` answer or refuse within the time limit.
 #[test]
 fn plan_and_check_of_absurd_grids_do_not_hang() {
     let mut rows = Vec::new();
@@ -52,7 +52,7 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
         }
     }
     check_all(&rows, |(command, cells)| {
-        let job = Job::new([*command, &case("example1.toml")]).set(cells);
+        let job = of_case(command, "example1.toml").set(cells);
         let finished = job.within(SECONDS_TO_REFUSE as u64).capped().run()?;
         match finished.code {
             Some(0) => Ok(()),
@@ -61,10 +61,9 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     });
 }
 
-/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming
-/// a key.
+/// Cases with absurd scales, which are too long, too fast or too fine, are solved or refused.
 #[test]
-fn absurd_scales_are_refused() {
+fn absurd_scales_are_solved_or_refused() {
     let rows: &[(&str, &[&str])] = &[
         ("run", &["time.end=1e300"]),
         ("run", &["time.end=1e300", "scheme.interface=conservative"]),
@@ -83,7 +82,7 @@ fn absurd_scales_are_refused() {
     check_all(rows, |(command, settings)| {
         let place = directory();
         let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
-        let mut job = Job::new([*command, &case("example1.toml")]).set(&small).set(settings);
+        let mut job = of_case(command, "example1.toml").set(&small).set(settings);
         if *command == "run" {
             job = job.set(&["solver.verify=true"]).into(place.path());
         }

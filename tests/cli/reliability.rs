@@ -1,9 +1,10 @@
-//! Faults that a run survives or refuses: damaged results, other runs in its directory, long paths,
-//! disks and memory that are too small.
+//! Faults that a run survives or reports: damaged results, other runs in its directory, long paths,
+//! and too small disks and memory.
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
-    Finished, Job, case, check_all, datasets, differences, directory, directory_on_disk,
+    Finished, Job, RESULT_FILES, case, check_all, datasets, differences, directory,
+    directory_on_disk, names_in, of_case, on_results,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,25 +14,16 @@ const SMALL: [&str; 4] =
     ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
 
 fn run() -> Job {
-    Job::new(["run", &case("example1.toml")]).set(&SMALL)
+    of_case("run", "example1.toml").set(&SMALL)
 }
 
 fn reports_finished(finished: &Finished) -> bool {
     finished.output.contains("the run is finished")
 }
 
-/// Names in a directory, sorted.
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).expect("a directory");
-    let mut names: Vec<String> =
-        entries.map(|entry| entry.expect("an entry").file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
-
 #[test]
-fn damaged_results_are_not_called_finished() {
-    /// A change of the results, and the message about it.
+fn damaged_results_do_not_count_as_finished() {
+    /// Name of a damage, a function that damages the results, and a part of the message about it.
     type Damage = (&'static str, fn(&Path), &'static str);
     const DAMAGES: [Damage; 8] = [
         (
@@ -43,7 +35,7 @@ fn damaged_results_are_not_called_finished() {
                 drop(file);
                 let mut bytes = fs::read(&path).unwrap();
                 bytes[at + 100] ^= 1;
-                // As a disk does it, without another date.
+                // A failing disk does not change the date of the file.
                 let date = fs::metadata(&path).unwrap().modified().unwrap();
                 fs::write(&path, bytes).unwrap();
                 fs::File::options().write(true).open(&path).unwrap().set_modified(date).unwrap();
@@ -81,7 +73,7 @@ fn damaged_results_are_not_called_finished() {
         damage(path);
         if printed.contains("dataset") {
             for command in ["check-result", "plot", "report"] {
-                let drawn = Job::new([command, &path.display().to_string()]).run()?;
+                let drawn = on_results(command, path).run()?;
                 drawn.ended(1, &[printed])?;
             }
         }
@@ -92,16 +84,16 @@ fn damaged_results_are_not_called_finished() {
         }
         let again = job(2).with(["--resume"]).succeed()?;
         if !reports_finished(&again) || again.errors.contains("damaged") {
-            return Err(again.report(&format!("{what}: not mended")));
+            return Err(again.report(&format!("{what}: not repaired")));
         }
         Ok(())
     });
 }
 
-/// A process whose standard streams are closed opens files under their numbers: nothing that is
-/// printed gets into them.
+/// With closed standard streams, the files of a process get the numbers of these streams. No
+/// printed text gets into the files.
 #[test]
-fn streams_may_be_closed() {
+fn closed_streams_do_not_damage_files() {
     let (whole, alone) = (directory(), directory());
     run().into(whole.path()).succeed().unwrap();
     let finished = run().into(alone.path()).without_streams().succeed().unwrap();
@@ -122,57 +114,59 @@ fn long(place: &Path, length: usize) -> PathBuf {
     while text.len() < length {
         let left = length - text.len() - 1;
         text += "/";
-        // No name of no bytes at the end.
+        // A last name of 101 bytes would be split into 100 and an empty one.
         text += &"d".repeat(if left == 101 { 100 } else { left.min(100) });
     }
     PathBuf::from(text)
 }
 
 #[test]
-fn paths_may_be_long() {
+fn long_paths_are_accepted() {
     check_all(&[226, 227, 300, 2000], |&length| {
         let place = directory();
         let path = long(place.path(), length);
         assert_eq!(path.as_os_str().len(), length);
         let settings = ["output.warped_field=true"];
         run().set(&settings).on(2).solve(&path)?;
-        Job::new(["check-result", &path.display().to_string()]).on(2).succeed()?;
+        on_results("check-result", &path).on(2).succeed()?;
         let again = run().set(&settings).into(&path).with(["--resume"]).on(2).succeed()?;
         if reports_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
     });
 }
 
-/// A disk that is full when the last file is written: files may grow to the size of the others.
+/// The disk is full when the last file is written: a limit on the size of files is just above that
+/// of the other files.
 #[test]
 fn a_run_without_a_summary_is_not_finished() {
     let place = directory();
     let path = place.path();
-    // The readout of many cells takes more room in the summary, as text, than in the other files.
+    // The readout of many cells makes the summary larger than the other files.
     let cells: Vec<String> = (0..200).map(|cell| format!("[{cell}]")).collect();
     let readout = format!("readout={{cells=[{}]}}", cells.join(","));
     let wide = ["output.xdmf=false", "axis.0.x.cells=200", "axis.0.v.cells=6", &readout];
     let job = || run().set(&wide).into(path).on(2);
     job().succeed().expect("a run");
     let kibibytes = |name: &str| fs::metadata(path.join(name)).expect("a file").len() / 1024;
-    // And the plan's margin for metadata.
+    // The limit includes the plan's margin for metadata.
     let others = kibibytes("result.h5").max(kibibytes("readout.csv")) + 300;
     assert!(kibibytes("summary.json") > others, "{} and {others}", kibibytes("summary.json"));
     let sound = datasets(path).expect("datasets");
-    for name in names(path) {
+    for name in names_in(path) {
         fs::remove_file(path.join(name)).expect("a file");
     }
     let finished = job().files_up_to(others).run().expect("a run");
     finished.ended(1, &["summary.json"]).unwrap();
-    assert_eq!(names(path), ["readout.csv", "result.h5"], "nothing else stays");
+    assert_eq!(names_in(path), ["readout.csv", "result.h5"], "other files are left");
     let again = job().with(["--resume"]).succeed().expect("a run");
     assert!(!reports_finished(&again), "{}", again.report("there was no summary"));
-    assert_eq!(names(path), ["readout.csv", "result.h5", "summary.json"]);
+    assert_eq!(names_in(path), ["readout.csv", "result.h5", "summary.json"]);
     assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
 }
 
-/// A run whose ranks stand still keeps its directory; when they go on, its results are whole.
+/// A second run in the directory of a run whose ranks are stopped is refused. After the ranks
+/// continue, the results of the first run are complete.
 #[test]
-fn one_run_at_a_time_in_a_directory() {
+fn a_second_run_in_a_directory_is_refused() {
     let place = directory();
     let path = place.path();
     let job = run().set(&["time.end=0.29"]).into(path).on(2);
@@ -190,20 +184,18 @@ fn one_run_at_a_time_in_a_directory() {
     assert_eq!(first.code, Some(0), "{}", first.report("the first run"));
     let refusal = refusal.expect("a second run").expect("its end");
     refusal.ended(2, &["another run writes into it (run.lock: process", "-o"]).unwrap();
-    let files =
-        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
-    assert_eq!(names(path), files);
-    Job::new(["check-result", &path.display().to_string()]).on(2).succeed().unwrap();
+    assert_eq!(names_in(path), RESULT_FILES);
+    on_results("check-result", &path).on(2).succeed().unwrap();
     // Leftovers of a killed run do not block another run.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
     run().with(["--force"]).into(path).on(1).succeed().expect("a run");
-    assert_eq!(names(path), files);
+    assert_eq!(names_in(path), RESULT_FILES);
 }
 
-/// A job that is killed and starts again at once: old ranks may still be there.
+/// A killed job is started again at once, while some of its old ranks still run.
 #[test]
-fn runs_go_on_while_killed_ranks_tidy_up() {
+fn runs_are_continued_while_ranks_of_a_killed_run_end() {
     LazyLock::force(&WHOLE);
     for _ in 0..3 {
         let place = directory_on_disk();
@@ -223,7 +215,7 @@ fn runs_go_on_while_killed_ranks_tidy_up() {
     }
 }
 
-/// Files with the names of results are replaced; targets of links stay unchanged.
+/// Links and pipes with the names of results are replaced; the targets of links stay unchanged.
 #[test]
 fn links_and_pipes_are_not_followed() {
     let place = directory();
@@ -231,14 +223,11 @@ fn links_and_pipes_are_not_followed() {
     fs::write(&victim, b"text").expect("a file");
     let path = place.path().join("results");
     fs::create_dir(&path).expect("a directory");
-    let all = [
-        "result.h5", "summary.json", "fields.xdmf", "grids.h5", "plane_x.xdmf", "space.xdmf",
-        "readout.csv", "warped_f.h5",
-    ];
-    for name in all {
+    let all = [&RESULT_FILES[..], &["readout.csv", "warped_f.h5"]].concat();
+    for name in &all {
         std::os::unix::fs::symlink(&victim, path.join(name)).expect("a link");
         let partial = path.join(format!("{name}.partial"));
-        if name == "fields.xdmf" {
+        if *name == "fields.xdmf" {
             let made = std::process::Command::new("mkfifo").arg(partial).status();
             assert!(made.is_ok_and(|status| status.success()));
         } else {
@@ -248,22 +237,22 @@ fn links_and_pipes_are_not_followed() {
     let settings = ["output.warped_field=true", "readout={cells=[[3]]}"];
     run().set(&settings).with(["--force"]).on(2).solve(&path).expect("a run");
     assert_eq!(fs::read(&victim).expect("a file"), b"text");
-    let mut expected = all.map(str::to_owned);
-    expected.sort();
-    assert_eq!(names(&path), expected);
+    let mut expected = all.clone();
+    expected.sort_unstable();
+    assert_eq!(names_in(&path), expected);
     for name in all {
         assert!(fs::symlink_metadata(path.join(name)).expect("a file").is_file(), "{name}");
     }
 }
 
-/// A directory that not all ranks share is refused before anything is computed.
+/// A directory that not all ranks share is refused before the solve.
 #[test]
-fn all_ranks_share_the_directory() {
+fn a_directory_that_not_all_ranks_share_is_refused() {
     let [one, other] = [directory(), directory()];
     let job = run().with(["-o", "out"]).apart(&[one.path(), other.path()]);
     let finished = job.run().expect("an end");
     finished.ended(2, &["does not see what the first one wrote there"]).unwrap();
-    assert!(names(&one.path().join("out")).is_empty());
+    assert_eq!(fs::read_dir(one.path().join("out")).expect("a directory").count(), 0);
     run().with(["-o", "out"]).apart(&[one.path(), one.path()]).succeed().expect("a run");
 }
 
@@ -272,7 +261,7 @@ fn a_run_does_not_overwrite_the_file_that_it_starts_from() {
     let place = directory();
     let path = place.path();
     let full = ["output.warped_field=true", "exact={f='0'}"];
-    // A run can start from such a field.
+    // Settings of a field from which a run can start.
     let flat = [
         "scheme.interface=conservative",
         "solver.warp.profile=smooth",
@@ -293,9 +282,10 @@ fn a_run_does_not_overwrite_the_file_that_it_starts_from() {
     assert_eq!(fs::read(&start).expect("a file"), bytes);
 }
 
-/// Arguments need not be text; a directory whose path is none is refused before the solve.
+/// A case file can have a path that is not UTF-8. An output directory with such a path is refused
+/// before the solve.
 #[test]
-fn arguments_that_are_no_text() {
+fn paths_that_are_not_utf8_are_read_but_not_written() {
     use std::os::unix::ffi::OsStrExt;
     let place = directory();
     let path = place.path().join(std::ffi::OsStr::from_bytes(b"no text \xff"));
@@ -318,10 +308,10 @@ fn arguments_that_are_no_text() {
     assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
-/// A limit on the address space of each process (`ulimit -v`), 8 GiB, is seen before anything is
-/// allocated; the grid takes 13.
+/// A run that needs 13 GiB is refused before it allocates anything if the address space of its
+/// process is limited to 8 GiB (`ulimit -v`).
 #[test]
-fn limits_of_the_address_space_are_seen() {
+fn limits_of_the_address_space_are_kept() {
     let place = directory();
     let large = ["axis.0.x.cells=6500", "axis.0.v.cells=6500", "solver.tolerance=0.1"];
     let job = run().set(&large).into(place.path()).capped();

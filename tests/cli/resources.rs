@@ -1,15 +1,17 @@
-//! `phasewarp resources` and the probabilities of a run: counts, and measurements of the whole
-//! warped field.
+//! `phasewarp resources`: its counts are consistent and agree with emitted circuits; and the
+//! probabilities of a run agree with the whole warped field.
 
 use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
-use crate::support::{Job, case, check_all, datasets_of, directory, field, require, run};
+use crate::support::{
+    Job, case, check_all, datasets_of, directory, field, json_of, of_case, require, run, text_of,
+};
 
-/// Sparsity, queries and qubits of every kind of scene, on any ranks; in every format; unknown
-/// numbers are marked as such and are not zero.
+/// Sparsity, queries and qubits are consistent for all kinds of cases and in every format, and the
+/// same on any ranks. Unknown numbers are marked as such and are not zero.
 #[test]
-fn resources_are_counted() {
+fn resources_are_consistent_in_every_format() {
     let rows = [
         ("example1.toml", 1, 20.0),
         ("slope_jump.toml", 3, 20.0),
@@ -25,7 +27,7 @@ fn resources_are_counted() {
         let read = |format: &str| job(format).on(ranks).succeed()?.json();
         let (record, azure, qref) = (read("json")?, read("azure")?, read("qref")?);
         let alone = job("json").succeed()?;
-        // Results depend on ranks only by round-off of norms, which do not occur here.
+        // Only round-off of norms depends on the ranks, and these numbers contain no norms.
         let same = alone.json()? == record;
         require(same, &alone, || format!("other than on {ranks} ranks: {record}"))?;
         let own = &record["own"];
@@ -53,7 +55,7 @@ fn resources_are_counted() {
                     && of_qref("calls") == least["steps"]["value"].as_f64()
                     && of_qref("qubits") == least["qubits"]["value"].as_f64()
                     && labels["toffoli"] == least["toffoli"]["label"]
-                    // Of one access only.
+                    // Compiled circuits have no numbers of other kinds of access.
                     && of_qref("toffoli_model").is_none()
                     && of_qref("queries").is_none()
             }
@@ -86,8 +88,8 @@ fn resources_are_counted() {
         require(sensible, &alone, || format!("{record} {azure} {qref}"))?;
         let counted = own["qubits"]["total"].as_f64().unwrap_or(f64::NAN);
         require(counted <= qubits + 8.0 && counted >= 8.0, &alone, || format!("{counted} qubits"))?;
-        // The first costs are those of the cheapest choice on a quantum computer, without weights;
-        // the case's own set-up is planned for emulation.
+        // The record describes the cheapest choice on a quantum computer, which has no weights. Its
+        // entry `own` describes the set-up of the case, which is planned for emulation.
         let cost = |record: &Value| {
             let both = record["queries_until_measured"].as_array();
             let known = both.into_iter().flatten().filter_map(|cost| cost["value"].as_f64());
@@ -121,18 +123,18 @@ fn resources_are_counted() {
         let named = reasons.iter().filter_map(|why| why.as_str()).any(|why| why.contains(here));
         require(!named, &alone, || format!("{reasons:?}"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))?;
-        let text = Job::new(["resources", &case(name)]).succeed()?;
+        let text = of_case("resources", name).succeed()?;
         text.contains(&text.output, &["g exact (emitted gates)", "m model or estimate"])?;
-        // The circuit has jumps of whole levels and forces; the unitary scheme has no inflow.
+        // Only these cases have a circuit.
         let compiles = ["example1.toml", "slope_jump.toml"].contains(&name);
         require(compiled == compiles, &alone, || format!("{name}: {}", record["no_circuit"]))?;
-        // Nor where a cell of velocities is around 0, behind a jump.
+        // The unitary scheme has no inflow, and no velocity cell around 0 at a jump.
         let none =
             ["inflow_barrier.toml", "partial_reflection.toml", "example2.toml", "barrier2d.toml"];
         let unitary = record["not_unitary"].is_null();
         require(unitary != none.contains(&name), &alone, || format!("{}", record["not_unitary"]))?;
         for cost in record["unitary"]["costs"].as_array().into_iter().flatten() {
-            // No postselection.
+            // Without postselection, one evolution suffices.
             let once = cost["toffoli_until_measured"][0]["value"] == cost["toffoli"]["value"];
             require(once, &alone, || format!("{cost}"))?;
         }
@@ -144,7 +146,7 @@ fn resources_are_counted() {
         ("example1.toml", "initial={warped='w.h5'}", "a file holds any"),
     ] {
         for more in [None, Some("--optimise")] {
-            let job = Job::new(["resources", &case(name)]).with(more);
+            let job = of_case("resources", name).with(more);
             let job = job.set(&[settings, "exact={f='0'}"]).on(2);
             job.is_refused(&[words]).unwrap();
         }
@@ -173,15 +175,15 @@ fn synthesized(azure: &Value, cost: &Value, record: &Value) -> bool {
         && (gates / cost["gates"]["value"].as_f64().unwrap_or(f64::NAN) - 1.0).abs() < 1e-9
 }
 
-/// Whether qubits of all routines are peaks, which nobody adds up.
+/// Whether the numbers of qubits of all routines have the type `qubits`, so that they are not
+/// added.
 fn peaks(routine: &Value) -> bool {
     let mut resources = routine["resources"].as_array().into_iter().flatten();
     resources.all(|r| (r["name"] == "qubits") == (r["type"] == "qubits"))
         && routine["children"].as_array().into_iter().flatten().all(peaks)
 }
 
-/// The cost of the access that takes the fewest gates, by the sequence whose rotations are
-/// computed.
+/// The cost of the access with the fewest gates, for the sequence whose rotations are computed.
 fn least_cost(record: &Value) -> Value {
     let number = |cost: &Value| {
         let both = cost["gates_until_measured"].as_array();
@@ -193,10 +195,10 @@ fn least_cost(record: &Value) -> Value {
     costs.reduce(least).unwrap_or_default()
 }
 
-/// The gates that are counted are those of the circuit that `export-circuit` emits, with the
-/// reflection of a step: of the unitary scheme, which is one mode whatever the profile.
+/// The counted gates of the unitary scheme are those of the circuit that `export-circuit` emits and
+/// of the reflection in each step.
 #[test]
-fn counts_are_those_of_the_emitted_circuit() {
+fn counts_agree_with_the_emitted_circuit() {
     let of_width = |upper: f64, exact: bool| {
         let axis = format!("axis.0.v={{lower=-{upper},upper={upper},cells=8}}");
         let grid = ["axis.0.x.cells=8", &axis];
@@ -208,23 +210,24 @@ fn counts_are_those_of_the_emitted_circuit() {
             let path = place.path().display().to_string();
             let job = Job::new(["export-circuit", &case("example1.toml"), "-o", &path]).set(&grid);
             let job = job.set(&["scheme.flux=0", "scheme.ends=closed"]);
-            // Many bins have too many terms to be simulated.
+            // A circuit with many bins has too many terms for the simulation.
             let columns = if exact { "64" } else { "0" };
             let job = job.with(["--levels", levels, "--check", columns, "--sub-bins", &bins]);
             job.succeed().unwrap();
-            let text = std::fs::read_to_string(place.path().join("circuit.json")).unwrap();
-            is_the_emitted_circuit(&found, &serde_json::from_str(&text).unwrap(), levels);
+            let circuit = json_of(place.path().join("circuit.json")).unwrap();
+            is_the_emitted_circuit(&found, &circuit, levels);
         }
         let rounding = &found["unitary"]["rounding"];
         assert_eq!(rounding["rounded"] == 0.0, exact, "{rounding}");
         assert_eq!(rounding["change"]["label"], "upper-bound");
     };
-    // The step is 2.5 levels, and 2.84.
+    // The step has 2.5 levels, then 2.84.
     of_width(1.6, true);
     of_width(1.5, false);
 }
 
-/// The unitary scheme of `found` is the `emitted` circuit with these levels on 8 by 8 cells.
+/// Checks that the counts of the unitary scheme in `found` are those of the `emitted` circuit with
+/// these levels on 8 by 8 cells.
 fn is_the_emitted_circuit(found: &Value, emitted: &Value, levels: &str) {
     let about = &emitted["description"];
     let difference = about["check"]["difference"].as_f64();
@@ -236,10 +239,10 @@ fn is_the_emitted_circuit(found: &Value, emitted: &Value, levels: &str) {
     let cost = costs.iter().find(|cost| cost["access"]["circuit"] == levels).unwrap();
     assert_eq!(cost["toffoli_a_step"]["value"].as_f64(), Some(expected));
     assert_eq!(cost["toffoli_a_step"]["label"], "emitted");
-    // The same bins: the rounded jump has the cost that was printed.
+    // The counts and the circuit round the jump to the same bins.
     assert_eq!(found["unitary"]["rounding"]["bin_bits"], about["transport"]["bin_bits"]);
     assert_eq!(found["unitary"]["rounding"]["rounded"], about["rounded"]);
-    // A reflection takes a clean qubit for each of the block's but one.
+    // A reflection needs one clean qubit less than the block has qubits.
     let clean = count("scratch_qubits").max(count("block_qubits") - 1.0);
     let qubits = count("qubits") - count("scratch_qubits") + clean;
     for sequence in [cost, &cost["half_calls"]] {
@@ -247,18 +250,18 @@ fn is_the_emitted_circuit(found: &Value, emitted: &Value, levels: &str) {
         assert_eq!(sequence["ancillas"]["value"].as_f64(), Some(clean));
     }
     assert_eq!(cost["alpha"]["value"], about["alpha"]);
-    // The norm of a long box: v_max/dx, with all of the register's levels a bit more.
+    // The norm of the transport in a long box is v_max/dx; alpha is slightly larger.
     let norm = about["transport"]["axes"][0]["rate"].as_f64().unwrap() * 7.0;
     let alpha = about["alpha"].as_f64().unwrap() / norm;
     assert!((1.0 - 1e-12..1.2).contains(&alpha), "{levels}: {alpha}");
     assert!(levels == "hadamard" || alpha < 1.0 + 1e-12, "{alpha}");
 }
 
-/// A unitary flow is one mode, whatever the scheme was chosen for: no p and no postselection, in a
-/// run, in its own set-up, in the cheapest, and in the list of choices. Every choice of the list
-/// has its numbers, in rows of 100 columns.
+/// A unitary flow has one mode, hence no register for p and no postselection: in a run, in its own
+/// set-up, in the cheapest set-up and in the list of choices. All choices of the list have their
+/// numbers, in rows of 100 columns.
 #[test]
-fn one_mode_has_no_p() {
+fn a_unitary_flow_has_no_register_for_p() {
     const CLOSED: &[&str] =
         &["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.flux=0", "scheme.ends=closed"];
     let rows: [(&str, &[&str], &[&str]); 3] = [
@@ -268,7 +271,7 @@ fn one_mode_has_no_p() {
     ];
     check_all(&rows, |(name, settings, more)| {
         let job = |words: &[&str]| {
-            let job = Job::new(["resources", &case(name)]).set(settings).set(more);
+            let job = of_case("resources", name).set(settings).set(more);
             job.with(words.iter().copied())
         };
         let found = job(&["--format", "json"]).succeed()?;
@@ -302,13 +305,12 @@ fn one_mode_has_no_p() {
         let end = lines.iter().position(|line| line.starts_with("calls:")).unwrap_or(0);
         let bare = lines[1..end].iter().any(|line| {
             let words: Vec<&str> = line.split_whitespace().collect();
-            // Its last columns are empty, or were broken onto a line of their own.
+            // Its last columns are empty, or the row is wrapped.
             words.len() > 3 && words[words.len() - 3..] == ["-"; 3] || words.len() < 3
         });
         require(!bare, &list, || "a choice without numbers, or a broken row".to_owned())?;
         if !by_hand {
-            let place = directory();
-            let summary = run(name).set(settings).set(more).solve(place.path())?;
+            let summary = run(name).set(settings).set(more).summary()?;
             let found = &summary.value["probabilities"];
             let all = &found["at_slice"]["all"];
             let one = found["points"] == 1 && all["value"] == 1.0 && all["label"] == "exact";
@@ -318,8 +320,8 @@ fn one_mode_has_no_p() {
     });
 }
 
-/// The table of costs as CSV has the numbers of the JSON with all digits and their labels; in LaTeX
-/// it has as many rows.
+/// The table of costs as CSV has the numbers of the JSON, with all digits and with their labels. In
+/// LaTeX it has the same number of rows.
 #[test]
 fn tables_of_costs_have_the_numbers_of_the_json() {
     let read = |more: &[&str], format: &str| {
@@ -338,7 +340,8 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
             assert_eq!(line[column(name)].parse().ok(), cost[name]["value"].as_f64(), "{name}");
             assert_eq!(line[column(&format!("{name}_label"))], cost[name]["label"], "{name}");
         }
-        // Toffoli gates alone are those of one sequence, all gates those of the cheaper one.
+        // The Toffoli gates are those of one sequence, the sum of all gates that of the cheaper
+        // one.
         let number = |name: &str| line[column(name)].parse::<f64>().expect("a number");
         let half = &cost["half_calls"];
         let of = |sequence: &Value, key: &str, k: usize| sequence[key][k]["value"].as_f64();
@@ -364,7 +367,7 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     let choices = read(&["--optimise"], "json").unwrap().json().unwrap();
     let lines = csv_records(&read(&["--optimise"], "csv").unwrap().printed);
     assert_eq!(lines.len(), choices.as_array().map_or(0, Vec::len) + 1);
-    // The same names mean the same there.
+    // Columns with the same names have the same meaning there.
     let column = |name: &str| lines[0].iter().position(|n| n == name).expect("a column");
     for (line, choice) in lines[1..].iter().zip(choices.as_array().into_iter().flatten()) {
         let cheaper = if choice["half_calls"] == true { "half_calls_steps" } else { "steps" };
@@ -378,7 +381,7 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
             assert_eq!(line[column(name)].parse().ok(), figure["value"].as_f64(), "{name}");
         }
     }
-    // The unitary scheme is among them, once, with the least of its costs.
+    // The list contains the unitary scheme once, with the lowest of its costs.
     let unitary = choices.as_array().into_iter().flatten();
     let unitary: Vec<&Value> = unitary.filter(|choice| choice["unitary_scheme"] == true).collect();
     let gates = |cost: &Value, sequence: fn(&Value) -> &Value| {
@@ -391,10 +394,10 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     read(&["--optimise"], "azure").unwrap_err();
 }
 
-/// A density from end to end: orders as documented, numbers that follow from one another, and a
-/// density that quadrature over characteristics finds.
+/// The cost of a density with a required accuracy: the orders are as documented, the numbers follow
+/// from each other, and the density is plausible.
 #[test]
-fn a_density_from_end_to_end() {
+fn the_cost_of_a_density_is_consistent() {
     let settings = [
         "scheme.degree=0",
         "axis.0.x.cells=128",
@@ -414,7 +417,7 @@ fn a_density_from_end_to_end() {
         let grids = way["grids"].as_array().unwrap();
         assert_eq!((errors.len(), grids.len()), (3, 4));
         assert!(errors[2] < errors[1] && errors[1] < errors[0], "{errors:?}");
-        // Between two grids whose errors are known, or beyond all of them by the order.
+        // The grid is between two grids whose errors are known, or extrapolated by the order.
         let sizes: Vec<f64> = grids.iter().filter_map(|grid| grid[0].as_f64()).collect();
         match errors.iter().rposition(|&error| error > 0.025) {
             Some(2) => {
@@ -425,14 +428,14 @@ fn a_density_from_end_to_end() {
             Some(k) => assert!(sizes[k] <= sizes[3] && sizes[3] <= sizes[k + 1] + 1.0),
             None => assert!(sizes[3] <= sizes[0]),
         }
-        // The degree of the fewest gates, of all that were tried.
+        // The degree is the one with the fewest gates of all that were tried.
         let degrees = way["degrees"].as_array().unwrap();
         assert_eq!(degrees.len(), 5);
         let gates = |degree: &Value| degree["gates"]["value"].as_f64().unwrap_or(f64::INFINITY);
         let least = degrees.iter().map(gates).fold(f64::INFINITY, f64::min);
         assert_eq!(least, value(&way["gates_until_measured"]));
         assert_eq!(gates(&degrees[way["degree"].as_u64().unwrap() as usize]), least);
-        // Its numbers are of a grid that is an estimate.
+        // The grid is an estimate, and so are numbers that depend on it.
         let cost = &way["cost"];
         let label = if cost["access"] == "sparse" { "model" } else { "estimate" };
         assert_eq!(cost["toffoli_a_step"]["label"], label);
@@ -440,19 +443,19 @@ fn a_density_from_end_to_end() {
             assert_eq!(cost[key]["label"], "estimate", "{key}");
         }
         assert!(value(&way["tolerance"]) < 0.05 && value(&way["walk_tolerance"]) < 0.05);
-        // By the sequence of fewer gates, T gates and rotations among them.
+        // The sequence with fewer gates counts, including T gates and rotations.
         let gates = value(&cost["gates"]).min(value(&cost["half_calls"]["gates"]));
         let all = gates * value(&way["evolutions"]);
         assert!((value(&way["gates_until_measured"]) / all - 1.0).abs() < 1e-9);
         assert_eq!(way["toffoli"], cost["toffoli"]);
         assert_eq!(way["physical_qubits"]["label"], "model");
         assert!(value(&way["physical_qubits"]) > 100.0 * value(&cost["qubits"]));
-        // Seconds of the distance and the factories of the physical qubits.
+        // The seconds follow from the code distance.
         let d = way["code_distance"].as_f64().unwrap();
         let seconds = all * 5.5 * d / 4.0 * 1e-6;
         assert!((value(&way["seconds"]) / seconds - 1.0).abs() < 1e-9);
     }
-    // What the state is: a profile with its parameter, read at a point of a register.
+    // The state of the upwind scheme has a profile and a register for p, which is read at a point.
     assert!(upwind["profile"].is_object() && unitary["profile"].is_null(), "{upwind}");
     assert!(value(&upwind["points"]) > 1.0 && value(&unitary["points"]) == 1.0);
     assert!(value(&upwind["recovery"]) >= 0.0);
@@ -464,7 +467,7 @@ fn a_density_from_end_to_end() {
     let gates = |way: &Value| value(&way["gates_until_measured"]);
     assert!(gates(upwind) > 10.0 * gates(unitary));
     assert_eq!(traced["gates_until_measured"]["label"], "model");
-    // What left (-0.5, 0.6) is at 0.2 after the step, where v = √(0.36 + 0.4).
+    // Particles from (-0.5, 0.6) reach 0.2 behind the step, with v = √(0.36 + 0.4).
     let density = found["density"].as_f64().unwrap();
     assert!(density > 0.02 && density < 0.3, "{density}");
     let verdict = found["verdict"].as_array().unwrap();
@@ -492,7 +495,7 @@ fn a_density_from_end_to_end() {
     assert!(lines[1][column("profile")].contains(' '), "{lines:?}");
     let job = |name: &str| Job::new(["resources", &case(name), "--accuracy", "0.1"]);
     job("example2.toml").is_refused(&["is not linear"]).unwrap();
-    // Where there is nearly nothing, an error relative to it means nothing.
+    // An error relative to a density of almost zero is refused.
     let nowhere = ["readout={points=[[-1.4]],accuracy=0.1}"];
     let job_there = job("smooth-beams.toml").set(&settings[..4]).set(&nowhere);
     job_there.is_refused(&["of the mean", "[readout]"]).unwrap();
@@ -553,10 +556,10 @@ fn walls_within_cells_and_a_method_without_a_number() {
     assert_eq!([&row[column], &row[column + 1]], ["", "unavailable"]);
 }
 
-/// Whether the numbers of a record belong together.
+/// Checks that the numbers of a record follow from each other.
 fn consistent(record: &Value) -> Result<(), String> {
     let value = |key: &str| record[key]["value"].as_f64().unwrap_or(f64::NAN);
-    // Steps are no more exact than the tolerance that they follow from.
+    // If the tolerance is an estimate, the steps that follow from it are estimates.
     let trust = &record["walk_tolerance"]["label"];
     let rough = trust == "estimate";
     for key in ["degree", "walk_steps", "queries", "value_bits"] {
@@ -577,19 +580,19 @@ fn consistent(record: &Value) -> Result<(), String> {
     if !holds {
         return Err("queries that do not follow from the steps".to_owned());
     }
-    // Costs: steps of the series, times a step's gates, times evolutions.
+    // A cost is the product of the steps of the series, the gates of a step, and the evolutions.
     let evolutions = |key: &str| {
         let found = &record["probabilities"];
         let chain = if found["window"].is_null() { "at_slice" } else { "in_window" };
         found[chain][key]["value"].as_f64().unwrap_or(f64::NAN)
     };
-    // Sparse access is counted once: its row of the table has the numbers of the section.
+    // Sparse access has one row in the table, with the numbers of the record.
     let rows = record["costs"].as_array().into_iter().flatten();
     let sparse = rows
         .filter(|cost| cost["access"] == "sparse")
         .map(|cost| cost["tau"] == record["tau"] && cost["steps"] == record["walk_steps"]);
     if !sparse.eq([true]) {
-        return Err("sparse access by two numbers".to_owned());
+        return Err("contradictory numbers of sparse access".to_owned());
     }
     for cost in record["costs"].as_array().into_iter().flatten() {
         let of = |key: &str| cost[key]["value"].as_f64().unwrap_or(f64::NAN);
@@ -610,7 +613,7 @@ fn consistent(record: &Value) -> Result<(), String> {
         }
         all_gates(cost, [evolutions("repetitions"), evolutions("amplified_evolutions")])?;
     }
-    // Bits: about log₂ τ more than log₂ 1/ε, of real and imaginary part.
+    // The number of bits of the real and of the imaginary part is about log₂ τ + log₂ 1/ε.
     let (bits, fine) = (value("value_bits"), value("walk_tolerance"));
     let least = (tau / fine).log2();
     let walk = &record["qubits"]["walk"];
@@ -619,7 +622,7 @@ fn consistent(record: &Value) -> Result<(), String> {
         return Err(format!("{bits} bits for log2(tau/eps) = {least}"));
     }
     if walk["row_and_column"].as_f64() != Some(2.0 * (system + 2.0)) {
-        return Err("no room for dummies and flags".to_owned());
+        return Err("no qubits for dummies and flags".to_owned());
     }
     let shares = ["in_p", "field_given_p", "weights_given_field", "all"];
     let chain = &record["probabilities"]["at_slice"];
@@ -628,12 +631,12 @@ fn consistent(record: &Value) -> Result<(), String> {
     let product = (p[0] * p[1] * p[2] / p[3] - 1.0).abs() < 1e-12;
     match product && p.iter().all(|p| (0.0..=1.0 + 1e-12).contains(p)) {
         true => Ok(()),
-        false => Err("probabilities that are none".to_owned()),
+        false => Err("invalid probabilities".to_owned()),
     }
 }
 
-/// T gates and rotations as Toffoli gates, by a model; a sequence of half as many calls.
-/// `evolutions` are those until the field is measured.
+/// Checks the number of all gates, in which a model converts T gates and rotations to Toffoli
+/// gates, for both sequences. `evolutions` are those until the field is measured.
 fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
     let tau = cost["tau"]["value"].as_f64().unwrap_or(f64::NAN);
     let half = &cost["half_calls"];
@@ -643,7 +646,7 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
         let gates = of("toffoli") + (t + of("rotations") * of("t_a_rotation")) / 4.0;
         let measured = |k: usize| sequence["gates_until_measured"][k]["value"].as_f64();
         let times = |k: usize| measured(k).unwrap_or(f64::NAN) / (gates * evolutions[k]);
-        // 3 log₂ of the accuracy and 4: a quarter of what is left of the tolerance, of many.
+        // A rotation takes at least 3 log₂(4 · rotations) + 4 T gates.
         let least = 3.0 * (4.0 * of("rotations")).log2() + 4.0;
         let follows = (of("gates") / gates - 1.0).abs() < 1e-12
             && [0, 1].iter().all(|&k| (times(k) - 1.0).abs() < 1e-9)
@@ -665,8 +668,8 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
     }
 }
 
-/// The planner compares both ways to have the weights of modes, and says which is cheaper: with
-/// rotations that cost nothing it is the other one.
+/// The planner compares both ways to implement the weights of modes and names the cheaper one. If
+/// rotations cost nothing, it is the other one.
 #[test]
 fn weights_of_modes_are_compared() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];
@@ -680,7 +683,7 @@ fn weights_of_modes_are_compared() {
         assert_eq!(weights["cheaper"], cheaper, "{weights}");
         let value = |key: &str| weights[key]["value"].as_f64().unwrap();
         assert_eq!(value("rotations") < value("sum"), cheaper == "rotations", "{weights}");
-        // α of the highest mode, which is about half of that of all in one sum.
+        // With rotations, α is that of the highest mode, about half of that of the sum.
         let alpha = |access: &str| {
             let costs = record["costs"].as_array().unwrap();
             let cost = costs.iter().find(|cost| cost["access"][access] == "uniform").unwrap();
@@ -697,7 +700,7 @@ fn weights_of_modes_are_compared() {
         assert_eq!(azure["tOfRotations"] == 0, none, "{azure}");
         assert_eq!(count("synthesizedCounts") == count("logicalCounts"), none, "{azure}");
     }
-    let job = Job::new(["resources", &case("example1.toml")]).set(&grid);
+    let job = of_case("resources", "example1.toml").set(&grid);
     let text = job.succeed().unwrap();
     text.contains(&text.printed, &["by rotations of each mode", "cheaper: sum"]).unwrap();
     for wrong in ["3", "3,x", "-1,4", "nan,4", "1,2,3"] {
@@ -706,7 +709,8 @@ fn weights_of_modes_are_compared() {
     }
 }
 
-/// The paper's bounds on `H` in one and two dimensions only, and the one of its argument.
+/// Checks the bounds on the nonzeros of `H`: that of the paper, in one and two dimensions only, and
+/// ours.
 fn bounds_of_sparsity(record: &Value) -> Result<(), String> {
     let sparsity = &record["sparsity"];
     let of_hamiltonian = sparsity["counts"].as_array().and_then(|c| c.last());
@@ -715,7 +719,7 @@ fn bounds_of_sparsity(record: &Value) -> Result<(), String> {
     if sparsity["bounded"] != true {
         return match stated.is_null() && ours.is_null() {
             true => Ok(()),
-            false => Err("a bound that is made for other cases".to_owned()),
+            false => Err("a bound that does not apply to this case".to_owned()),
         };
     }
     let q: Vec<u64> =
@@ -728,11 +732,11 @@ fn bounds_of_sparsity(record: &Value) -> Result<(), String> {
     }
 }
 
-/// `τ` is of the modes that carry something: as many as a run propagates, and of the entries of
-/// `μS + iK` at the highest of them, read from the exported matrices; not of all that the register
-/// has.
+/// `τ` counts the modes that a run propagates, with the entries of `μS + iK` of the exported
+/// matrices at the highest of these modes. The register has more modes, whose coefficients are
+/// zero.
 #[test]
-fn tau_is_of_the_modes_that_carry_something() {
+fn tau_counts_modes_with_nonzero_coefficients() {
     let grid = ["axis.0.x.cells=8", "axis.0.v.cells=8", "solver.tolerance=1e-3"];
     let profile = "solver.warp.profile=smooth";
     let place = directory();
@@ -742,7 +746,7 @@ fn tau_is_of_the_modes_that_carry_something() {
     let job = Job::new(["export-matrix", &case("example1.toml"), "-o", &path]).set(&grid);
     job.succeed().unwrap();
     let entries = |name: &str| -> Vec<(String, f64)> {
-        let text = std::fs::read_to_string(files.path().join(name)).unwrap();
+        let text = text_of(files.path().join(name)).unwrap();
         let lines = text.lines().filter(|line| !line.starts_with('%')).skip(1);
         let entry = |line: &str| {
             let (place, value) = line.rsplit_once(' ').unwrap();
@@ -763,16 +767,16 @@ fn tau_is_of_the_modes_that_carry_something() {
     let expected = moduli.fold(0.0, f64::max);
     let largest = own["largest_entry"]["value"].as_f64().unwrap();
     assert!((largest / expected - 1.0).abs() < 1e-12, "{largest} {expected}");
-    // The register has more.
+    // The register has more modes.
     let register = own["points"].as_f64().unwrap();
     assert!(register > 2.0 * modes + 1.0, "{register} {modes}");
 }
 
-/// The probability of the slice and of the window, and the norm of the field that follows, against
-/// the whole warped field of a full run.
+/// The probabilities of the slice and of the window, and the norm of the field that follows from
+/// them, agree with the whole warped field of a full run.
 #[test]
-fn probabilities_are_those_of_the_warped_field() {
-    // Neither weights nor inflow: the file holds the state.
+fn probabilities_agree_with_the_warped_field() {
+    // Without weights and inflow, the file holds the quantum state.
     let place = directory();
     let job = run("example1.toml").set(&[
         "axis.0.x.cells=18",
@@ -792,7 +796,7 @@ fn probabilities_are_those_of_the_warped_field() {
     let norm = found["norm_of_state"]["value"].as_f64().unwrap();
     assert!((whole.sqrt() / norm - 1.0).abs() < 1e-6, "{} {norm}", whole.sqrt());
     let [begin, end] = [0, 1].map(|k| found["window"][k].as_f64().unwrap());
-    // The points of the file are not at p of the recovery: the slice next to it.
+    // The recovery point is not a point of the file; the next point is used.
     let k = p.iter().position(|p| *p >= begin).unwrap();
     let slice = square(k) / whole * (2.0 * (p[k] - begin)).exp();
     assert!((slice / number("at_slice", "in_p") - 1.0).abs() < 1e-3, "{slice}");

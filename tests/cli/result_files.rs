@@ -1,50 +1,40 @@
-//! Files of results: older ones stay when a run is refused, storage, attributes, checksums, where
-//! they go.
+//! Result files: replacement, storage, attributes, checksums and the default directory.
 
 use crate::support::{
-    Job, Mistake, case, check_all, datasets, differences, directory, near, refused, run,
+    Job, Mistake, RESULT_FILES, case, check_all, contents, datasets, differences, directory, near,
+    refused, run, text_of,
 };
-use std::collections::BTreeMap;
 
-/// A refused run leaves older results as they are; a good one replaces them.
+/// A refused run does not change older results; a successful one replaces them.
 #[test]
-fn refused_runs_leave_older_results() {
+fn refused_runs_do_not_change_older_results() {
     let place = directory();
     let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
     let solve = |settings: &[&str]| {
         run("example1.toml").set(&small).set(settings).into(place.path()).with(["--force"])
     };
-    let contents = || -> BTreeMap<String, Vec<u8>> {
-        std::fs::read_dir(place.path())
-            .unwrap()
-            .map(|e| e.unwrap())
-            .map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap()))
-            .collect()
-    };
     solve(&[]).on(2).succeed().unwrap();
-    let before = contents();
-    let files =
-        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
-    assert_eq!(before.keys().collect::<Vec<_>>(), files);
+    let before = contents(place.path());
+    assert_eq!(before.keys().collect::<Vec<_>>(), RESULT_FILES.each_ref());
     for bad in ["solver.tolerance=1e-15", "initial.f=sqrt(-x)", "axis.0.x.cells=0"] {
         let finished = solve(&[bad]).on(2).run().unwrap();
         refused(&finished, &[]).unwrap();
-        assert!(contents() == before, "{}", finished.report("older results changed"));
+        assert!(contents(place.path()) == before, "{}", finished.report("older results changed"));
     }
     solve(&["time.end=0.5"]).on(2).succeed().unwrap();
-    let after = contents();
+    let after = contents(place.path());
     assert_eq!(after.keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>());
     assert!(after["result.h5"] != before["result.h5"], "result.h5 was not replaced");
 }
 
-/// The table of datasets in docs/usage.md has every dataset of results, and no other.
+/// The table of datasets in docs/usage.md has all datasets of results, and no others.
 #[test]
-fn datasets_are_those_of_the_document() {
+fn documented_datasets_are_those_of_the_files() {
     const PAGE: &str = include_str!("../../docs/usage.md");
     let section =
         PAGE.split("\n### ").find(|part| part.starts_with("result.h5")).expect("a section");
     let rows: Vec<&str> = section.lines().filter(|line| line.starts_with("| `/")).collect();
-    // `/a/{x,y}` are two; `/a/…` is all below.
+    // `/a/{x,y}` are two datasets; `/a/…` is every dataset below.
     let expanded = |name: &str| -> Vec<String> {
         match name.split_once('{').and_then(|(head, rest)| Some((head, rest.split_once('}')?))) {
             Some((head, (words, _))) => words.split(',').map(|w| format!("{head}{w}")).collect(),
@@ -55,7 +45,7 @@ fn datasets_are_those_of_the_document() {
         let quoted = text.split('`').skip(1).step_by(2).filter(|name| name.starts_with('/'));
         quoted.flat_map(expanded).collect()
     };
-    // Those that a row is of, and those that it names: the scales that these run over.
+    // The datasets of the rows, and all that the rows name, which include the axes.
     let own: Vec<String> =
         rows.iter().flat_map(|row| names(row.split('|').nth(1).unwrap())).collect();
     let named: Vec<String> = rows.iter().flat_map(|row| names(row)).collect();
@@ -74,7 +64,7 @@ fn datasets_are_those_of_the_document() {
         run(name).set(settings).set(more).solve(place.path()).unwrap();
         found.extend(datasets(place.path()).unwrap().into_keys());
     }
-    // An axis stands for the same of other dimensions, as the dots between them say.
+    // A documented axis stands for the same axis in other dimensions.
     let axes = ["x", "y", "z", "vx", "vy", "vz"];
     let of_axis = |name: &str| {
         let cut = name.rfind(['/', '_']).map_or(0, |at| at + 1);
@@ -91,7 +81,7 @@ fn datasets_are_those_of_the_document() {
         found.iter().filter(|dataset| !named.iter().any(|name| fits(name, dataset))).collect();
     let stale: Vec<&String> = own
         .iter()
-        // A group with attributes only.
+        // This group has attributes only.
         .filter(|name| *name != "/timings" && !found.iter().any(|dataset| fits(name, dataset)))
         .collect();
     assert!(
@@ -100,17 +90,17 @@ fn datasets_are_those_of_the_document() {
     );
 }
 
-/// However the fields are stored, they are the same, on any ranks; also where a rank has none of
-/// them.
+/// Compression and chunks do not change the stored values, on any ranks, even if a rank has no
+/// cells.
 #[test]
 fn same_bits_compressed_and_in_chunks() {
     const ODD: [&str; 2] = ["axis.0.x.cells=23", "axis.0.v.cells=17"];
     const FEW: [&str; 2] = ["axis.0.x.cells=3", "axis.0.v.cells=6"];
     let scenes: [(&str, &[&str], &str, &[usize]); 4] = [
         ("example1.toml", &ODD, "[5,4]", &[1, 2, 3, 4]),
-        ("example1.toml", &FEW, "[2,5]", &[1, 2, 4, 7]),
+        ("example1.toml", &FEW, "[2,5]", &[2, 7]),
         ("example2.toml", &ODD, "[100,3]", &[2, 3]),
-        ("barrier2d.toml", &[], "[5,3,4,6]", &[1, 2, 3, 4]),
+        ("barrier2d.toml", &[], "[5,3,4,6]", &[2, 4]),
     ];
     for (name, settings, shape, ranks) in scenes {
         let plain = directory();
@@ -119,7 +109,7 @@ fn same_bits_compressed_and_in_chunks() {
         let mut rows = Vec::new();
         for &ranks in ranks {
             let chunks = format!("output.chunks={shape}");
-            // Either alone on 2 ranks, which every scene has.
+            // On 2 ranks, each of the two options is also tested alone.
             if ranks == 2 {
                 rows.push((ranks, vec!["output.compression=6".to_owned()]));
                 rows.push((ranks, vec![chunks.clone()]));
@@ -132,12 +122,12 @@ fn same_bits_compressed_and_in_chunks() {
             let job = run(name).set(settings).set(&storage).on(*ranks);
             let summary = job.solve(place.path())?;
             let mut differ = differences(&datasets(place.path())?, &reference);
-            // The text of the case does not hold what is set, but the plan is the same.
+            // The text of the case does not contain the settings.
             differ.retain(|name| name != "/case");
             summary.require(differ.is_empty(), || {
                 format!("other bits than plain in {}", differ.join(", "))
             })?;
-            // It really is stored so.
+            // The datasets are chunked and compressed.
             let file =
                 hdf5::File::open(place.path().join("result.h5")).map_err(|e| e.to_string())?;
             let density = file.dataset("density").map_err(|e| e.to_string())?;
@@ -146,7 +136,7 @@ fn same_bits_compressed_and_in_chunks() {
             summary.require(found == (true, filters), || format!("stored as {found:?}"))
         });
     }
-    // Control: what compresses takes less room.
+    // Control: a compressed file is smaller.
     let size = |settings: &[&str]| {
         let place = directory();
         let job = run("example1.toml").set(&["initial.f=0.5"]).set(settings);
@@ -157,9 +147,10 @@ fn same_bits_compressed_and_in_chunks() {
     assert!(2 * compressed < plain, "{compressed} bytes, {plain} without");
 }
 
-/// The metadata of a result file are correct; datasets that are switched off are not written.
+/// The attributes of a result file describe the run and the program. Outputs that are switched off
+/// are not written, and those of an earlier run are removed.
 #[test]
-fn results_say_what_made_them() {
+fn attributes_describe_the_run() {
     let place = directory();
     let settings = ["time.end=0.5", "axis.0.x.cells=24", "axis.0.v.cells=16"];
     let job = run("example1.toml").set(&settings).on(3);
@@ -180,7 +171,7 @@ fn results_say_what_made_them() {
     assert_eq!(summary.value["git"].as_str(), Some(&attribute("git")[..]));
     let version = Job::new(["--version"]).succeed().unwrap().output;
     assert!(version.contains(&attribute("git")), "{version}");
-    // Now, to a minute or so, in whatever time zone this is.
+    // The date is now in UTC, up to a minute.
     let now = std::process::Command::new("date").args(["-u", "+%FT%H"]).output().unwrap();
     let (now, date) = (String::from_utf8(now.stdout).unwrap(), attribute("date"));
     let turned = date.contains(":59:");
@@ -189,7 +180,7 @@ fn results_say_what_made_them() {
     let case_text = std::fs::read(case("example1.toml")).unwrap();
     assert_eq!(stored["/case"].bytes, case_text);
 
-    // Without what is shown by ParaView, and what an earlier run left of it.
+    // Without the files for ParaView, those of an earlier run are removed, too.
     let shown = ["fields.xdmf", "grids.h5", "plane_x.xdmf", "space.xdmf"];
     assert!(shown.iter().all(|name| place.path().join(name).is_file()));
     assert!(stored.contains_key("/xdmf/plane_x/f"));
@@ -199,9 +190,9 @@ fn results_say_what_made_them() {
     assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");
 }
 
-/// A changed file is reported on any ranks, with the dataset that differs.
+/// `check-result` reports a changed file on any ranks, with the name of the changed dataset.
 #[test]
-fn damaged_results_are_found() {
+fn check_result_names_damaged_datasets() {
     let place = directory();
     run("example2.toml")
         .set(&["axis.0.x.cells=23", "axis.0.v.cells=17", "time.end=0.3"])
@@ -236,7 +227,7 @@ fn damaged_results_are_found() {
         }
         std::fs::write(&path, &whole).unwrap();
     }
-    // A letter of the case.
+    // A changed letter of the case.
     let title = whole.windows(8).position(|w| w == b"[[axis]]").unwrap();
     let mut bytes = whole.clone();
     bytes[title + 3] = b'A';
@@ -252,21 +243,21 @@ fn damaged_results_are_found() {
 
 /// Without `-o`, results go to `results/<name of the case>`.
 #[test]
-fn results_have_a_place_by_default() {
+fn results_have_a_default_directory() {
     let place = directory();
     run("step3d.toml").inside(place.path()).succeed().unwrap();
     assert!(place.path().join("results/step3d/summary.json").is_file());
     assert!(place.path().join("results/step3d/result.h5").is_file());
 }
 
-/// A case of degree 2 with odd numbers of elements, on which `V` jumps, and its settings.
+/// Settings of a case of degree 2 with odd numbers of elements.
 const ELEMENTS: [&str; 5] = [
     "scheme.degree=2", "axis.0.x.cells=9", "axis.0.v.cells=7", "axis.0.v.lower=-1.5",
     "axis.0.v.upper=2.0",
 ];
 
-/// Of a degree above 0 the weights of the nodes integrate to the density and the mass, and averages
-/// over elements are those of the nodes, on any ranks with the same bits.
+/// For degrees above 0, the weights of the nodes integrate f to the density and to the mass, and
+/// the averages over elements have the same mass, with the same bits on any ranks.
 #[test]
 fn nodes_weights_and_averages() {
     let one = directory();
@@ -289,8 +280,8 @@ fn nodes_weights_and_averages() {
     let total: f64 = mean.iter().sum::<f64>() * (3.0 / 9.0);
     near("mass of the mean densities", total / mass, 1.0, 1e-12).unwrap();
     assert_eq!(list("axis/element_vx")[3], 0.25);
-    // A cell of ParaView is as wide as the weight of its node.
-    let shown = std::fs::read_to_string(one.path().join("fields.xdmf")).unwrap();
+    // The width of a cell in ParaView is the weight of its node.
+    let shown = text_of(one.path().join("fields.xdmf")).unwrap();
     assert_eq!(shown.matches("3DRectMesh").count(), 2, "{shown}");
     let faces = shown.lines().find(|line| line.contains("Dimensions=\"28\"")).unwrap();
     let faces = faces.split(['<', '>']).nth(2).unwrap().split(' ');
@@ -310,8 +301,9 @@ fn nodes_weights_and_averages() {
     }
 }
 
-/// `output.positive` leaves no node below zero, keeps the averages of elements and with them the
-/// mass, and says the least value before it; degree 0, output times and readout refuse it.
+/// `output.positive` removes negative values at nodes without a change of positive averages or of
+/// the mass, and the summary has the minimum before. It is refused with degree 0, output times and
+/// a readout.
 #[test]
 fn fields_can_be_made_positive() {
     let (plain, limited) = (directory(), directory());

@@ -1,16 +1,16 @@
-//! HDF5 files that can be read and hold something else than a run writes: other shapes, kinds,
-//! numbers and texts. The readers of results, of fields to start from and of tables refuse them or
-//! read them; what is left is drawn.
+//! Valid HDF5 files with other contents than those of a run: other shapes, types, numbers and
+//! texts. The readers of results, of start fields and of tables refuse or accept them. Some of the
+//! accepted results are drawn.
 //!
-//! The readers are called in the process of the fuzzer: that they call HDF5 in one of their own is
-//! for files that HDF5 itself does not survive (`hostile.rs`).
+//! The readers are called in the process of the fuzzer. The program calls HDF5 in a separate
+//! process only because of files that crash HDF5 itself (`hostile.rs`).
 
 use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, fuzz};
-use crate::support::{case, directory, run};
+use crate::support::{case, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
-use phasewarp::parallel::communicator::{Group, World};
+use phasewarp::parallel::communicator::World;
 use phasewarp::problem::case::Case;
 use phasewarp::results::pictures;
 use phasewarp::results::start_field::origin;
@@ -22,7 +22,7 @@ use std::path::Path;
 use std::str::FromStr;
 use tempfile::TempDir;
 
-/// The replacement of an object.
+/// The type of a new object.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Reals,
@@ -67,12 +67,12 @@ const NUMBERS: [f64; 14] = [
 #[derive(Debug)]
 enum Change {
     Remove(String),
-    /// A second name, in the place of what had it.
+    /// The object `from` also gets the name `to`, which replaces another object.
     Rename {
         from: String,
         to: String,
     },
-    /// A dataset of this shape, its numbers from `first` in steps of `step`.
+    /// A new dataset of this shape, whose values start at `first` and increase by `step`.
     Replace {
         name: String,
         kind: Kind,
@@ -80,7 +80,7 @@ enum Change {
         first: f64,
         step: f64,
     },
-    /// A number of a dataset.
+    /// Another value of a number in a dataset.
     Number {
         name: String,
         at: usize,
@@ -103,19 +103,41 @@ enum Change {
     },
 }
 
+/// A reader of HDF5 files.
+#[derive(Clone, Copy, Debug)]
+enum FileReader {
+    Result,
+    Field,
+    WarpedField,
+    Table,
+}
+
+/// Results have most to be read.
+const READERS: [FileReader; 6] = [
+    FileReader::Result,
+    FileReader::Result,
+    FileReader::Result,
+    FileReader::Field,
+    FileReader::WarpedField,
+    FileReader::Table,
+];
+
 #[derive(Debug)]
 struct Input {
-    /// Number of the file that is changed.
+    /// The index of the file that is changed.
     file: usize,
     changes: Vec<Change>,
+    /// Who reads it.
+    reader: FileReader,
 }
 
 /// A file of a run.
 struct Original {
     bytes: Vec<u8>,
-    /// Names of its datasets.
+    /// The names of its datasets.
     datasets: Vec<String>,
-    /// Names of the attributes of the file (`/`) and of its datasets.
+    /// The attributes of the file (`/`) and of its datasets: name of the object and of the
+    /// attribute.
     attributes: Vec<(String, String)>,
 }
 
@@ -170,7 +192,7 @@ fn numbers(first: f64, step: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| first + step * k as f64).collect()
 }
 
-/// A dataset in the place of another, with the checksum of its numbers.
+/// Replaces a dataset by another one with a correct checksum.
 fn replace(
     file: &hdf5::File,
     name: &str,
@@ -210,7 +232,7 @@ fn replace(
     }
 }
 
-/// Room for a text in a file.
+/// The size of a stored text in bytes.
 const LONGEST: usize = 4096;
 
 fn apply(file: &hdf5::File, change: &Change) -> hdf5::Result<()> {
@@ -282,22 +304,28 @@ fn at(file: &hdf5::File, name: &str) -> hdf5::Result<hdf5::Location> {
     }
 }
 
-/// All readers of HDF5 files.
+/// The readers of HDF5 files, tried on changed files.
 struct Files {
     originals: Vec<Original>,
     texts: Corpus,
     place: TempDir,
     world: World,
-    /// Accepted results, of which some are drawn.
+    /// Cases that start from the file as a field, as a warped field, and from its table.
+    cases: [Case; 3],
+    /// The number of accepted results, some of which are drawn.
     accepted: usize,
 }
 
-/// Grids of a few cells.
+/// The index of the original that is a warped field.
+const WARPED: usize = 0;
+
+/// Settings of a grid with few cells.
 const SMALL: [&str; 3] = ["axis.0.x.cells=6", "axis.0.v.cells=4", "time.end=0.2"];
 
 impl Files {
-    /// The case that starts from the file `path` by `key`.
-    fn case(key: &str, path: &Path) -> Option<Case> {
+    /// A case that reads the file `path` as its start field (`field`), as a table (`table`), or
+    /// not.
+    fn case(key: &str, path: &Path) -> Case {
         let set = |text: &str| text.to_owned();
         let mut settings: Vec<String> = SMALL[..2].iter().map(|text| set(text)).collect();
         let path = path.display();
@@ -309,39 +337,39 @@ impl Files {
             _ => vec![],
         });
         let file = case("example1.toml");
-        Case::load(Path::new(&file), &settings).ok()
+        Case::load(Path::new(&file), &settings).expect("a case")
     }
 
-    /// The messages of all readers about the file; whether one of them accepts it.
-    fn read_all(&mut self) -> Result<bool, String> {
+    /// Calls a reader of the file and returns whether it accepts the file. An error without a
+    /// message or exit code is a fault.
+    fn read_by(&mut self, reader: FileReader) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
-        let printed = |outcome: phasewarp::base::error::Result<()>| match outcome {
+        let [field, warped, table] = &self.cases;
+        let outcome = match reader {
+            FileReader::Result => untrusted::open(self.place.path()).map(|stored| {
+                self.accepted += 1;
+                if self.accepted.is_multiple_of(20) {
+                    // Pictures are drawn if possible; a refusal concerns one figure.
+                    let _ = pictures::draw(&stored, None, &[]);
+                }
+            }),
+            FileReader::Field => {
+                let start = field.start_field.as_ref().ok_or("no field to start from")?;
+                origin(&world, start, field).map(drop)
+            }
+            FileReader::WarpedField => {
+                WarpedFile::new(&world, &path, warped, "initial.warped").map(drop)
+            }
+            FileReader::Table => with_tables(&world, table).map(drop),
+        };
+        match outcome {
             Ok(()) => Ok(true),
             Err(error) if error.to_string().is_empty() || error.exit_code() == 0 => {
                 Err(format!("exit code {}: {error}", error.exit_code()))
             }
             Err(_) => Ok(false),
-        };
-        let mut accepted = printed(untrusted::open(self.place.path()).map(|stored| {
-            self.accepted += 1;
-            if self.accepted.is_multiple_of(20) {
-                // Pictures are drawn if possible; a refusal concerns one figure.
-                let _ = pictures::draw(&stored, None, &[]);
-            }
-        }))?;
-        accepted |= printed(started(&world, &path))?;
-        let plain = Self::case("", &path).ok_or("the case of warped fields")?;
-        accepted |= printed(WarpedFile::new(&world, &path, &plain, "initial.warped").map(drop))?;
-        let table = Self::case("table", &path).ok_or("the case of tables")?;
-        accepted |= printed(with_tables(&world, &table).map(drop))?;
-        Ok(accepted)
+        }
     }
-}
-
-fn started(world: &Group, path: &Path) -> phasewarp::base::error::Result<()> {
-    let case = Files::case("field", path).expect("a case");
-    let start = case.start_field.as_ref().expect("a field to start from");
-    origin(world, start, &case).map(drop)
 }
 
 impl Reader for Files {
@@ -350,6 +378,7 @@ impl Reader for Files {
 
     fn new() -> Self {
         let rows: [(&str, &[&str], &str); 5] = [
+            // [`WARPED`]
             ("example1.toml", &["output.warped_field=true", "exact={f='0'}"], "warped_f.h5"),
             ("example1.toml", &["readout={cells=[[3]]}", "output.plateau={points=3}"], "result.h5"),
             (
@@ -367,11 +396,14 @@ impl Reader for Files {
             Original::read(&place.path().join(file)).expect("a file of it")
         });
         let texts = ["example1", "example2", "smooth-beams", "quadrant2d"]
-            .map(|name| fs::read_to_string(case(&format!("{name}.toml"))).expect("a case"));
+            .map(|name| text_of(case(&format!("{name}.toml"))).unwrap());
+        let place = directory();
+        let path = place.path().join("result.h5");
         Self {
             originals: originals.into(),
             texts: Corpus::new(texts.into()),
-            place: directory(),
+            cases: ["field", "", "table"].map(|key| Self::case(key, &path)),
+            place,
             world: World::start().expect("MPI starts"),
             accepted: 0,
         }
@@ -382,7 +414,12 @@ impl Reader for Files {
         let original = &self.originals[file];
         let count = random.below(3) + 1;
         let changes = (0..count).map(|_| original.change(&self.texts, random)).collect();
-        Input { file, changes }
+        // A warped field is no result, which the other readers should see.
+        let reader = match file {
+            WARPED if !random.once_in(4) => FileReader::WarpedField,
+            _ => *random.of_list(&READERS),
+        };
+        Input { file, changes, reader }
     }
 
     fn read(&mut self, input: &Input) -> Result<bool, String> {
@@ -392,11 +429,11 @@ impl Reader for Files {
         fs::write(place.join("summary.json"), "{}").map_err(|e| e.to_string())?;
         let file = hdf5::File::open_rw(&path).map_err(|e| e.to_string())?;
         for change in &input.changes {
-            // Some cannot follow on others.
+            // A change may fail after an earlier one.
             let _ = apply(&file, change);
         }
         file.close().map_err(|e| e.to_string())?;
-        self.read_all()
+        self.read_by(input.reader)
     }
 }
 

@@ -1,18 +1,20 @@
-//! `phasewarp export-quantum`: its files alone, and in Qiskit by `tests/simulator.py`.
+//! `phasewarp export-quantum`: its files, and its circuits in Qiskit by `tests/simulator.py`.
 //!
-//! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs
-//! it. A failure where `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
+//! Without a Python with Qiskit, the second part is skipped with a message; with
+//! `PHASEWARP_QISKIT=required`, which `.ci/run` sets after the installation, it fails.
+//! `make qiskit` installs it.
 
-use crate::support::{Job, case, check_all, directory, python};
-use std::io::Write;
+use crate::support::{
+    Job, case, check_all, contents, directory, json_of, of_case, python, skipped, text_of,
+};
 use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/simulator.py");
 
-/// Cells of a case of one dimension, and how long it goes.
+/// Settings of a small case in one dimension.
 const TINY: &[&str] =
     &["axis.0.x.cells=4", "axis.0.v.cells=4", "time.end=0.3", "solver.tolerance=1e-3"];
-/// Something enters; one cell more along v.
+/// Inflow; its auxiliary unknown takes a cell along v.
 const INFLOW: &[&str] = &["inflow.value=0.3", "axis.0.v.cells=8", "time.end=0.1"];
 /// The paper's profile, sampled.
 const PAPER: &[&str] = &[
@@ -29,7 +31,7 @@ const SMALL: &[&str] = &[
     "axis.0.x.cells=8", "axis.0.v.cells=8", "time.end=0.5", "solver.tolerance=1e-2",
     "solver.warp.profile=gaussian",
 ];
-/// f is read at p = 3.
+/// A recovery point p = 3 beyond the given interval.
 const BEYOND: &[&str] =
     &["solver.warp.shift=6", "solver.warp.sigma=0.5", "solver.warp.interval=[-13,2.5]"];
 const ELEMENTS: &[&str] = &["time.end=0.1", "solver.tolerance=1e-3"];
@@ -38,7 +40,7 @@ const PLANE: &[&str] = &[
     "solver.tolerance=0.01",
 ];
 
-/// An export: a case and its settings.
+/// Exports: a case and its settings.
 const EXPORTS: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[TINY]),
     ("example1.toml", &[TINY, PAPER]),
@@ -56,13 +58,13 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
         &[&["axis.0.x.cells=2", "axis.0.v.cells=2", "scheme.degree=1"], ELEMENTS],
     ),
     ("partial_reflection.toml", &[TINY, &["scheme.degree=0"]]),
-    // Cells whose velocity is 0: no transport.
+    // Only velocity 0, without transport.
     ("example1.toml", &[TINY, &["axis.0.x.cells=2", "axis.0.v.cells=1", "initial.f=1"]]),
-    // One mode: no register of p.
+    // One mode, without a register for p.
     ("example1.toml", &[TINY, UNITARY]),
 ];
 
-/// Two cells on a ring, at whose faces half of the particles are reflected.
+/// Two cells on a periodic axis, at whose faces half of the particles are reflected.
 const HALVES: &[&str] = &[
     "scheme.interface=conservative",
     "axis.0.x.cells=2",
@@ -80,27 +82,29 @@ const FOUR: &[&str] = &[
     "solver.warp.points=4",
     "solver.tolerance=0.1",
 ];
-/// A product; a set of cells that is none; no product and no set.
+/// Initial data that are a product in x and v.
 const BEAM: &[&str] = &["initial.f=1 if x < 0 && v > 0 else 0"];
+/// Initial data on a set of cells that is no product.
 const CORNERS: &[&str] = &["initial.f=1 if x * v < 0 || x < 0 else 0"];
+/// Initial data that are neither a product nor constant on a set.
 const SLOPE: &[&str] = &["initial.f=3 + x * v"];
 const ONE_MODE: &[&str] = &[
     "scheme.flux=0", "scheme.ends=closed", "axis.0.x.cells=4", "time.end=1",
     "solver.tolerance=0.01",
 ];
 
-/// Complete circuits, and their qubits of amplitude estimation.
+/// Complete circuits: settings and the number of qubits for amplitude estimation.
 const COMPLETE: &[(&[&[&str]], &str)] = &[
     (&[HALVES, FOUR, BEAM], "1"),
     (&[HALVES, FOUR, CORNERS], "0"),
     (&[HALVES, ONE_MODE, SLOPE], "1"),
-    // Closed ends: a flag of the ends of the box, which a ring does not have.
+    // Closed ends have a flag for the ends of the box, unlike a periodic axis.
     (&[HALVES, ONE_MODE, BEAM, &["axis.0.x.boundary=inflow"]], "0"),
-    // A force in the place of the jumps, with weights of modes by rotations.
+    // A force instead of jumps, with weights of modes by rotations.
     (&[HALVES, FOUR, BEAM, &["axis.0.x.boundary=inflow", "potential=[{value='0.3*x'}]"]], "0"),
 ];
 
-/// Larger ones, whose field is read: where p◇ was outside of the planned period, and one beside it.
+/// Larger exports whose field is read, with narrow Gaussians, whose planned period is short.
 const READ: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[SMALL, &["solver.warp.sigma=0.25"]]),
     ("example1.toml", &[SMALL, &["solver.warp.sigma=0.3"]]),
@@ -110,7 +114,6 @@ const READ: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[SMALL, UNITARY, &["solver.warp.sigma=0.25"]]),
     ("example1.toml", &[SMALL, UNITARY, &["solver.warp.sigma=0.5"]]),
     ("example1.toml", &[SMALL, UNITARY, &["solver.warp.profile=planned"]]),
-    // Beyond the end of an interval by hand.
     ("example1.toml", &[SMALL, BEYOND]),
 ];
 
@@ -119,7 +122,7 @@ fn export(name: &str, settings: &[&str], place: &Path) -> Job {
     Job::new(["export-quantum", &case(name), "-o", &place]).set(settings)
 }
 
-/// The output of the script, as an error if it fails.
+/// The output of the script, or its error messages if it fails.
 fn simulate(python: &Path, arguments: &[&str]) -> Result<String, String> {
     python::run(python, SCRIPT, arguments)
 }
@@ -129,11 +132,7 @@ fn qiskit_finds_the_same_amplitudes() {
     let Some(python) = python::with_packages("qiskit", SCRIPT) else {
         let why =
             "no Python with qiskit, qiskit-qasm3-import and scipy; `make qiskit` installs them";
-        let required = std::env::var("PHASEWARP_QISKIT").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/simulator.rs: {why}");
-        return;
+        return skipped("PHASEWARP_QISKIT", "tests/cli/simulator.rs", why);
     };
     check_all(EXPORTS, |(name, settings)| {
         let place = directory();
@@ -145,22 +144,23 @@ fn qiskit_finds_the_same_amplitudes() {
         if !printed.contains("amplitudes within") {
             return Err(fails(printed));
         }
-        // Control, of some: another time is noticed.
+        // Control, for some exports: the script finds a wrong time.
         if settings.len() > 1 {
             return Ok(());
         }
         let file = place.path().join("description.json");
-        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let text = text_of(&file)?;
         let time = text.replace("\"time\": 0.", "\"time\": 1.");
         std::fs::write(&file, &time).map_err(|e| e.to_string())?;
         match simulate(&python, &[&path]) {
             Err(why) if why.contains("final_modes: differs") => Ok(()),
-            other => Err(fails(format!("another time was not noticed: {other:?}"))),
+            other => Err(fails(format!("the wrong time was not found: {other:?}"))),
         }
     });
 }
 
-/// The start, transforms in p, the evolution, a moment and its estimation, all by gates.
+/// Complete circuits implement by gates the initial state, the transforms in p, the evolution, a
+/// moment and its estimation.
 #[test]
 fn complete_circuits_find_the_field_and_a_moment() {
     let python = python::with_packages("qiskit", SCRIPT);
@@ -168,18 +168,16 @@ fn complete_circuits_find_the_field_and_a_moment() {
         let place = directory();
         let job = export("example1.toml", &settings.concat(), place.path());
         job.with(["--complete", estimate]).succeed()?;
-        // Without Qiskit there is a circuit, at least; the other test says so.
+        // Without Qiskit, only the export is tested. The other test prints a message about it.
         let Some(python) = &python else { return Ok(()) };
         let path = place.path().display().to_string();
         let printed = simulate(python, &[&path])?;
         if !printed.contains("complete circuit: ") {
             return Err(printed);
         }
-        // Control: a bound that is a hundredth of it does not hold.
+        // Control: a hundredth of the bound does not hold.
         let file = place.path().join("complete.json");
-        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
-        let mut whole: serde_json::Value =
-            serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let mut whole = json_of(&file)?;
         let bound = whole["description"]["bound"].as_f64().ok_or("no bound")?;
         whole["description"]["bound"] = (0.01 * bound).into();
         std::fs::write(&file, whole.to_string()).map_err(|e| e.to_string())?;
@@ -190,27 +188,26 @@ fn complete_circuits_find_the_field_and_a_moment() {
     });
 }
 
-/// The numbers of a vector in NumPy's format.
+/// Reads a vector in NumPy's format.
 pub fn vector(path: &Path) -> Result<Vec<f64>, String> {
     let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let (header, numbers) = bytes.split_at(10 + length);
     if !header.starts_with(b"\x93NUMPY\x01\x00") || header.len() % 64 != 0 {
-        return Err(format!("{}: no header of NumPy's", path.display()));
+        return Err(format!("{}: no NumPy header", path.display()));
     }
     let number = |b: &[u8]| f64::from_le_bytes(std::array::from_fn(|k| b[k]));
     Ok(numbers.chunks_exact(8).map(number).collect())
 }
 
 #[test]
-fn readings_of_the_exported_state_are_the_field() {
+fn the_exported_state_contains_the_field() {
     check_all(&[EXPORTS, READ].concat(), |(name, settings)| {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
         export(name, &settings, exported.path()).succeed()?;
-        // To the tolerance, and so the distance of one to the other: both are that far from the
-        // exact one.
-        let job = Job::new(["run", &case(name)]).set(&settings);
+        // Both fields are within the tolerance of the exact one.
+        let job = of_case("run", name).set(&settings);
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
         let expected = crate::support::field(solved.path())?;
@@ -218,13 +215,9 @@ fn readings_of_the_exported_state_are_the_field() {
         let tolerance = summary.number("tolerance")?;
         summary
             .require(apart <= 2.0 * tolerance, || format!("{apart:e} from the field of a run"))?;
-        // The probability of the slice is that of the run, but for the number of points and where
-        // exactly the slice is.
-        let text = std::fs::read_to_string(exported.path().join("description.json"));
-        let about: serde_json::Value = text
-            .ok()
-            .and_then(|text| serde_json::from_str(&text).ok())
-            .ok_or("no description.json")?;
+        // The probability of the slice is that of the run, corrected for the number of points and
+        // for the position of the slice.
+        let about = json_of(exported.path().join("description.json"))?;
         let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
         let probabilities = &summary.value["probabilities"];
         let of_run =
@@ -237,7 +230,7 @@ fn readings_of_the_exported_state_are_the_field() {
         summary.require((found / expected - 1.0).abs() <= 10.0 * tolerance, || {
             format!("probability {found:e}, {expected:e} expected")
         })?;
-        // States have norm 1 before and after.
+        // All states have norm 1.
         for state in ["initial", "initial_modes", "final_modes", "final"] {
             let state = vector(&exported.path().join(format!("{state}.npy")))?;
             let norm = state.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -254,25 +247,14 @@ fn exports_are_the_same_on_any_ranks() {
     export(name, &settings, one.path()).succeed().unwrap();
     let three = directory();
     export(name, &settings, three.path()).on(3).succeed().unwrap();
-    let files = |place: &Path| -> Vec<(String, Vec<u8>)> {
-        let mut files: Vec<_> = std::fs::read_dir(place)
-            .unwrap()
-            .map(|entry| {
-                let entry = entry.unwrap();
-                (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())
-            })
-            .collect();
-        files.sort();
-        files
-    };
-    let found = files(one.path());
+    let found = contents(one.path());
     assert_eq!(found.len(), 10);
-    assert!(found == files(three.path()));
-    // Control: another state is another file.
+    assert!(found == contents(three.path()));
+    // Control: another state gives another file.
     let other = directory();
     let changed = [&settings[..], &["time.end=0.11"]].concat();
     export(name, &changed, other.path()).succeed().unwrap();
-    assert!(found != files(other.path()));
+    assert!(found != contents(other.path()));
 }
 
 #[test]

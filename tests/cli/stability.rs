@@ -1,24 +1,18 @@
-//! `phasewarp stability` from outside: the stability limits agree with theory.
+//! `phasewarp stability`: the measured limits of stability agree with theory.
 
-use crate::support::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, json_of, of_case, text_of};
 use serde_json::Value;
-use std::path::Path;
 
-/// The panels `only` of this case, without a time limit.
+/// The panels `only` of a case, with a budget that does not limit them.
 fn stability(name: &str, only: &str) -> Job {
     Job::new(["stability", &case(name), "--only", only, "--budget", "1h"]).within(300)
 }
 
-/// The result of the job, in a directory of its own.
+/// Runs the job and returns `stability.json`.
 fn found(job: &Job) -> Result<Value, String> {
     let place = directory();
     job.clone().into(place.path()).succeed()?;
-    read(place.path())
-}
-
-fn read(place: &Path) -> Result<Value, String> {
-    let text = std::fs::read_to_string(place.join("stability.json")).map_err(|e| e.to_string())?;
-    serde_json::from_str(&text).map_err(|e| e.to_string())
+    json_of(place.path().join("stability.json"))
 }
 
 fn panel<'a>(all: &'a Value, name: &str) -> Result<&'a Value, String> {
@@ -27,7 +21,8 @@ fn panel<'a>(all: &'a Value, name: &str) -> Result<&'a Value, String> {
     panels.next().ok_or_else(|| format!("no panel {name}: {}", all["left_out"]))
 }
 
-/// Measured and theory of the one border of a panel whose name holds `words`.
+/// The measured and the theoretical value of the only border of a panel whose name contains
+/// `words`.
 fn border(all: &Value, name: &str, words: &str) -> Result<[f64; 2], String> {
     let borders = panel(all, name)?["borders"].as_array().into_iter().flatten();
     let named = |b: &&Value| b["name"].as_str().is_some_and(|n| n.contains(words));
@@ -43,8 +38,8 @@ fn expect(holds: bool, what: impl Fn() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(what()) }
 }
 
-/// A step of forward Euler keeps the largest value exactly up to cfl 1, one of SSP-RK3 too; neither
-/// explodes below von Neumann's limit.
+/// Steps of forward Euler and of SSP-RK3 keep the largest value exactly up to cfl 1, and do not
+/// explode below von Neumann's limit.
 #[test]
 fn explicit_steps_fail_where_theory_predicts() {
     let small =
@@ -61,8 +56,7 @@ fn explicit_steps_fail_where_theory_predicts() {
         let all = found(&stability(name, "cfl").set(&set).on(*ranks))?;
         for method in ["forward Euler", "SSP-RK3"] {
             let [kept, theory] = border(&all, "cfl", &format!("{method}: largest"))?;
-            // Beside a force the neighbours' numbers differ, and the signs that are tried are not
-            // the worst.
+            // With a force, the tried data are not the worst ones.
             let worst = if *name == "slope_jump.toml" { 1.3 } else { 1.0 + 1e-4 };
             expect(kept >= theory * (1.0 - 1e-6) && kept <= worst * theory, || {
                 format!("{name}, {method}: {kept}, theory {theory}")
@@ -78,8 +72,8 @@ fn explicit_steps_fail_where_theory_predicts() {
     });
 }
 
-/// Example 1: λ⁺ of hat rows, and of conservative ones, by refinement; with weights never above the
-/// certificate.
+/// λ⁺ of example 1 with the hat and the conservative interface on refined grids has the known
+/// values. With weights it is never above the certificate.
 #[test]
 fn growth_of_example_1_by_refinement() {
     let all = found(&stability("example1.toml", "growth").on(2)).unwrap();
@@ -104,7 +98,7 @@ fn growth_of_example_1_by_refinement() {
         let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
         assert!(theory <= 1.02 * measured && measured < 2.5 * theory, "{p}");
     }
-    // The sentence is of the grid that the borders are of, and says no more than its points.
+    // The sentence refers to the finest grid, to which the borders refer, too.
     let verdict = panel(&all, "growth").unwrap()["verdict"].to_string();
     let finest = curve("conservative").last().map(|p| p["x"].clone());
     let finest = finest.and_then(|x| x.as_f64()).unwrap_or(f64::NAN);
@@ -119,7 +113,8 @@ fn growth_of_example_1_by_refinement() {
     }
 }
 
-/// The recovery point: right from where the growth ends to where round-off begins.
+/// The recovered field is right for recovery points between the end of the growth and the beginning
+/// of round-off.
 #[test]
 fn the_plateau_begins_and_ends_where_theory_predicts() {
     let grid = ["axis.0.x.cells=32", "axis.0.v.cells=26"];
@@ -128,7 +123,7 @@ fn the_plateau_begins_and_ends_where_theory_predicts() {
         for kind in ["hat, dissipative weights", "hat, no weights"] {
             let [left, theory] = border(&all, "recovery", &format!("{kind}: plateau begins"))?;
             expect(left <= theory + 0.3, || format!("{name}, {kind}: {left}, {theory}"))?;
-            // Theory adds the magnitudes of what every mode rounds.
+            // Theory adds the magnitudes of the rounding errors of all modes, which is too large.
             let [right, theory] = border(&all, "recovery", &format!("{kind}: round-off"))?;
             expect((theory - 0.5..theory + 3.0).contains(&right) && right > left + 4.0, || {
                 format!("{name}, {kind}: ends at {right}, {theory}")
@@ -136,7 +131,7 @@ fn the_plateau_begins_and_ends_where_theory_predicts() {
         }
         let points = &panel(&all, "recovery")?["curves"][0]["points"];
         let points = points.as_array().ok_or("no points")?;
-        // Below the switch it is wrong, on the plateau right to ten digits.
+        // Before the plateau the field is wrong; on the plateau it is right to ten digits.
         let error = |p: &Value| p["measured"].as_f64().unwrap_or(f64::NAN);
         let least = points.iter().map(error).fold(f64::INFINITY, f64::min);
         expect(error(&points[0]) > 1e-3 && least < 1e-10, || format!("{name}: {least}"))?;
@@ -148,8 +143,8 @@ fn the_plateau_begins_and_ends_where_theory_predicts() {
     });
 }
 
-/// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the
-/// shortest that it accepts.
+/// Errors at both ends of the interval begin where theory predicts. A run on the shortest accepted
+/// interval meets its tolerance.
 #[test]
 fn intervals_fail_where_theory_predicts() {
     let grid = ["axis.0.x.cells=20", "axis.0.v.cells=15"];
@@ -168,9 +163,9 @@ fn intervals_fail_where_theory_predicts() {
     });
 }
 
-/// Inflow: a `δ` of least loss, and planned couplings that lose no more than three times as much.
+/// The planned couplings of the inflow lose at most three times as much as the best `δ`.
 #[test]
-fn delta_has_a_best_value() {
+fn planned_couplings_are_close_to_the_best_delta() {
     let grid = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
     let job = stability("inflow_barrier.toml", "delta").set(&grid).on(2);
     let all = found(&job).unwrap();
@@ -179,7 +174,7 @@ fn delta_has_a_best_value() {
     let growing = &panel(&all, "delta").unwrap()["curves"][1]["points"];
     for p in growing.as_array().unwrap() {
         let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64());
-        // Where it is beyond all numbers there is none.
+        // A value that overflows is missing.
         if let (Some(measured), Some(theory)) = (measured, theory) {
             assert!(theory <= measured * (1.0 + 1e-6), "{p}");
         }
@@ -188,9 +183,9 @@ fn delta_has_a_best_value() {
     assert!(all["left_out"].to_string().contains("nothing enters"), "{all}");
 }
 
-/// Grazing: the chains at a face are most of λ⁺ where it is largest.
+/// Grazing: where λ⁺ has its largest spike, the chains of cells at a face explain most of it.
 #[test]
-fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
+fn grazing_spikes_are_explained_by_chains_at_a_face() {
     let grid = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
     let all = found(&stability("example1.toml", "grazing").set(&grid).on(2)).unwrap();
     let points = panel(&all, "grazing").unwrap()["curves"][0]["points"].clone();
@@ -202,8 +197,7 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
     }
     let [measured, theory] = border(&all, "grazing", "largest lambda+").unwrap();
     assert!(measured > 1.0 && theory > 0.7 * measured, "{measured} {theory}");
-    // The highest spike is between the heights that are equally spaced: located, and no higher next
-    // to it.
+    // The largest spike is between the equally spaced heights and is located by additional points.
     let [place, _] = border(&all, "grazing", "height at which it is largest").unwrap();
     let (mut even, mut next) = (0.0f64, 0);
     for p in points {
@@ -219,10 +213,11 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
     assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");
 }
 
-/// Elements: SSP-RK3 keeps the norm where theory says, no step of forward Euler does; what is about
-/// growth at jumps is not applicable; reading, interval and tolerance are as of degree 0.
+/// For elements, SSP-RK3 keeps the norm up to the limit of theory, and forward Euler never does.
+/// The panels about growth at jumps are not applicable. The limits of recovery, interval and
+/// tolerance are like those of degree 0.
 #[test]
-fn elements_have_borders_too() {
+fn limits_of_elements_agree_with_theory() {
     let grid = ["axis.0.x.cells=6", "axis.0.v.cells=8", "scheme.degree=2"];
     let only = "cfl,growth,grazing,recovery,interval,step,tolerance";
     let all = found(&stability("example1.toml", only).set(&grid)).unwrap();
@@ -243,7 +238,7 @@ fn elements_have_borders_too() {
     assert!(smallest < 1e-9 && reached < 2.0 * smallest, "{reached} {smallest}");
 }
 
-/// Orders of the implicit methods.
+/// The implicit methods converge with their orders.
 #[test]
 fn implicit_methods_have_their_orders() {
     let grid = ["axis.0.x.cells=12", "axis.0.v.cells=10", "time.end=0.5"];
@@ -254,7 +249,7 @@ fn implicit_methods_have_their_orders() {
     }
 }
 
-/// Every accepted tolerance is met, down to round-off.
+/// Accepted tolerances are met, down to round-off.
 #[test]
 fn accepted_tolerances_are_kept() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=14"];
@@ -275,7 +270,7 @@ fn accepted_tolerances_are_kept() {
     }
 }
 
-/// The same numbers on any ranks.
+/// The numbers are the same on any ranks.
 #[test]
 fn the_same_numbers_on_any_ranks() {
     let grid = ["axis.0.x.cells=10", "axis.0.v.cells=8"];
@@ -284,11 +279,11 @@ fn the_same_numbers_on_any_ranks() {
         let place = directory();
         let job = stability("step_up.toml", only).set(&grid);
         job.on(ranks).into(place.path()).succeed()?;
-        std::fs::read_to_string(place.path().join("stability.csv")).map_err(|e| e.to_string())
+        text_of(place.path().join("stability.csv"))
     };
     let reference = csv(1).unwrap();
     for line in reference.lines().skip(1) {
-        // The names hold commas, in quotes.
+        // Names with commas are in quotes.
         let fields: Vec<&str> = line.rsplit('"').next().unwrap_or_default().split(',').collect();
         assert_eq!(fields.len(), 5, "{line}");
         assert!(["theory", "bound"].contains(&fields[4]), "{line}");
@@ -296,9 +291,9 @@ fn the_same_numbers_on_any_ranks() {
     expect(csv(3).unwrap() == reference, || "3 ranks: other numbers".to_owned()).unwrap();
 }
 
-/// Every case has panels or a reason for none, within its budget, and its figures.
+/// Every case has all panels or a reason for a missing one, within its budget, and figures.
 #[test]
-fn every_case_within_a_budget() {
+fn every_case_has_panels_and_figures_within_its_budget() {
     let cases = [
         "example3.toml", "harmonic_step.toml", "pulsed_inflow.toml", "lens2d.toml", "step3d.toml",
         "paper/example2.toml",
@@ -307,11 +302,10 @@ fn every_case_within_a_budget() {
         let place = directory();
         let job = Job::new(["stability", &case(name), "--budget", "4s"]).on(2).into(place.path());
         job.succeed()?;
-        let all = read(place.path())?;
+        let all = json_of(place.path().join("stability.json"))?;
         let count = |key: &str| all[key].as_array().map_or(0, Vec::len);
         expect(count("panels") + count("left_out") == 8, || format!("{name}: {all}"))?;
-        let svg = std::fs::read_to_string(place.path().join("stability.svg"));
-        let svg = svg.map_err(|e| e.to_string())?;
+        let svg = text_of(place.path().join("stability.svg"))?;
         expect(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), || {
             format!("{name}: no SVG")
         })?;
@@ -320,12 +314,13 @@ fn every_case_within_a_budget() {
     });
 }
 
-/// Near each border an ordinary run refuses or warns, naming key, value and limit.
+/// Ordinary runs with settings beyond the limits are refused or print a warning with the key, the
+/// value and the limit.
 #[test]
-fn ordinary_runs_say_so_near_the_borders() {
+fn runs_beyond_the_limits_are_refused_or_print_a_warning() {
     let small = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
     let place = directory();
-    let job = Job::new(["check", &case("example1.toml")]).set(&small);
+    let job = of_case("check", "example1.toml").set(&small);
     let printed = job.clone().set(&["solver.warp.weights=none"]).succeed().unwrap();
     for words in
         ["solver.warp.weights = \"none\"", "growth x time", "where 1 is much", "dissipative"]
@@ -333,11 +328,11 @@ fn ordinary_runs_say_so_near_the_borders() {
         assert!(printed.output.contains(words), "{words}: {}", printed.output);
     }
     assert!(!job.succeed().unwrap().output.contains("growth x time"));
-    let inflow = Job::new(["check", &case("inflow_barrier.toml")]);
+    let inflow = of_case("check", "inflow_barrier.toml");
     let printed = inflow.set(&["solver.warp.delta=0.02"]).succeed();
     let printed = printed.map(|f| f.output).unwrap_or_else(|e| e);
     assert!(printed.contains("solver.warp.delta"), "{printed}");
     let cfl = ["solver.method=classical", "solver.classical.cfl=1.01"];
-    let job = Job::new(["run", &case("example1.toml")]).set(&cfl);
+    let job = of_case("run", "example1.toml").set(&cfl);
     job.into(place.path()).is_refused(&["cfl", "1.01"]).unwrap();
 }

@@ -1,24 +1,24 @@
-//! `phasewarp sweep`: one table of all combinations, kept and failed runs, job arrays.
+//! `phasewarp sweep`: one table of all combinations, finished and failed runs, and job arrays.
 
-use crate::support::{Finished, Job, case, check_all, directory};
-use serde_json::Value;
+use crate::support::{Finished, Job, check_all, directory, json_of, of_case, text_of};
+use phasewarp::base::text::csv_records;
 use std::path::{Path, PathBuf};
 
-/// A small case with these values, into a directory.
+/// A sweep of a small case over these values, with results in a directory.
 fn sweep(directory: &Path, vary: &[&str]) -> Job {
-    let job = Job::new(["sweep", &case("example1.toml")]).into(directory);
+    let job = of_case("sweep", "example1.toml").into(directory);
     let job = job.set(&["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.verify=true"]);
     vary.iter().fold(job, |job, vary| job.with(["--vary", vary]))
 }
 
-/// The directories of the runs.
+/// The directories of the runs of a sweep.
 fn runs(sweep: &Job) -> Result<Vec<PathBuf>, String> {
     let list = sweep.clone().with(["--list"]).succeed()?;
     let last = list.output.lines().filter_map(|line| line.rsplit('\t').next());
     Ok(last.map(PathBuf::from).collect())
 }
 
-/// The lines of a CSV file without quotes, as fields by the names of the first line.
+/// A CSV file: the names in its first line and the fields of the other lines.
 struct Table {
     names: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -26,10 +26,7 @@ struct Table {
 
 impl Table {
     fn read(directory: &Path) -> Result<Self, String> {
-        let path = directory.join("table.csv");
-        let text =
-            std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        let mut rows = text.lines().map(fields);
+        let mut rows = csv_records(&text_of(directory.join("table.csv"))?).into_iter();
         let names = rows.next().ok_or("no line of names")?;
         Ok(Self { names, rows: rows.collect() })
     }
@@ -40,32 +37,13 @@ impl Table {
     }
 }
 
-/// The fields of a line, of which some may be in quotes.
-fn fields(line: &str) -> Vec<String> {
-    let mut fields = vec![String::new()];
-    let mut quoted = false;
-    for c in line.chars() {
-        match c {
-            '"' => quoted = !quoted,
-            ',' if !quoted => fields.push(String::new()),
-            c => fields.last_mut().expect("a field").push(c),
-        }
-    }
-    fields
-}
-
-fn summary(directory: &Path) -> Result<Value, String> {
-    let text = std::fs::read_to_string(directory.join("summary.json"));
-    serde_json::from_str(&text.map_err(|e| e.to_string())?).map_err(|e| e.to_string())
-}
-
 fn fits(finished: &Finished) -> Result<(), String> {
     let widest = finished.output.lines().map(|line| line.chars().count()).max().unwrap_or(0);
     if widest > 100 { Err(finished.report(&format!("a line of {widest}"))) } else { Ok(()) }
 }
 
-/// Every combination has its row, with the numbers of its own `summary.json`; finished runs are
-/// kept when the sweep grows.
+/// Every combination has a row with the numbers of its `summary.json`. A larger sweep keeps the
+/// finished runs.
 #[test]
 fn a_table_has_a_row_for_each_combination() {
     let place = directory();
@@ -81,7 +59,7 @@ fn a_table_has_a_row_for_each_combination() {
     let runs_before = runs(&job).unwrap();
     assert_eq!(table.rows.len(), 4);
     for (i, run) in runs_before.iter().enumerate() {
-        let found = summary(run).unwrap();
+        let found = json_of(run.join("summary.json")).unwrap();
         for key in keys {
             let number: f64 = table.get(i, key).parse().unwrap_or(f64::NAN);
             assert_eq!(Some(number), found[key].as_f64(), "{key} of {}", run.display());
@@ -95,10 +73,10 @@ fn a_table_has_a_row_for_each_combination() {
         assert_eq!(table.get(i, "directory"), run.display().to_string());
         assert_eq!(table.get(i, "error"), "");
     }
-    let tex = std::fs::read_to_string(place.path().join("table.tex")).expect("table.tex");
+    let tex = text_of(place.path().join("table.tex")).unwrap();
     assert_eq!(tex.matches(" \\\\\n").count(), 5, "{tex}");
     assert!(tex.contains("scheme.degree & solver.tolerance & cells & modes"), "{tex}");
-    // Another value, other ranks.
+    // One more value, on other ranks.
     let written =
         |run: &PathBuf| std::fs::metadata(run.join("result.h5")).and_then(|m| m.modified());
     let before: Vec<_> = runs_before.iter().map(|run| written(run).expect("a result")).collect();
@@ -110,9 +88,10 @@ fn a_table_has_a_row_for_each_combination() {
     assert_eq!(Table::read(place.path()).unwrap().rows.len(), 6);
 }
 
-/// Arrays, formulas with commas and words are values; a directory has no special characters.
+/// Values can be arrays, formulas with commas and words, as in `--set`. Names of directories have
+/// no special characters.
 #[test]
-fn values_are_those_of_set() {
+fn values_can_be_arrays_and_formulas() {
     let place = directory();
     let path = place.path().join("a b; c");
     let vary = [
@@ -135,9 +114,9 @@ fn values_are_those_of_set() {
     }
 }
 
-/// A case that is refused is a row with its message; the others are run.
+/// A refused case has a row with its message, and the other cases are run.
 #[test]
-fn a_failure_is_a_row() {
+fn a_refused_case_has_a_row() {
     check_all(&[1, 3], |&ranks| {
         let place = directory();
         let job = sweep(place.path(), &["solver.tolerance=5,1e-2", "time.end=0.1"]);
@@ -152,18 +131,17 @@ fn a_failure_is_a_row() {
         if right != [true; 3] || table.get(1, "mass").is_empty() {
             return Err(finished.report(&format!("{:?}", table.rows)));
         }
-        let tex = std::fs::read_to_string(place.path().join("table.tex"));
-        let tex = tex.map_err(|e| e.to_string())?;
+        let tex = text_of(place.path().join("table.tex"))?;
         finished.contains(&tex, &["% --set solver.tolerance=5"])?;
-        // Alone it is refused as a run is.
+        // With `--index`, it is refused like a run.
         job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
     });
 }
 
-/// Invalid sweeps are refused before any run. A run that misses its tolerance has failed where
-/// `solver.strict` says so, whenever it was solved; its numbers are there.
+/// A run that misses its tolerance counts as failed with `solver.strict`, also if it was finished
+/// before. Its row has its numbers.
 #[test]
-fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
+fn a_missed_tolerance_is_a_failure_with_strict() {
     let place = directory();
     let job = sweep(place.path(), &["solver.strict=true,false", "solver.tolerance=1e-6"]);
     let job = job.set(&["solver.propagator={method='crank-nicolson',step=0.05}"]);
@@ -179,8 +157,9 @@ fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
     }
 }
 
+/// Invalid sweeps are refused before any run.
 #[test]
-fn mistakes_are_refused_before_anything_runs() {
+fn mistakes_are_refused_before_any_run() {
     let place = directory();
     let path = place.path().join("none");
     let rows: [(&[&str], &[&str]); 8] = [
@@ -206,7 +185,7 @@ fn mistakes_are_refused_before_anything_runs() {
     assert_eq!(left, 0, "files in {}", path.display());
 }
 
-/// Run by run, as a job array does it; then the table.
+/// A job array solves the runs one by one and then writes the table.
 #[test]
 fn an_array_solves_run_by_run() {
     let place = directory();
@@ -229,7 +208,7 @@ fn an_array_solves_run_by_run() {
     assert!(!runs[0].exists(), "--table solves nothing");
     let found = Table::read(place.path()).unwrap();
     assert_eq!([found.get(0, "error"), found.get(1, "error")], ["not finished", ""]);
-    // Other ranks, the same results; again it is kept.
+    // The first run on other ranks; the second time it is finished.
     for printed in [" s", "finished before"] {
         let first = job.clone().with(["--index", "1"]).on(3).succeed().unwrap();
         first.contains(&first.errors, &["[1/2] ", printed]).unwrap();

@@ -1,8 +1,9 @@
-//! `initial.table`, `potential.N.table`, `inflow.table`: functions from files on their own grids.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions given as tables in files.
 
 use crate::dense;
 use crate::support::{
-    Finished, Job, case, check_all, datasets, differences, directory, distance, field,
+    Finished, Job, case, check_all, datasets, differences, directory, distance, field, of_case,
+    on_results,
 };
 use phasewarp::problem::case::Case;
 use std::fmt::Write;
@@ -11,17 +12,17 @@ use std::path::{Path, PathBuf};
 
 const GRID: [&str; 2] = ["axis.0.x.cells=20", "axis.0.v.cells=22"];
 const SMOOTH: &str = "exp(-8*((x+0.5)^2+(v-0.5)^2))";
-/// The whole grid, for any data.
+/// No reductions, so that runs with other data have the same grid.
 const ALL: &str = "solver.reduce={axes=false, velocities=false}";
 
 fn value(x: f64, v: f64) -> f64 {
     (-8.0 * ((x + 0.5).powi(2) + (v - 0.5).powi(2))).exp()
 }
 
-/// A run of a second from these initial data.
+/// A run of a second with these initial data.
 fn run(initial: &str, settings: &[&str]) -> Job {
     let initial = format!("initial={{{initial}}}");
-    Job::new(["run", &case("example1.toml")])
+    of_case("run", "example1.toml")
         .set(&GRID)
         .set(&["solver.tolerance=1e-6", "time.end=0.4", "exact={f='0'}", ALL, &initial])
         .set(settings)
@@ -35,12 +36,12 @@ fn table(path: &Path, settings: &[&str]) -> Job {
     run(&format!("table={{file='{}'}}", path.display()), settings)
 }
 
-/// Equally spaced points from -1.5 to 1.5.
+/// `count` equally spaced points from -1.5 to 1.5.
 fn points(count: usize) -> Vec<f64> {
     (0..count).map(|i| -1.5 + 3.0 * i as f64 / (count - 1) as f64).collect()
 }
 
-/// Writes a CSV file, the last point first.
+/// Writes a CSV file, from the last x to the first.
 fn write_csv(path: &Path, x: &[f64], v: &[f64], value: impl Fn(f64, f64) -> f64) {
     let mut text = "v,x,f\n".to_owned();
     for &x in x.iter().rev() {
@@ -51,7 +52,7 @@ fn write_csv(path: &Path, x: &[f64], v: &[f64], value: impl Fn(f64, f64) -> f64)
     fs::write(path, text).expect("a file");
 }
 
-/// Writes `/f` of these values, with its axes.
+/// Writes an HDF5 file with these values as `/f`, and its axes.
 fn write_hdf5(path: &Path, axes: &[(&str, &[f64])], values: &[f64]) {
     let written = path.with_extension("written");
     {
@@ -66,7 +67,7 @@ fn write_hdf5(path: &Path, axes: &[(&str, &[f64])], values: &[f64]) {
         let dataset = file.new_dataset::<f64>().shape(shape).create("f").expect("a dataset");
         dataset.write_raw(values).expect("numbers");
     }
-    // HDF5's lock may last longer than the file is open here.
+    // A copy, as the lock of HDF5 may last longer than the file is open here.
     fs::copy(&written, path).expect("a copy");
 }
 
@@ -74,10 +75,10 @@ fn on_grid(x: &[f64], v: &[f64], value: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     x.iter().flat_map(|x| v.iter().map(|v| value(*x, *v)).collect::<Vec<_>>()).collect()
 }
 
-/// On the cell centres a table has the bits of the values there, of whatever file, on any ranks;
-/// its checksum is in the result.
+/// A table at the cell centres gives the same bits for any kind of file and on any ranks. The
+/// result has its checksum.
 #[test]
-fn at_its_points_a_table_is_met_on_any_ranks() {
+fn a_table_at_cell_centres_gives_the_same_bits_for_any_file_and_ranks() {
     let place = directory();
     let grid: Case = dense::case("example1.toml", &GRID);
     let (x, v) = (grid.space.x[0].centres(), grid.space.v[0].centres());
@@ -91,7 +92,7 @@ fn at_its_points_a_table_is_met_on_any_ranks() {
     let wanted = field(expected.path()).unwrap();
     let first = directory();
     table(&paths[0], &[]).on(1).solve(first.path()).unwrap();
-    // The formula rounds its own way.
+    // The formula is rounded differently.
     let off = distance(&field(first.path()).unwrap(), &wanted);
     assert!(off < 1e-13, "{off:e}");
     let bits = datasets(first.path()).unwrap();
@@ -115,18 +116,17 @@ fn at_its_points_a_table_is_met_on_any_ranks() {
         let file = hdf5::File::open(to.path().join("result.h5")).map_err(|e| e.to_string())?;
         match file.attr("table_checksum").is_ok() && file.attr("table_file").is_ok() {
             true => Ok(()),
-            false => Err("the result does not tell the table".to_owned()),
+            false => Err("the result has no attributes of the table".to_owned()),
         }
     });
-    // A result is a table, too.
-    let again = directory();
-    table(&first.path().join("result.h5"), &[]).on(2).solve(again.path()).unwrap();
+    // A result file is also a valid table.
+    table(&first.path().join("result.h5"), &[]).on(2).summary().unwrap();
 }
 
-/// Between its points it is linear: a grid of half the steps quarters the error, of cells and of
-/// elements, and by both methods.
+/// A table is linear between its points: half the spacing gives a quarter of the error, for cells
+/// and for elements, and by both methods.
 #[test]
-fn finer_tables_give_the_formula() {
+fn tables_converge_with_order_2_to_the_formula() {
     let place = directory();
     let scenes: [&[&str]; 3] = [&[], &["scheme.degree=2"], &["solver.method=classical"]];
     check_all(&scenes, |settings| {
@@ -146,16 +146,14 @@ fn finer_tables_give_the_formula() {
             false => Err(format!("{settings:?}: errors {errors:?}")),
         }
     });
-    // Characteristics are traced back to the table.
+    // The exact solution follows characteristics back to the table.
     let exact = "exact={kind='characteristics'}";
-    let errors = [formula(&[exact]), table(&place.path().join("75.csv"), &[exact])].map(|job| {
-        let to = directory();
-        job.on(2).solve(to.path()).unwrap().value["error_l1"].as_f64().expect("an error")
-    });
+    let errors = [formula(&[exact]), table(&place.path().join("75.csv"), &[exact])]
+        .map(|job| job.on(2).summary().unwrap().value["error_l1"].as_f64().expect("an error"));
     assert!((errors[0] / errors[1] - 1.0).abs() < 0.05, "{errors:?}");
 }
 
-/// Invalid tables are refused by name, by run, plan and check, on any ranks.
+/// Invalid tables are refused by name, by `run` on three ranks, and by `plan` and `check` alone.
 #[test]
 fn bad_tables_are_refused() {
     let place = directory();
@@ -197,16 +195,14 @@ fn bad_tables_are_refused() {
     ];
     let directory_of =
         |text: &str| text.replace("file='", &format!("file='{}/", place.path().display()));
-    check_all(&rows, |(text, wording)| {
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |(k, (text, wording))| {
         let given = format!("table={{{}}}", directory_of(text));
-        for ranks in [1, 3] {
-            run(&given, &[]).into(directory().path()).on(ranks).is_refused(wording)?;
-        }
+        run(&given, &[]).into(directory().path()).on(3).is_refused(wording)?;
         let given = format!("initial={{{given}}}");
-        for command in ["plan", "check"] {
-            Job::new([command, &case("example1.toml")]).set(&[&given]).is_refused(wording)?;
-        }
-        Ok(())
+        // The commands read tables in the same way, so each row has one more.
+        let command = ["plan", "check"][k % 2];
+        of_case(command, "example1.toml").set(&[&given]).is_refused(wording)
     });
     let table = format!("table={{file='{}', axes=['x']}}", place.path().join("flat.h5").display());
     for (beside, wording) in [
@@ -217,14 +213,14 @@ fn bad_tables_are_refused() {
         let job = run(&format!("{table}, {beside}"), &[]);
         job.is_refused(&[wording]).unwrap();
     }
-    // One axis of the two is enough where it is said.
+    // A table along one axis is enough if `axes` names it.
     let flat = run(&table, &["output.field_times=[0.2]"]);
-    flat.on(2).solve(directory().path()).unwrap();
+    flat.on(2).summary().unwrap();
 }
 
-/// A finished run is kept as long as its table is, on the commands that look at it as well.
+/// A finished run is repeated if its table has changed. `plan` and `check` read the table, too.
 #[test]
-fn another_table_is_another_run() {
+fn a_run_with_a_changed_table_is_repeated() {
     let place = directory();
     let path = place.path().join("f0.csv");
     let to = directory();
@@ -235,7 +231,7 @@ fn another_table_is_another_run() {
     let job = table(&path, &[]);
     for command in ["plan", "check"] {
         let initial = format!("initial={{table={{file='{}'}}}}", path.display());
-        let job = Job::new([command, &case("example1.toml")]).set(&[&initial]);
+        let job = of_case(command, "example1.toml").set(&[&initial]);
         let finished: Finished = job.on(2).succeed().unwrap();
         assert!(
             command == "plan" || finished.output.contains("(31 x 31 points)"),
@@ -247,7 +243,7 @@ fn another_table_is_another_run() {
     let before = datasets(to.path()).unwrap();
     let again = job.clone().into(to.path()).with(["--resume"]).succeed().unwrap();
     assert!(again.output.contains("the run is finished"), "{}", again.report("kept"));
-    // Later than the result, as clocks of files may be coarse.
+    // The new file must be later than the result, and the clock of files may be coarse.
     std::thread::sleep(std::time::Duration::from_millis(20));
     write(2.0);
     job.into(to.path()).with(["--resume"]).succeed().unwrap();
@@ -255,12 +251,12 @@ fn another_table_is_another_run() {
     assert!(!differences(&before, &after).is_empty(), "the same result of another table");
 }
 
-/// A table of `V` or of what enters, as `potential` or `inflow` of a case.
+/// The setting of a table for `potential` or `inflow`, and `more` settings.
 fn given(path: &Path, more: &str) -> String {
     format!("table={{file='{}'}}{more}", path.display())
 }
 
-/// Writes a CSV file with these axes and this value at the points of their grid.
+/// Writes a CSV file with these axes and the column `name` of values on their grid.
 fn write_grid(path: &Path, axes: &[(&str, &[f64])], name: &str, value: impl Fn(&[f64]) -> f64) {
     let names: Vec<&str> = axes.iter().map(|(name, _)| *name).chain([name]).collect();
     let mut points: Vec<Vec<f64>> = vec![Vec::new()];
@@ -277,7 +273,8 @@ fn write_grid(path: &Path, axes: &[(&str, &[f64])], name: &str, value: impl Fn(&
     fs::write(path, text).expect("a file");
 }
 
-/// Whether a table gives what a formula does, but for `most`, with the same bits on 1 and 3 ranks.
+/// Checks that the field with a table differs from that with a formula by at most `most`, and has
+/// the same bits on 1 and 3 ranks.
 fn same_by_formula_and_table(formula: &Job, table: &Job, most: f64) -> Result<(), String> {
     let [expected, one, three] = [directory(), directory(), directory()];
     formula.clone().on(2).solve(expected.path())?;
@@ -298,10 +295,10 @@ fn same_by_formula_and_table(formula: &Job, table: &Job, most: f64) -> Result<()
     }
 }
 
-/// `V` on the centres of cells is constant around them, with the jumps of regions; of linear tables
-/// it has slopes, those of a formula on its faces.
+/// A constant table of `V` at the centres of cells has the effect of regions with jumps. A linear
+/// table at the faces has the slopes of a formula.
 #[test]
-fn a_potential_by_table_is_that_of_regions() {
+fn a_table_of_the_potential_has_the_effect_of_a_formula() {
     let place = directory();
     let grid: Case = dense::case("example1.toml", &GRID);
     let axis = &grid.space.x[0];
@@ -347,13 +344,13 @@ fn a_potential_by_table_is_that_of_regions() {
     let to = directory();
     let exact = beside.on(2).solve(to.path()).unwrap();
     assert!(exact.value["error_l1"].as_f64().is_some_and(|error| error > 0.0));
-    let plotted = Job::new(["plot", &to.path().display().to_string()]).succeed().unwrap();
+    let plotted = on_results("plot", to.path()).succeed().unwrap();
     assert!(!plotted.output.contains("warning"), "{}", plotted.report("plot"));
 }
 
-/// In two dimensions, `V` by a table beside a region, and an axis that it does not depend on.
+/// A table of `V` in two dimensions has the effect of a region.
 #[test]
-fn a_potential_by_table_in_two_dimensions() {
+fn a_table_of_the_potential_in_two_dimensions_has_the_effect_of_a_region() {
     let place = directory();
     let grid: Case = dense::case("barrier2d.toml", &TWO);
     let [x, y] = [0, 1].map(|a| grid.space.x[a].centres());
@@ -361,7 +358,7 @@ fn a_potential_by_table_in_two_dimensions() {
     let path = place.path().join("V.csv");
     write_grid(&path, &[("x", &x), ("y", &y)], "V", |p| value(p[0], p[1]));
     let of = |potential: &str| {
-        Job::new(["run", &case("barrier2d.toml")])
+        of_case("run", "barrier2d.toml")
             .set(&TWO)
             .set(&["solver.tolerance=1e-5", "time.end=0.2", ALL, "exact={f='0'}", potential])
     };
@@ -378,9 +375,10 @@ const TWO: [&str; 4] = [
     "axis.1.v={lower=-1, upper=1, cells=6}",
 ];
 
-/// Inflow from a table equals that of a formula that is linear between its points, also over time.
+/// A table of the inflow has the effect of a formula that is linear between its points, also in
+/// time.
 #[test]
-fn inflow_by_table_is_that_of_a_formula() {
+fn a_table_of_the_inflow_has_the_effect_of_a_formula() {
     let place = directory();
     let path = |name: &str| place.path().join(name);
     let ends: &[f64] = &[-2.0, 2.0];
@@ -390,7 +388,7 @@ fn inflow_by_table_is_that_of_a_formula() {
     let still = format!("inflow={{{}}}", given(&path("still.csv"), ""));
     let file = path("t.csv");
     let timed = format!("inflow={{table={{file='{}', axes=['v', 't']}}}}", file.display());
-    // Plans depend on the last bits of what enters: both are within the tolerance, 1e-6.
+    // The plan depends on the last bits of the inflow, so the fields differ by up to the tolerance.
     let rows: [(&str, &str, &[&str], f64); 3] = [
         ("inflow.value='1 + x*v'", &still, &[], 1e-7),
         ("inflow.value='1 + x*v'", &still, &["scheme.degree=1"], 1e-7),
@@ -401,7 +399,7 @@ fn inflow_by_table_is_that_of_a_formula() {
         same_by_formula_and_table(&of(formula), &of(table), *most)
             .map_err(|what| format!("{table}: {what}"))
     });
-    // Without saying so no axis is time.
+    // Only `axes` can make t an axis of a table.
     let untold = format!("inflow={{{}}}", given(&file, ""));
     let wording = ["inflow.table.file", "column \"t\"", "x, v", "inflow.table.axes", "x, v, t"];
     run("f='0'", &[&untold]).is_refused(&wording).unwrap();
@@ -450,17 +448,15 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
         ),
     ];
     check_all(&rows, |(setting, wording)| {
-        for ranks in [1, 3] {
-            run("f='0'", &[setting]).into(directory().path()).on(ranks).is_refused(wording)?;
-        }
-        Job::new(["check", &case("example1.toml")]).set(&[setting]).is_refused(wording)
+        run("f='0'", &[setting]).into(directory().path()).on(3).is_refused(wording)?;
+        of_case("check", "example1.toml").set(&[setting]).is_refused(wording)
     });
 }
 
-/// A run with a changed table of `V` neither continues nor counts as finished; edges of a table
-/// that are on no face are reported.
+/// A run with a changed table of `V` is repeated. Edges of a table that lie on no face are
+/// reported.
 #[test]
-fn another_potential_is_another_run() {
+fn a_run_with_a_changed_table_of_the_potential_is_repeated() {
     let place = directory();
     let path = place.path().join("V.csv");
     let to = directory();
@@ -472,7 +468,7 @@ fn another_potential_is_another_run() {
         };
     write(0.2);
     let potential = format!("potential=[{{{}}}]", given(&path, ""));
-    let checked = Job::new(["check", &case("example1.toml")]).set(&[&potential]);
+    let checked = of_case("check", "example1.toml").set(&[&potential]);
     let printed = checked.on(1).succeed().unwrap();
     assert!(
         printed.output.contains("(3 points, constant around each)"),
@@ -492,10 +488,10 @@ fn another_potential_is_another_run() {
     assert!(!differences(&before, &after).is_empty(), "the same result of another table");
 }
 
-/// A part that goes on has the tables of the first one, wherever it is started from; a table that
-/// has changed is refused unless it is given.
+/// A continued run reads the tables of the first part from any working directory. A changed table
+/// is refused unless it is given again.
 #[test]
-fn a_second_part_has_the_tables_of_the_first() {
+fn a_continued_run_reads_the_tables_of_the_first_part() {
     let (place, first) = (directory(), directory());
     let path = place.path().join("V.csv");
     let write =
@@ -519,11 +515,11 @@ fn a_second_part_has_the_tables_of_the_first() {
     second("given").set(&[&given]).succeed().unwrap();
 }
 
-/// A smooth `V` by a table that is constant around its points, which lie on faces: the values
-/// half-way belong to the upper point, a warning names the other interpolation, and no error of the
-/// grid is claimed where `V` jumps everywhere.
+/// A constant table of a smooth `V` at faces: values half-way between points belong to the upper
+/// one, a warning names the linear interpolation, and the error of the grid is not estimated, as
+/// `V` jumps everywhere.
 #[test]
-fn a_staircase_is_noticed() {
+fn a_smooth_potential_by_a_constant_table_causes_a_warning() {
     let place = directory();
     let path = place.path().join("V.csv");
     let x: Vec<f64> = (0..=20).map(|k| -1.5 + 0.15 * f64::from(k)).collect();
@@ -543,10 +539,9 @@ fn a_staircase_is_noticed() {
     }
 }
 
-/// A table that is constant over much of the box beyond its end is noticed, one on cell centres is
-/// not.
+/// A table that ends far inside the box causes a warning; one on cell centres does not.
 #[test]
-fn a_table_that_ends_early_is_noticed() {
+fn a_table_that_ends_inside_the_box_causes_a_warning() {
     let centres = |count: usize| -> Vec<f64> {
         let at = |i: usize| -1.5 + 3.0 * (i as f64 + 0.5) / count as f64;
         (0..count).map(at).collect()
@@ -563,7 +558,7 @@ fn a_table_that_ends_early_is_noticed() {
         write_grid(&path, &[("x", &points)], "V", |x| 0.1 * x[0]);
         let more = format!(", interpolation='{interpolation}'");
         let potential = format!("potential=[{{{}}}]", given(&path, &more));
-        let finished = Job::new(["check", &case("example1.toml")]).set(&[&potential]).succeed();
+        let finished = of_case("check", "example1.toml").set(&[&potential]).succeed();
         let finished = finished.unwrap();
         let found = finished.output.contains("it is constant over 50.00 % of the axis beyond");
         assert_eq!(found, printed, "{}", finished.report(interpolation));

@@ -1,13 +1,12 @@
-//! Runs of many kinds, with faults at random moments and continued on other ranks: they end with
-//! the bits of an undisturbed run. `make test` tries a few, `make torture` many.
+//! Runs of many kinds, with faults at random moments and continued on other ranks, end with the
+//! bits of an undisturbed run. `make test` tries a few, `make torture` many.
 
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
-    number_from_environment,
+    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory, names_in,
+    number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -17,7 +16,8 @@ use tempfile::TempDir;
 /// A kind of run.
 struct Kind {
     name: &'static str,
-    /// Whether it goes on from the results of the case until time 1.5, instead of from time 0.
+    /// Whether the run continues the results of the case until time 1.5 instead of starting at time
+    /// 0.
     continues: bool,
     case: &'static str,
     settings: &'static [&'static str],
@@ -90,7 +90,7 @@ const KINDS: [Kind; 10] = [
             "axis.0.v.cells=18",
             "solver.propagator={method='crank-nicolson',step=0.02}",
         ],
-        // Other blocks of space give other bits.
+        // The bits depend on the blocks of space.
         options: &["--ranks-x", "1"],
     },
     Kind {
@@ -109,7 +109,7 @@ const KINDS: [Kind; 10] = [
     },
 ];
 
-/// The results that a run goes on from.
+/// The results that a run continues.
 static BEGINNING: OnceLock<Result<TempDir>> = OnceLock::new();
 
 impl Kind {
@@ -135,7 +135,7 @@ struct Whole {
     seconds: f64,
 }
 
-/// Of each kind, run once.
+/// The undisturbed run of each kind, which runs once.
 static WHOLES: [OnceLock<Result<Whole>>; KINDS.len()] = [const { OnceLock::new() }; KINDS.len()];
 
 impl Whole {
@@ -146,14 +146,14 @@ impl Whole {
     }
 }
 
-/// How many trials, and of which number the first is: of the environment in `make torture`.
+/// The numbers of the trials, which `make torture` sets in the environment.
 fn trials() -> std::ops::Range<u64> {
     let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-/// A fault, and the exit codes that mpirun may give after it, as a shell has them, beside 0 of a
-/// run that was over.
+/// A fault and the exit codes that mpirun may have after it in a shell, except for 0 of a run that
+/// ended before the fault.
 struct FaultKind {
     name: &'static str,
     fault: Fault,
@@ -164,22 +164,22 @@ const FAULTS: [FaultKind; 7] = [
     FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[137] },
     FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[137] },
     FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[137] },
-    // mpirun gives its own code for these, whatever the ranks give, or ends by the signal.
+    // For these signals mpirun has its own exit code or ends by the signal.
     FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[1, 143] },
     FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[1, 130] },
     FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[75] },
     FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
 ];
 
-/// What mpirun gives where it is at fault itself: abort, invalid memory, a pipe to nobody.
+/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe.
 const CRASHES: [i32; 3] = [134, 139, 141];
 
 impl FaultKind {
-    /// Whether a run may end so. That mpirun itself hangs or crashes when its ranks have ended is
-    /// counted, and no fault of theirs.
+    /// Whether a run may end with this exit code. If mpirun itself hangs or crashes after its ranks
+    /// have ended, this is counted but allowed.
     fn allows(&self, faulty: &Faulty) -> bool {
         let code = faulty.finished.shell_code;
-        // A rank that is still being loaded takes no request, and ends by it.
+        // A rank that has not yet installed its signal handler is ended by the signal.
         let too_early = matches!(self.fault, Fault::Signal) && !faulty.begun;
         code == 0
             || launcher_failed(faulty)
@@ -192,7 +192,7 @@ fn launcher_failed(faulty: &Faulty) -> bool {
     faulty.hung || CRASHES.contains(&faulty.finished.shell_code)
 }
 
-/// What a fault waits for.
+/// The state of a run at which a fault is injected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Moment {
     AnyTime,
@@ -215,15 +215,16 @@ const MOMENTS: [Moment; 8] = [
 ];
 
 impl Moment {
-    /// Whether a run into `path` is there, which found the checkpoint `before`.
+    /// Whether a run into `path`, which started from the checkpoint `before`, has reached the
+    /// moment.
     fn has_come(self, path: &Path, before: Option<&Path>) -> bool {
-        let holds = |ending: &str| names(path).iter().any(|name| name.ends_with(ending));
+        let holds = |ending: &str| names_in(path).iter().any(|name| name.ends_with(ending));
         match self {
             Self::AnyTime => true,
             Self::SetUp => newest(path).as_deref() == before,
             Self::Modes => newest(path).is_some_and(|newest| Some(&*newest) != before),
             Self::Checkpoint => {
-                let begun = names(&path.join("checkpoint")).into_iter().max();
+                let begun = names_in(&path.join("checkpoint")).into_iter().max();
                 let begun = begun.map(|name| path.join("checkpoint").join(name));
                 begun.is_some_and(|begun| !begun.join("manifest.json").exists())
             }
@@ -233,18 +234,15 @@ impl Moment {
     }
 }
 
-fn names(directory: &Path) -> Vec<String> {
-    let entries = fs::read_dir(directory).into_iter().flatten();
-    entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect()
-}
-
-/// Of faults: how many, how many of them met a run at work, after how many the run did not go on
-/// well or mpirun failed, and the exit codes.
+/// Counts of faults.
 #[derive(Default)]
 struct Count {
     faults: usize,
+    /// Faults that interrupted a run.
     met: usize,
+    /// Faults after which a run ended with a wrong exit code or was not continued correctly.
     failures: usize,
+    /// Faults after which mpirun itself failed.
     launcher: usize,
     codes: BTreeSet<i32>,
 }
@@ -257,7 +255,7 @@ fn count(tally: &Tally, names: &[String], change: impl Fn(&mut Count)) {
     names.iter().for_each(|name| change(tally.entry(name.clone()).or_default()));
 }
 
-/// Up to three faults at random moments, then an end that is left alone.
+/// Up to three faults at random moments, then a continuation to the end.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
     let draw = |what: u64, of: usize| (random(101 * number + what) * of as f64) as usize;
     let index = number as usize % KINDS.len();
@@ -311,17 +309,18 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     })
 }
 
-/// Continues to the end. The result equals that of the whole run, and no temporary file is left.
+/// Continues a run to its end. The result must equal that of the undisturbed run, and no temporary
+/// file may be left.
 fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
     kind.job()?.on(ranks).with(["--resume"]).into(path).succeed()?;
     let differing = differences(&datasets(path)?, &whole.datasets);
     if !differing.is_empty() {
         return Err(format!("differs from the whole run in {differing:?}"));
     }
-    let mut names = names(path).into_iter();
+    let mut names = names_in(path).into_iter();
     match names.find(|name| name.ends_with(".partial") || name == "checkpoint") {
         Some(name) => Err(format!("{name} is still there")),
-        None => Job::new(["check-result", &path.display().to_string()]).succeed().map(drop),
+        None => on_results("check-result", path).succeed().map(drop),
     }
 }
 
@@ -330,7 +329,7 @@ fn runs_of_all_kinds_survive_any_fault() {
     let tally = Tally::default();
     let all: Vec<u64> = trials().collect();
     let trials = AssertUnwindSafe(|| check_all(&all, |&number| trial(number, &tally)));
-    // The table of failures, too.
+    // The table is also printed if trials fail.
     let outcome = catch_unwind(trials);
     let tally = tally.into_inner().unwrap_or_else(PoisonError::into_inner);
     println!(

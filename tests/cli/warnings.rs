@@ -1,12 +1,12 @@
-//! Warnings are printed once, and are in the summary.
+//! Warnings are printed once and are in the summary.
 
 use crate::support::{Summary, check, check_all, directory, require, run};
 
-/// An edge inside a cell is moved to a face. This is reported with the distance, by `check`, by
-/// `run` and in `summary.json`.
+/// An edge of a region inside a cell is moved to a face. A warning names the distance, in `check`,
+/// in `run` and in `summary.json`.
 #[test]
 fn region_edges_off_the_faces_give_a_warning() {
-    // Cells of 3/128 = 0.0234375; the nearest centre decides.
+    // The cells have the width 3/128 = 0.0234375.
     let rows = [
         ("x < 0.01", "x = 0.01 misses", "1.00e-2"),
         ("x < 0.015", "x = 0.015 misses", "8.44e-3"),
@@ -22,14 +22,14 @@ fn region_edges_off_the_faces_give_a_warning() {
         let finished = job.clone().into(place.path()).succeed()?;
         for words in wording {
             let times = finished.errors.matches(words).count();
-            require(times == 1, &finished, || format!("\"{words}\" is said {times} times"))?;
+            require(times == 1, &finished, || format!("\"{words}\" is printed {times} times"))?;
         }
         let summary = Summary::read(finished, place.path())?;
         let warnings = summary.warnings();
         let known = warnings.contains(edge) && warnings.contains(by);
         summary.require(known, || format!("warnings in summary.json: {warnings}"))
     });
-    // Of many the first are shown, the others counted.
+    // Of many edges, the first are listed and the others counted.
     let often = "potential.0.where=\"sin(30*x) < 0\"";
     let finished = check("example1.toml").set(&[often]).succeed().unwrap();
     let shown = finished.output.matches("misses the faces of the grid; it").count();
@@ -39,7 +39,7 @@ fn region_edges_off_the_faces_give_a_warning() {
     let all = shown + all.and_then(|n| n.parse::<usize>().ok()).unwrap_or(0);
     // Between -1.5 and 1.5 sin(30 x) changes its sign at k pi/30, |k| <= 14; x = 0 is a face.
     assert!(shown == 8 && all == 28, "{}", finished.report(&format!("{shown} of {all}")));
-    // Control: an edge on a face, and one that is on a face of this grid alone.
+    // Control: no warning for edges on faces.
     for condition in ["x < 0", "x < 0.0234375"] {
         let setting = format!("potential.0.where=\"{condition}\"");
         let finished = check("example1.toml").set(&[&setting]).succeed().unwrap();
@@ -49,8 +49,8 @@ fn region_edges_off_the_faces_give_a_warning() {
 
 const OVER: &[&str] = &["scheme.degree=3", "axis.0.x.cells=12", "axis.0.v.cells=12"];
 
-/// `V` that jumps or bends between the points of the scheme is noticed, with the place, before
-/// anything is solved; smooth `V` is not.
+/// If `V` jumps or bends between the points of the scheme, `check` prints a warning with the place.
+/// A smooth `V` causes none.
 #[test]
 fn unresolved_potentials_give_a_warning() {
     let jump = "potential.1.value=0.4 if x > 0.06 else 0";
@@ -75,7 +75,7 @@ fn unresolved_potentials_give_a_warning() {
         let printed = finished.output.contains("does not resolve V");
         require(printed != words.is_empty(), &finished, || "V that is not resolved".to_owned())
     });
-    // Along the second axis, too.
+    // Also along the second axis.
     let job = check("barrier2d.toml").set(&["potential.1.value=0.1 if y > 0.53 else 0"]);
     let finished = job.succeed().unwrap();
     finished
@@ -83,8 +83,8 @@ fn unresolved_potentials_give_a_warning() {
         .unwrap();
 }
 
-/// Edges that are not along the axes are named, wherever they are; those of boxes are not, on faces
-/// or beside them, nor where steps of the edge are smaller than a cell.
+/// Edges that are not parallel to the axes cause a warning. Edges of boxes do not, on and off
+/// faces, nor do steps of an edge that are smaller than a cell.
 #[test]
 fn oblique_edges_give_a_warning() {
     let oblique = [
@@ -110,15 +110,15 @@ fn oblique_edges_give_a_warning() {
         let found = finished.output.contains("potential.0: its edge at x = ");
         require(found == *printed, &finished, || format!("an oblique edge: {found}"))
     });
-    // A step that is no step to the particles: nothing is reflected there.
+    // No warning if V is continuous at the edge.
     let flat = ["potential.0.where=x > y", "potential.0.value=0.3*(x - y)"];
     let finished = check("barrier2d.toml").set(&flat).succeed().unwrap();
     assert!(!finished.output.contains("its edge at"), "{}", finished.report("a slope"));
 }
 
-/// Keys without effect, data that are zero everywhere.
+/// Keys without effect and initial data that are zero on the grid cause warnings.
 #[test]
-fn what_has_no_effect_gives_a_warning() {
+fn keys_without_effect_and_zero_data_give_a_warning() {
     let own: &[&str] = &["scheme.degree=2", "axis.0.x.degree=1", "axis.0.v.degree=1"];
     let rows: &[(&[&str], &str, bool)] = &[
         (own, "scheme.degree has no effect", true),

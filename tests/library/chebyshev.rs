@@ -1,4 +1,4 @@
-//! The coefficients of the Chebyshev series against the integral that defines them.
+//! The coefficients of the Chebyshev series against the integral in their definition.
 
 use phasewarp::propagate::bessel::bessel_series;
 use std::f64::consts::PI;
@@ -35,7 +35,7 @@ fn bessel_functions() {
     }
 }
 
-/// A run over a very short time is a run all the same.
+/// Runs over very short times have very small arguments.
 #[test]
 fn bessel_functions_of_very_small_arguments() {
     for tau in [1e-20, 1e-60, 1e-70, 1e-150, 1e-300] {

@@ -1,7 +1,7 @@
-//! Random case files, `--set` options, formulas and CSV tables: for any contents, reading ends
-//! soon, with a sound case or with a message.
+//! Random case files, `--set` options and formulas: for any contents, reading ends soon with a
+//! valid case or with a message.
 //!
-//! The texts are changes of those of `cases/` and `tests/corpus/`.
+//! The texts are random changes of those in `cases/` and `tests/corpus/`.
 
 use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, finds, fuzz};
@@ -12,7 +12,7 @@ use phasewarp::problem::case::{Case, Exact, Inflow, ValueKind, keys};
 use phasewarp::problem::formula::{Constants, Expression};
 use std::fmt::Debug;
 
-/// The files of a folder of this crate that end so, sorted by name.
+/// The texts of the files in a folder with this extension, sorted by name.
 fn texts(folder: &str, ending: &str) -> Vec<String> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let mut paths: Vec<_> = std::fs::read_dir(&folder)
@@ -31,7 +31,7 @@ fn cases() -> Corpus {
     Corpus::new(all)
 }
 
-/// Values in the corners and the middle of the box, and outside it.
+/// Evaluates a formula at points inside and outside of the box.
 fn evaluate(formula: &Expression) {
     for value in [0.0, -1.0, 0.3, 1e300, f64::NAN, f64::INFINITY] {
         formula.eval(&[value; 7]);
@@ -39,7 +39,8 @@ fn evaluate(formula: &Expression) {
     }
 }
 
-/// Checks the guarantees of `Case::parse`; the error is the violated one.
+/// Checks the guarantees of `Case::parse` and returns whether the case is accepted. The error names
+/// the violated guarantee.
 fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
     let case = match Case::parse("fuzz.toml", text, overrides) {
         Ok(case) => case,
@@ -91,9 +92,9 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         evaluate(formula);
     }
     if let Some((what, _)) = holds.iter().find(|(_, holds)| !holds) {
-        return Err(format!("accepted, but {what} is unsound: {case:?}"));
+        return Err(format!("accepted, but {what} is invalid: {case:?}"));
     }
-    // Small ones are planned, too.
+    // Small cases are also planned.
     if case.space.cells() < 2000 && Bounds::new(&case).is_ok_and(|b| b.rate * case.end < 100.0) {
         let resources = Resources { ranks: 3, ..Resources::default() };
         if let Err(error) = Plan::new(&case, &resources, 1.5)
@@ -126,7 +127,7 @@ fn changed_cases_end_in_a_case_or_a_message() {
     fuzz::<Cases>("fuzz::changed_cases_end_in_a_case_or_a_message");
 }
 
-/// Options for a case.
+/// A case and `--set` options for it.
 #[derive(Debug)]
 struct Options {
     case: usize,
@@ -135,11 +136,11 @@ struct Options {
 
 struct Settings {
     corpus: Corpus,
-    /// Every key that a case file may have, and some that it may not.
+    /// All valid keys of a case file, and some invalid ones.
     keys: Vec<String>,
 }
 
-/// The keys below `path`; of lists the first and second entry.
+/// Collects the keys below `path`; for lists, those of the first two entries.
 fn flat(path: &str, kind: &ValueKind, found: &mut Vec<String>) {
     found.push(path.trim_start_matches('.').to_owned());
     match kind {
@@ -191,7 +192,7 @@ fn changed_settings_end_in_a_case_or_a_message() {
 struct Formulas(Corpus);
 
 impl Formulas {
-    /// A formula that makes sense: `a op b`, `f(a)`.
+    /// A formula that is built from operators and functions: `a op b`, `f(a)`.
     fn built(&self, random: &mut Random, depth: usize) -> String {
         const OPERATORS: [&str; 13] =
             ["+", "-", "*", "/", "^", "<", ">=", "==", "!=", "&&", "||", " if ", " else "];
@@ -218,7 +219,7 @@ impl Reader for Formulas {
     type Input = String;
     const INPUTS: u64 = 30_000;
     fn new() -> Self {
-        // Every text in quotes of a case, and formulas by themselves.
+        // All texts in quotes of the cases, and the formulas of the corpus.
         let cases = cases().texts;
         let quoted = cases.iter().flat_map(|text| text.split('"').skip(1).step_by(2));
         let quoted = quoted.map(str::to_owned);
@@ -257,7 +258,7 @@ fn changed_formulas_end_in_a_value_or_a_message() {
     fuzz::<Formulas>("fuzz::changed_formulas_end_in_a_value_or_a_message");
 }
 
-/// Readers that fail for the input 777 of 1000, each in another way.
+/// Faulty readers, which fail in different ways for input 777 of 1000.
 struct Wrong<const WAY: usize>;
 
 impl<const WAY: usize> Reader for Wrong<WAY> {

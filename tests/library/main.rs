@@ -1,4 +1,5 @@
-//! The library without MPI: the scheme against its definition, series, and random case files.
+//! Tests of the library without MPI: the scheme against its definition, plans and series, random
+//! case files, and the structure of the sources.
 
 mod chebyshev;
 mod fuzz;

@@ -1,12 +1,8 @@
-//! Each type of `src/` has a name of its own.
+//! No two types of `src/` have the same name.
 
 use crate::size::files;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Names that two types have, with the reason.
-const SHARED_NAMES: [(&str, &str); 1] =
-    [("Panel", "a private interval of quadrature beside the panels of figures")];
 
 #[test]
 fn no_type_name_is_defined_twice() {
@@ -21,9 +17,6 @@ fn no_type_name_is_defined_twice() {
     }
     assert!(defined.len() > 300, "only {} types are found", defined.len());
     defined.retain(|_, files| files.len() > 1);
-    for (name, reason) in SHARED_NAMES {
-        assert!(defined.remove(name).is_some(), "{name} ({reason}) has one meaning: remove it");
-    }
     assert!(defined.is_empty(), "names of more than one type: {defined:#?}");
 }
 

@@ -1,4 +1,4 @@
-//! Tests the distribution of the tolerance over modes and parts of a run.
+//! Tests the distribution of the tolerance over the modes and the legs of a run.
 
 use crate::dense::case;
 use phasewarp::matrix::bounds::Bounds;
@@ -33,7 +33,7 @@ fn tolerances_of_modes_and_legs_add_up() {
     }
 }
 
-/// `S − σ` moves what is read at `p` by up to `σT` more: the profile is `e^{−p}` there.
+/// With a shift `σ`, a reading at `p` reaches up to `σT` further. The profile is `e^{−p}` there.
 #[test]
 fn shifted_plans_reach_further() {
     let cells = ["axis.0.x.cells=16", "axis.0.v.cells=4"];

@@ -11,7 +11,7 @@ fn lines_and_functions_are_short() {
     let mut found = Vec::new();
     let mut look = |folder: &str, extension: &str, rules: &[fn(&str) -> Vec<usize>]| {
         let files = files(Path::new(folder), extension);
-        assert!(!files.is_empty(), "{folder}: no .{extension} is seen");
+        assert!(!files.is_empty(), "{folder}: no .{extension} is found");
         for file in files {
             let text = std::fs::read_to_string(&file).expect("a text");
             let lines = rules.iter().flat_map(|rule| rule(&text));
@@ -57,7 +57,7 @@ fn too_wide(text: &str) -> Vec<usize> {
     lines.filter(|(_, l)| l.chars().count() > COLUMNS).map(|(i, _)| i + 1).collect()
 }
 
-/// The same without tables and pictures, which cannot be wrapped.
+/// The same, except for tables and pictures, which cannot be wrapped.
 fn too_wide_prose(text: &str) -> Vec<usize> {
     let lines: Vec<&str> = text.lines().collect();
     let is_prose = |line: &usize| !lines[line - 1].trim_start().starts_with(['|', '!']);

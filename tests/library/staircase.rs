@@ -1,15 +1,16 @@
-//! The staircase: no file of `src/` imports a room above its own, and no files import each other in
-//! a circle. The order of the rooms is that of the map in `src/lib.rs`.
+//! The staircase of the sources: no file of `src/` imports from a room (a folder of `src/`) above
+//! its own, and no files import each other in a circle. The map in `src/lib.rs` gives the order of
+//! rooms.
 //!
 //! An import is a path that begins with `crate`, `self`, `super` or a child module, in a `use` line
-//! or in the code; comments, texts and unit tests do not count. It leads to the file of the deepest
-//! module that the path names.
+//! or in the code. Comments, strings and unit tests do not count. The import leads to the file of
+//! the deepest module in the path.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// A module as its path below the crate: `["matrix", "kernel"]`.
+/// A module as its path in the crate: `["matrix", "kernel"]`.
 type Module = Vec<String>;
 
 /// The text of each module's file.
@@ -18,11 +19,11 @@ type Sources = BTreeMap<Module, String>;
 /// For each module, the modules that its file imports.
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
-/// Rooms whose files still import each other in a circle, mostly a parent and its children.
+/// Rooms whose files import each other in a circle.
 const ROOMS_WITH_CIRCLES: [&str; 0] = [];
 
 #[test]
-fn the_sources_are_a_staircase() {
+fn imports_run_downwards_and_not_in_circles() {
     let sources = sources();
     let rooms = rooms(&sources[&Module::new()]);
     assert_eq!(rooms.len(), 14, "{rooms:?}");
@@ -31,7 +32,7 @@ fn the_sources_are_a_staircase() {
     assert_eq!(files, named, "the rooms of src/ and those of the map");
     let imports = imports(&sources);
     let count: usize = imports.values().map(BTreeSet::len).sum();
-    assert!(count > 500, "only {count} imports are seen");
+    assert!(count > 500, "only {count} imports are found");
     assert_none(&upwards(&imports, &rooms), "imports of a room above");
     for room in &rooms {
         let found = circles(&imports, room);
@@ -47,7 +48,7 @@ fn assert_none(found: &[String], what: &str) {
     assert!(found.is_empty(), "{} {what}:\n{}", found.len(), found.join("\n"));
 }
 
-/// All files of `src/` but those of unit tests; `main.rs`, a crate of its own, is left out.
+/// All files of `src/` except for unit tests and `main.rs`, which is a separate crate.
 fn sources() -> Sources {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut sources = Sources::new();
@@ -74,7 +75,7 @@ fn sources() -> Sources {
     sources
 }
 
-/// The rooms of the map, the topmost first: rows ``//! | `room` | … |``.
+/// The rooms of the map from top to bottom, in lines ``//! | `room` | … |``.
 fn rooms(first_page: &str) -> Vec<String> {
     let name = |line: &str| {
         let (name, _) = line.strip_prefix("//! | `")?.split_once('`')?;
@@ -94,8 +95,8 @@ fn imports(sources: &Sources) -> Imports {
     sources.iter().map(of_file).collect()
 }
 
-/// The module that a path in the file of `module` leads to; none where it leaves the crate, or
-/// names a parent only on the way to another place.
+/// The module to which a path in the file of `module` leads; none if the path leaves the crate or
+/// does not start in it.
 fn target(sources: &Sources, module: &Module, path: Vec<String>) -> Option<Module> {
     let mut names = path.into_iter().peekable();
     let mut target = match names.peek()?.as_str() {
@@ -121,8 +122,8 @@ fn target(sources: &Sources, module: &Module, path: Vec<String>) -> Option<Modul
     relative.then_some(target)
 }
 
-/// Every path in `tokens` that has more than one name, `use` trees spread out; items that are only
-/// compiled for tests are left out.
+/// Collects all paths in `tokens` with more than one name; `use` trees are expanded, and items that
+/// are only compiled for tests are left out.
 fn collect_paths(tokens: TokenStream, paths: &mut Vec<Vec<String>>) {
     let tokens: Vec<TokenTree> = tokens.into_iter().collect();
     let mut k = 0;
@@ -160,8 +161,8 @@ fn item_length(tokens: &[TokenTree]) -> usize {
     tokens.iter().position(ends).map_or(tokens.len(), |at| at + 1)
 }
 
-/// Adds the path, or the tree of paths, that begins at the first token below `prefix`; the number
-/// of its tokens.
+/// Adds the path, or the tree of paths, that begins at the first token, after `prefix`. Returns the
+/// number of its tokens.
 fn path_at(tokens: &[TokenTree], prefix: &[String], paths: &mut Vec<Vec<String>>) -> usize {
     let mut path = prefix.to_vec();
     let mut k = 0;
@@ -192,7 +193,7 @@ fn path_at(tokens: &[TokenTree], prefix: &[String], paths: &mut Vec<Vec<String>>
     k.max(1)
 }
 
-/// The imports that run upwards.
+/// The imports from a room above.
 fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
     let height = |module: &Module| {
         let room = module.first()?;
@@ -201,7 +202,7 @@ fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
     let mut found = Vec::new();
     for (module, targets) in imports {
         for target in targets {
-            // The first page is above all rooms.
+            // `lib.rs` is above all rooms.
             if let Some(own) = height(module)
                 && height(target).is_none_or(|other| other > own)
             {
@@ -212,7 +213,7 @@ fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
     found
 }
 
-/// The sets of files of a room each of which leads to every other by imports within the room.
+/// The sets of files of a room in which imports lead from every file to every other one.
 fn circles(imports: &Imports, room: &str) -> Vec<String> {
     let inside = |module: &&Module| module.first().is_some_and(|first| first == room);
     let reached: BTreeMap<&Module, BTreeSet<&Module>> = (imports.keys().filter(inside))
@@ -229,7 +230,7 @@ fn circles(imports: &Imports, room: &str) -> Vec<String> {
     found.into_iter().collect()
 }
 
-/// The modules that imports of `module` lead to, directly or by others, all of them `inside`.
+/// The modules `inside` the room to which imports of `module` lead, directly or through others.
 fn reached<'a>(
     imports: &'a Imports,
     module: &Module,
@@ -304,7 +305,7 @@ fn a_planted_circle_is_found() {
         ("room::c", "use crate::room::a::{A, X};"),
     ];
     assert_eq!(circle(&three), ["crate::room::a, crate::room::b, crate::room::c"]);
-    // A parent that uses its child, which uses the parent.
+    // A parent and its child use each other.
     let family =
         [("room", "mod child;\nfn f() { child::g(); }"), ("room::child", "use crate::room::f;")];
     assert_eq!(circle(&family), ["crate::room, crate::room::child"]);

@@ -1,5 +1,5 @@
-//! Tests the distributed `(S, K)` against dense twins: its entries, its products, one step, and
-//! several at once.
+//! Tests the distributed `(S, K)` against dense matrices: its entries, its products, one step, and
+//! several steps at once.
 
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
@@ -14,12 +14,12 @@ use phasewarp::parallel::communicator::{Communicator, World};
 use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::Embedding;
 
-/// `S`, `K` and `u(0)`, without weights and with them.
+/// The entries of `S`, `K` and `u(0)`, without weights and with them.
 pub fn matrix_entry_for_entry(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let name = format!("{}, {mesh:?}", twin.name);
         let (s, k) = piece.gather_matrix(world, twin);
-        // The scalar's δ is a sum, exact here and rounded there.
+        // δ of the scalar embedding is a sum, which the two codes round differently.
         let round_off = match twin.case.warp.inflow {
             Embedding::Scalar => 1e-15 * twin.generator.largest(),
             _ => 0.0,
@@ -55,7 +55,7 @@ fn weighted_entry_for_entry(world: &World, twin: &Twin, mesh: &ProcessMesh) {
     assert_same(&name, &k, &weighted.generator.skew(), tolerance);
 }
 
-/// `A x`, `Aᵀ x` and `S x`.
+/// The products `A x`, `Aᵀ x` and `S x`.
 pub fn application_of_all_parts(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let x = twin.noise(2);
@@ -91,24 +91,24 @@ pub fn adjoint(world: &World) {
         let round_off = 1e-15 * scale * (twin.size() as f64).sqrt();
         let name = format!("{} {mesh:?}: {left} {right}", twin.name);
         assert!((left - right).abs() <= round_off, "{name}");
-        // The generator is not its own adjoint; otherwise the test could not fail.
+        // Control: the generator is not its own adjoint.
         assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale, "{name}");
     });
 }
 
-/// Row `i` of a complex vector that is the same on any ranks, in every lane.
+/// Row `i` of a random complex vector in every lane, the same on any number of ranks.
 fn complex_noise(i: usize, seed: u64) -> [Complex64; LANES] {
     let part = |l, seed| noise(i * LANES + l, seed);
     std::array::from_fn(|l| Complex64::new(part(l, seed), part(l, seed + 50)))
 }
 
-/// The same as a row of a batch: real parts, then imaginary parts.
+/// The same row of a batch: real parts, then imaginary parts.
 fn lanes_of_noise(i: usize, seed: u64) -> [f64; 2 * LANES] {
     let values = complex_noise(i, seed);
     std::array::from_fn(|l| if l < LANES { values[l].re } else { values[l - LANES].im })
 }
 
-/// Constants of a step, other ones in each lane.
+/// Constants of a step, which differ from lane to lane.
 fn step_constants(seeds: [u64; 4]) -> StepConstants {
     let lane = |l: usize| std::array::from_fn::<f64, LANES, _>(|m| noise(m * 8 + l, seeds[l]));
     StepConstants {
@@ -119,15 +119,15 @@ fn step_constants(seeds: [u64; 4]) -> StepConstants {
     }
 }
 
-/// `y ← a ((−iμS + K) x + i c x) + y + coefficient · start`, the start being real, complex or
-/// nothing; `y`, `x` and a complex start are [`complex_noise`] of these seeds, a real start is
-/// noise.
+/// Seeds of the vectors of a step `y ← a ((−iμS + K) x + i c x) + y + coefficient · start`, where
+/// the start is real, complex or missing: [`complex_noise`] for `y`, `x` and a complex start, and
+/// real noise for a real start.
 const Y: u64 = 20;
 const X: u64 = 21;
 const START: u64 = 22;
 const REAL_START: u64 = 23;
 
-/// One step against the dense formula; the same by every instruction set.
+/// One step against the dense formula, with every instruction set.
 pub fn one_step(world: &World) {
     let constants = step_constants([5, 6, 7, 8]);
     for_every_piece(world, |twin, mesh, piece| {
@@ -154,7 +154,7 @@ pub fn one_step(world: &World) {
                 x: &x,
                 start: &start,
             });
-            // But for the row that is a sum over all ranks.
+            // Except for the row that is a sum over all ranks.
             for i in rows.filter(|&i| Some(i) != piece.matrix.shared_row()) {
                 let name = format!("{name}, {set:?} row {i}");
                 assert_close(&name, &other[i].0, &from_complex[i].0, tolerance);
@@ -199,12 +199,12 @@ fn dense_step(twin: &Twin, constants: &StepConstants) -> Vec<[Complex64; LANES]>
     (0..twin.size()).map(row).collect()
 }
 
-/// Most steps in one trip through memory.
+/// The largest number of steps in one pass through memory.
 const LEVELS: usize = 7;
 
-/// Several steps in one trip through memory have the bits of step after step, whatever the shape:
-/// strips and ranges that do not divide, more levels than cells, trips of fewer steps than the
-/// blocking is made for; with the inflow of a stage too.
+/// Several steps in one pass through memory give the same bits as single steps, for any shape of
+/// the blocking: strips and ranges that do not divide the grid, more levels than cells, and passes
+/// of fewer steps than the blocking allows; also with the inflow of a stage.
 pub fn blocked_steps(world: &World) {
     let shapes = [(2, 1, 1), (3, 2, 1), (LEVELS, 1, 3), (LEVELS, 3, 2), (LEVELS, 100, 1000)];
     let levels: Vec<StepConstants> = (0..LEVELS as u64).map(constants_of_level).collect();
@@ -227,7 +227,7 @@ pub fn blocked_steps(world: &World) {
                     blocked += 1;
                 }
             }
-            // One step fewer gives another result; otherwise the test could not fail.
+            // Control: fewer steps give another result.
             let [all, fewer] = [LEVELS, LEVELS - 2]
                 .map(|steps| bits_of_steps(piece, None, &levels[..steps], couplings));
             assert!(all != fewer);

@@ -1,11 +1,11 @@
-//! Fingerprints of results that must have the same bits on any ranks and any process mesh.
+//! Fingerprints of results that must have the same bits on any number of ranks and process mesh.
 
 use crate::Tally;
 use phasewarp::parallel::communicator::World;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Prints a fingerprint (FNV-1a) of `values`; the parent compares it with those of other ranks and
-/// meshes.
+/// Prints a fingerprint (FNV-1a) of `values`. The parent compares it with the fingerprints of other
+/// numbers of ranks and meshes.
 pub fn report_bits(world: &World, name: &str, values: &[f64]) {
     if world.group().rank() == 0 {
         let hash = values
@@ -18,7 +18,7 @@ pub fn report_bits(world: &World, name: &str, values: &[f64]) {
     }
 }
 
-/// The fingerprints of each quantity, and how often it was reported.
+/// The fingerprints of each quantity, and the number of its reports.
 #[derive(Default)]
 pub struct Bits(BTreeMap<String, (BTreeSet<String>, usize)>);
 
@@ -34,15 +34,15 @@ impl Bits {
         }
     }
 
-    /// Counts a quantity as passed that had one fingerprint every time, `least` times or more, and
-    /// one that no other quantity has: equal fingerprints everywhere would mean that the comparison
-    /// sees nothing.
+    /// A quantity passes if it was reported `least` times or more, always with the same
+    /// fingerprint, and no other quantity has this fingerprint. If different quantities had the
+    /// same fingerprint, the comparison would show nothing.
     pub fn compare(&self, least: usize, all: bool, tally: &mut Tally) {
         let mut others: BTreeSet<&String> = BTreeSet::new();
         for (name, (hashes, times)) in &self.0 {
             let own = hashes.iter().all(|hash| !others.contains(hash));
             let passed = hashes.len() == 1 && *times >= least && own;
-            let reason = format!("{} different in {times}; its own: {own}", hashes.len());
+            let reason = format!("{} fingerprints in {times} reports; unique: {own}", hashes.len());
             tally.count(&format!("bits of {name}"), passed, &reason);
             others.extend(hashes);
         }

@@ -64,8 +64,8 @@ pub fn orders_of_the_integrators(world: &World) {
     }
 }
 
-/// `A f + b` with slopes, against the naive twin; and a step, which stays between the least and the
-/// largest value. Slopes are those of finite volumes; with elements they are refused.
+/// `A f + b` with slopes against a simple reference, and one step, which keeps the bounds of the
+/// data. Only degree 0 has slopes.
 pub fn limited_slopes(world: &World) {
     for mut twin in Twin::of_degree_0().into_iter().filter(|twin| !twin.is_shared()) {
         for limiter in [Limiter::Minmod, Limiter::VanLeer] {
@@ -86,7 +86,7 @@ pub fn limited_slopes(world: &World) {
     }
 }
 
-/// Noise, or data with long monotone pieces; the auxiliary unknowns hold the inflow in both.
+/// Noise, or data with long monotone pieces. The auxiliary unknowns have the values of the inflow.
 fn limiter_data(twin: &Twin, data: &str) -> Vec<f64> {
     let mut x = twin.state.clone();
     for (i, x) in x[..twin.cells].iter_mut().enumerate() {
@@ -99,7 +99,7 @@ fn limiter_data(twin: &Twin, data: &str) -> Vec<f64> {
     x
 }
 
-/// `A x + b` with slopes, compared with `expected`.
+/// Compares `A x + b` with slopes with `expected`, and returns it.
 fn slopes_on_a_mesh(
     world: &World,
     twin: &Twin,
@@ -118,14 +118,14 @@ fn slopes_on_a_mesh(
     let found = piece.gather(twin, &image);
     let tolerance = 2e-14 * twin.generator.largest();
     assert_close(&name, twin.field(&found), expected, tolerance);
-    // Without inflow, the inflow is zero.
+    // Only without inflow: then zero enters, which the bounds include.
     if twin.inflow.is_empty() {
         longest_step_keeps_bounds(twin, piece, reconstruction, x, expected);
     }
     found
 }
 
-/// One longest step of forward Euler keeps the bounds.
+/// Forward Euler with the longest step keeps the bounds of the data.
 fn longest_step_keeps_bounds(
     twin: &Twin,
     mut piece: Piece,

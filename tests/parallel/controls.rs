@@ -1,5 +1,4 @@
-//! Controls of the harness: a wrong expectation must fail its job, and a job that hangs must be
-//! ended.
+//! Controls of the harness: a wrong expectation fails its job, and a job that hangs is ended.
 
 use crate::dense_twins::Twin;
 use crate::job::{Job, TIME_LIMIT};
@@ -9,17 +8,18 @@ use phasewarp::parallel::communicator::World;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Starts the job of a control; whether the harness noticed the fault, and the report of the job.
+/// Starts the job of a control. Returns whether the harness found the fault, and the report of the
+/// job.
 type Control = fn() -> (bool, String);
 
 /// The controls by name.
 pub const CONTROLS: [(&str, Control); 3] = [
     ("control_wrong: a wrong expectation fails", wrong),
     ("control_hang: a job that hangs is ended", hang),
-    ("control_options: options are no parts of names", options),
+    ("control_options: options do not select checks", options),
 ];
 
-/// The part of a rank in the control `name`.
+/// Runs the part of a rank in the control `name`.
 pub fn run(name: &str, world: &World) {
     match name {
         "wrong" => rank_with_a_wrong_expectation(world),
@@ -28,7 +28,7 @@ pub fn run(name: &str, world: &World) {
     }
 }
 
-/// Options of Rust's own harness, and their values, choose no checks.
+/// Options of Rust's own harness and their values do not select checks.
 fn options() -> (bool, String) {
     let given = ["--test-threads", "2", "adjoint", "--nocapture", "--color=never", "votes"];
     let found = crate::parts_of_names(given.iter().map(|word| (*word).to_owned()));
@@ -46,7 +46,7 @@ fn wrong() -> (bool, String) {
     (noticed, outcome.report())
 }
 
-/// Compares a distributed matrix with its twin, then with a twin of which one entry was changed.
+/// Compares a distributed matrix with its dense twin, then with a copy that has one changed entry.
 fn rank_with_a_wrong_expectation(world: &World) {
     let twin = Twin::all().swap_remove(0);
     let is_first = world.group().rank() == 0;
@@ -66,7 +66,7 @@ fn rank_with_a_wrong_expectation(world: &World) {
     }
 }
 
-/// The job is ended, and none of its processes is left.
+/// The job is ended, and none of its processes remains.
 fn hang() -> (bool, String) {
     let processes = |text: &str| -> Vec<u32> {
         (text.lines())
@@ -84,11 +84,11 @@ fn hang() -> (bool, String) {
         std::thread::sleep(Duration::from_millis(100));
     }
     let ended = outcome.status.is_none() && started.len() == 2 && left.is_empty();
-    let reason = format!("of {started:?} are left {left:?}\n{}", outcome.report());
+    let reason = format!("of {started:?} remain {left:?}\n{}", outcome.report());
     (ended, reason)
 }
 
-/// Whether there is such a process: signal 0 only checks this.
+/// Whether a process exists; signal 0 only checks this.
 fn exists(process: u32) -> bool {
     let mut kill = Command::new("kill");
     kill.args(["-0", &process.to_string()]).stderr(Stdio::null());

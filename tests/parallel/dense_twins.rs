@@ -5,8 +5,8 @@ use crate::support::dense::{Dense, System, case, noise};
 use phasewarp::matrix::bounds::INFLOW_GROWTH;
 use phasewarp::problem::case::{Case, Delta, Embedding};
 
-/// A case and its dense homogeneous system: the cells in their order, then the auxiliary unknowns
-/// of the inflow, which are one for each row that has its own, or one that all rows share.
+/// A case and its dense homogeneous system. Its unknowns are the cells, then the auxiliary unknowns
+/// of the inflow: one for each row with its own unknown, or one that all rows share.
 pub struct Twin {
     pub name: &'static str,
     pub case: Case,
@@ -26,7 +26,7 @@ pub struct Twin {
 pub struct Coupling {
     pub row: usize,
     pub unknown: usize,
-    /// `g_i`: the dissipation of the row by its own inflow.
+    /// `g_i`: the dissipation by the inflow of the row.
     pub damping: f64,
 }
 
@@ -61,7 +61,7 @@ impl Twin {
         twin
     }
 
-    /// `δ` as the case gives it; `None` where it is planned.
+    /// `δ` as the case gives it, or `None` if it is planned.
     fn given_delta(&self, system: &System) -> Option<f64> {
         match self.case.warp.delta {
             Delta::Planned => None,
@@ -75,8 +75,8 @@ impl Twin {
         INFLOW_GROWTH / self.case.end
     }
 
-    /// One unknown `r = δ` for all rows, `κ_i = b_i/δ`; a planned `δ² = Σ b_i²/(2 g_i θ)`, of a
-    /// degree above 0 `Σ rate b²/(2θ)` over all that enters.
+    /// One unknown `r = δ` for all rows with `κ_i = b_i/δ`. The planned `δ²` is `Σ b_i²/(2 g_i θ)`,
+    /// or `Σ rate b²/(2θ)` over all inflow for degrees above 0.
     fn share_unknown(&mut self, system: &System) {
         let (b, damping) = (&system.inflow, &system.damping);
         let enters: Vec<usize> = (0..self.cells).filter(|&i| b[i] != 0.0).collect();
@@ -90,8 +90,8 @@ impl Twin {
         self.state.push(delta);
     }
 
-    /// An unknown `r_i = b_i/κ_i` for each row in `inflow`; `κ_i = |b_i|/δ`, or where `δ` is
-    /// planned `κ_i² = 2 g_i θ`, of a degree above 0 `κ_i² = 2 (g_i + 2θ) θ`.
+    /// An unknown `r_i = b_i/κ_i` for each row in `inflow`, with `κ_i = |b_i|/δ`. If `δ` is
+    /// planned, `κ_i²` is `2 g_i θ`, or `2 (g_i + 2θ) θ` for degrees above 0.
     fn add_unknowns(&mut self, system: &System) {
         let (b, damping) = (&system.inflow, &system.damping);
         let theta = self.planned_growth();
@@ -119,8 +119,8 @@ impl Twin {
         self.case.space.degree() > 0
     }
 
-    /// Of degree 0, `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that
-    /// share one.
+    /// `θ` for degree 0: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that
+    /// share an unknown.
     pub fn theta(&self) -> f64 {
         let mut added = vec![0.0; self.size()];
         for coupling in &self.coupled {
@@ -138,26 +138,26 @@ impl Twin {
         &state[..self.cells]
     }
 
-    /// A field as the norm of the scheme sees it: of elements each value times the root of its
-    /// cell's volume, beside their mean; of degree 0 the field itself.
+    /// A field scaled so that its l2 norm is the norm of the scheme: for elements, each value times
+    /// the root of its cell's volume relative to the mean volume; for degree 0, the field itself.
     pub fn in_norm(&self, field: &[f64]) -> Vec<f64> {
         let space = &self.case.space;
         let root = |i| space.relative_volume(&space.cell(i)).sqrt();
         field.iter().enumerate().map(|(i, f)| f * root(i)).collect()
     }
 
-    /// A vector in [-1, 1) that is the same on any ranks.
+    /// A random vector in [-1, 1) that is the same on any number of ranks.
     pub fn noise(&self, seed: u64) -> Vec<f64> {
         (0..self.size()).map(|i| noise(i, seed)).collect()
     }
 
-    /// Whether one auxiliary unknown serves all rows; elsewhere the matrix couples every unknown
-    /// to neighbours only.
+    /// Whether all rows share one auxiliary unknown. Otherwise the matrix couples unknowns to
+    /// neighbours only.
     pub fn is_shared(&self) -> bool {
         self.case.warp.inflow == Embedding::Scalar
     }
 
-    /// Those whose matrix couples every unknown to neighbours only.
+    /// The twins whose matrix couples unknowns to neighbours only.
     pub fn unshared() -> Vec<Self> {
         Self::all().into_iter().filter(|twin| !twin.is_shared()).collect()
     }
@@ -167,19 +167,19 @@ impl Twin {
         Self::all().into_iter().find(|twin| twin.name == name).expect("a twin")
     }
 
-    /// Scenes in one, two and three dimensions, with both interfaces, with and without inflow, of
-    /// degree 0 and of others. No number of elements is divisible by 2, 3 and 4.
+    /// All twins: in one, two and three dimensions, with both interfaces, with and without inflow,
+    /// of degree 0 and of higher degrees. No number of elements is divisible by 2, 3 and 4.
     pub fn all() -> Vec<Self> {
         Self::of_degree_0().into_iter().chain(Self::elements()).collect()
     }
 
-    /// Those of finite volumes.
+    /// The twins of degree 0.
     pub fn of_degree_0() -> Vec<Self> {
         [Self::plain(), Self::periodic(), Self::embeddings()].into_iter().flatten().collect()
     }
 
-    /// Elements of degrees that differ from axis to axis, 0 among them: jumps, slopes that vary,
-    /// one element an axis, all embeddings of the inflow.
+    /// The twins with elements, whose degrees differ from axis to axis, also with degree 0: jumps,
+    /// varying slopes, one element along an axis, and all embeddings of the inflow.
     fn elements() -> Vec<Self> {
         let degree = |axis: &str, degree: usize| format!("axis.{axis}.degree={degree}");
         let degrees = |list: &[(&str, usize)]| -> Vec<String> {
@@ -188,7 +188,7 @@ impl Twin {
         let with = |name, file, cells: &[usize], list: &[(&str, usize)], set: &[&str]| {
             let own = degrees(list);
             let own = own.iter().map(String::as_str);
-            // Of degree 1 along every axis, so that its projection has its values at the nodes.
+            // Linear along every axis, so that the projection has the values at the nodes.
             let initial = match file {
                 "barrier2d.toml" => "initial.f='(2 + x)*(2 - y)*(3 + vx)*(2 + vy)'",
                 "step3d.toml" => "initial.f='(2 + x)*(3 + vx)*(2 - vy)*(3 + vz)'",
@@ -286,7 +286,7 @@ impl Twin {
         ]
     }
 
-    /// No axis closes on itself; the default embedding of the inflow.
+    /// The twins without periodic axes, with the default embedding of the inflow.
     fn plain() -> Vec<Self> {
         let slopes = ["axis.0.v={lower=-1.0,upper=1.3,cells=9}", SLOPE_INFLOW];
         let conservative = "scheme.interface='conservative'";
@@ -302,8 +302,8 @@ impl Twin {
         ]
     }
 
-    /// Axes that close on themselves: the first, along which layers are assembled one after the
-    /// other, and another.
+    /// The twins with periodic axes: the first axis, along which layers are assembled one after the
+    /// other, and another one.
     fn periodic() -> Vec<Self> {
         let jump_at_the_end = [
             "axis.0.x={lower=-1.5,upper=1.5,cells=9,boundary='periodic'}",
@@ -338,9 +338,9 @@ impl Twin {
         ]
     }
 
-    /// The other embeddings of the inflow, `δ` planned and given.
+    /// The twins with the other embeddings of the inflow, with planned and given `δ`.
     fn embeddings() -> Vec<Self> {
-        // Each on a grid of its own, or their bits would be the same.
+        // The grids differ. Otherwise, some twins would have the same bits.
         let slopes = |name, upper: f64, set: &[&str]| {
             let velocities = format!("axis.0.v={{lower=-1.0,upper={upper},cells=9}}");
             let set = [&[&velocities, SLOPE_INFLOW], set].concat();

@@ -1,4 +1,4 @@
-//! Integrals of the exact solution over the velocities, which errors of the density are against.
+//! Tests the integrals of the exact solution over the velocities, the reference of density errors.
 
 use crate::bits::report_bits;
 use phasewarp::parallel::communicator::World;
@@ -10,14 +10,15 @@ use phasewarp::run::exact::sheets::exact_moments;
 use phasewarp::run::exact::solution::ExactValues;
 use phasewarp::run::exact::velocities::VelocityIntegrals;
 
-/// The case `text`, with an exact solution.
+/// Parses the case `text`, which has an exact solution.
 fn parsed(text: &str) -> (Case, Exact) {
     let case = Case::parse("exact", text, &[]).expect("a case");
     let exact = case.exact.clone().expect("an exact solution");
     (case, exact)
 }
 
-/// Jumps along the velocities that depend on `x`: integrals by hand, of nodes and of cells.
+/// Integrals of a solution with jumps at velocities that depend on `x`, at nodes and over cells,
+/// against formulas.
 pub fn jumps_are_integrated(world: &World) {
     let group = world.group();
     let from = |x: f64| 0.3 * x + 0.1;
@@ -44,7 +45,7 @@ pub fn jumps_are_integrated(world: &World) {
         for (j, integral) in mine.zip(found) {
             let found = integral.moments;
             let a = from(axis.centre(j as i64));
-            // Of degree 0 the momentum is an average, of which only the linear part is known so.
+            // For degree 0 the momentum is an average over the cell, which adds this term.
             let spread = if degree == 0 { (0.3 * axis.width()).powi(2) / 12.0 } else { 0.0 };
             let density = 1.7 - a + 0.4;
             let momentum = 0.5 * (1.7f64.powi(2) - a * a - spread) - 0.24;
@@ -57,8 +58,8 @@ pub fn jumps_are_integrated(world: &World) {
     }
 }
 
-/// Slow particles in a well between two barriers leave filaments; the same sums by very many
-/// equal steps, and no mass is gained or lost.
+/// Slow particles in a well between two barriers form filaments. Their integrals agree with sums
+/// over very many equal steps, and the mass is kept.
 pub fn filaments_are_integrated(world: &World) {
     let group = world.group();
     let (case, exact) = parsed(
@@ -126,9 +127,8 @@ fn by_equal_steps(
     sum * volume / count as f64
 }
 
-/// A square barrier in the plane, whose corners split the particles that pass around it; the same
-/// sums by very many equal steps. The velocities of the grid, as fixed points, are wrong by far
-/// more.
+/// A square barrier in the plane splits the particles at its corners. The integrals agree with sums
+/// over very many equal steps. Sums over the velocities of the grid have a far larger error.
 pub fn corners_are_integrated(world: &World) {
     let group = world.group();
     let (case, exact) = parsed(
@@ -171,8 +171,8 @@ pub fn corners_are_integrated(world: &World) {
     report_bits(world, "the exact density in the plane", &density);
 }
 
-/// A step across the first of three axes, which separates the particles that are too slow to climb
-/// it.
+/// A step along the first of three axes, which reflects slow particles: the integrals agree with
+/// sums over equal steps.
 pub fn a_step_in_space_is_integrated(world: &World) {
     let group = world.group();
     let (case, exact) = parsed(
@@ -212,7 +212,8 @@ pub fn a_step_in_space_is_integrated(world: &World) {
     report_bits(world, "the exact density in space", &density);
 }
 
-/// Without jumps of `V`, the velocities of the grid do for smooth data, and not for others.
+/// Without jumps of `V`, the velocities of the grid are sufficient for smooth data, but not for
+/// discontinuous data.
 pub fn smooth_data_take_the_grid(world: &World) {
     let group = world.group();
     for (initial, smooth) in [("exp(-r/0.1)", true), ("1 if r < 0.4 else 0", false)] {
@@ -243,8 +244,8 @@ pub fn smooth_data_take_the_grid(world: &World) {
     }
 }
 
-/// Measure-valued data with jumps, folds and entering sheets, in one to three dimensions; the last
-/// jumps everywhere, so that the budget of particles is spent.
+/// Measure-valued data with jumps, folds and inflow, in one to three dimensions: name, dimension,
+/// density, velocity and potential. The last one jumps everywhere and uses up the particle budget.
 const SHEETS: [(&str, usize, &str, &str, &str); 5] = [
     ("a step", 1, "1 if x < 0.1 else 0.5", "0.6", "0.3 if x < 0 else 0"),
     ("a fold", 1, "exp(-x^2)", "-x", "0.1*x"),
@@ -253,7 +254,7 @@ const SHEETS: [(&str, usize, &str, &str, &str); 5] = [
     ("jumps everywhere", 1, "1 if sin(1e9*x) > 0 else 0", "0.2", "0"),
 ];
 
-/// The case of measure-valued data on axes of 5, 4 and 3 cells, which no two ranks share evenly.
+/// A case with measure-valued data on axes of 5, 4 and 3 cells.
 fn sheet_case(n: usize, density: &str, velocity: &str, potential: &str) -> Case {
     let axes: String = (5 - n..=5)
         .rev()
@@ -275,8 +276,8 @@ fn sheet_case(n: usize, density: &str, velocity: &str, potential: &str) -> Case 
     Case::parse("sheets", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
-/// The exact moments of measure-valued data, followed by all ranks: the same bits on any ranks and
-/// any axis that is shared, and the same error where a formula is not finite.
+/// The exact moments of measure-valued data have the same bits on any ranks and for any axis along
+/// which the ranks share the work, and so has the error if a formula is not finite.
 pub fn sheets_are_followed_together(world: &World) {
     let group = world.group();
     for (name, n, density, velocity, potential) in SHEETS {

@@ -1,4 +1,4 @@
-//! Tests what ranks send each other: ghost layers, and modes of all cells for cells of all modes.
+//! Tests the messages between ranks: ghost layers, and the transpose between modes and cells.
 
 use crate::pieces::{for_every_piece, meshes};
 use crate::support::dense::{case, noise};
@@ -10,7 +10,7 @@ use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, Worl
 use phasewarp::parallel::partition::{LocalIndex, ProcessMesh};
 use std::ops::Range;
 
-/// Every ghost holds what its owner has, real numbers and batches through the same buffers.
+/// Every ghost gets the value of its owner; real numbers and batches use the same buffers.
 pub fn ghost_exchange(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let rows = piece.matrix.rows();
@@ -28,14 +28,14 @@ pub fn ghost_exchange(world: &World) {
                 assert_eq!(batch[i].0, values(number, seed), "{} {mesh:?} {i}", twin.name);
             }
         }
-        // Every ghost is where its block says.
+        // Every ghost is at the position that the block gives.
         for (ghost, &i) in piece.number[rows..].iter().enumerate() {
             assert_eq!(piece.matrix.block.local(i), Some(LocalIndex::Ghost(ghost)));
         }
     });
 }
 
-/// A ghost layer of more numbers than go in one message.
+/// A ghost layer with more numbers than fit into one message is exchanged.
 pub fn long_messages(world: &World) {
     let ranks = world.group().size();
     let velocities = 70_000;
@@ -59,21 +59,21 @@ pub fn long_messages(world: &World) {
     });
 }
 
-/// Mode `l` of cell `cell`: any numbers, the same on any ranks.
+/// The value of mode `l` in a cell: random numbers, the same on any number of ranks.
 pub fn mode_value(l: usize, cell: usize) -> Complex64 {
     let number = 1000 * cell + l;
     Complex64::new(noise(number, 1), noise(number, 2))
 }
 
-/// Modes dealt out unevenly: mode `l` to rank `(l² + 1) mod ranks`, so that some may have none;
-/// ascending.
+/// The modes of each rank, ascending: mode `l` is on rank `(l² + 1) mod ranks`, so that shares are
+/// uneven and some ranks may have none.
 pub fn dealt(modes: usize, ranks: usize) -> Vec<Vec<usize>> {
     let of = |rank: usize| (0..modes).filter(move |l| (l * l + 1) % ranks == rank);
     (0..ranks).map(|rank| of(rank).collect()).collect()
 }
 
-/// Every mode of some cells from some modes of every cell, and back, in every process mesh: uneven
-/// shares, ranks without modes or cells, messages of a few numbers.
+/// The transpose from some modes of all cells to all modes of some cells, and back, on every
+/// process mesh: with uneven shares, ranks without modes or cells, and short messages.
 pub fn transpose_and_back(world: &World) {
     let case = case("example1.toml", &["axis.0.x.cells=5", "axis.0.v.cells=4"]);
     for mesh in meshes(world, &case) {
@@ -90,11 +90,11 @@ pub fn transpose_and_back(world: &World) {
     }
 }
 
-/// Some cells after the other, `at_once` for each rank of `group`.
+/// Transposes all cells, `at_once` of them at a time on each rank of `group`.
 fn there_and_back(group: &Group, transpose: &mut Transpose<'_>, cells: usize, at_once: usize) {
     let (rank, size, modes) = (group.rank(), group.size(), transpose.modes());
     let mine = dealt(modes, size).swap_remove(rank);
-    // Rows beyond the cells stay where they are.
+    // Rows after the cells are not transposed.
     let rows = cells + 2;
     let of_mode = |l| (0..rows).map(move |cell| mode_value(l, cell));
     let field: Vec<Complex64> = mine.into_iter().flat_map(of_mode).collect();

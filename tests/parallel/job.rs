@@ -1,20 +1,20 @@
-//! A job of this program under mpirun, with its output and a time after which it is ended.
+//! A job of this program under mpirun, with its output and a time limit.
 
 use std::fs::File;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Environment variable: the number of ranks a job is started on.
+/// Environment variable: the number of ranks of a job.
 pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// Environment variable: the control that a job runs instead of checks.
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
-/// Environment variable: what starts a job, `mpirun` by default.
+/// Environment variable: the program that starts a job, `mpirun` by default.
 const MPIRUN: &str = "PHASEWARP_MPIRUN";
 /// A job without output for longer than this is ended.
 pub const TIME_LIMIT: Duration = Duration::from_secs(600);
 
-/// Whether the launcher's MPI supports this many ranks here: ranks of others than Open MPI may not
-/// yield a core to each other while they wait.
+/// Whether the launcher can run this number of ranks on this machine. With another MPI than Open
+/// MPI, waiting ranks may not yield their cores to each other.
 pub fn bears(ranks: usize) -> bool {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     std::env::var_os(MPIRUN).is_none() || ranks <= cores.max(2)
@@ -28,7 +28,7 @@ pub struct Job {
 
 /// How a job ended.
 pub struct Outcome {
-    /// `None` where it was ended.
+    /// `None` if the harness ended the job.
     pub status: Option<ExitStatus>,
     pub stdout: String,
     pub stderr: String,
@@ -63,7 +63,7 @@ impl Job {
             .arg(program)
             .args(arguments)
             .env(RANKS, ranks.to_string())
-            // As root, and with more ranks than cores: Open MPI 4, then 5.
+            // Settings of Open MPI 4 and 5 that allow root, and more ranks than cores.
             .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
             .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
             .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
@@ -84,7 +84,7 @@ impl Job {
         String::from_utf8_lossy(&bytes).into_owned()
     }
 
-    /// Ends `mpirun`, which ends the ranks: by SIGTERM, after five seconds by SIGKILL.
+    /// Ends `mpirun`, which ends the ranks, by SIGTERM and after five seconds by SIGKILL.
     fn end(&mut self) {
         let id = self.mpirun.id().to_string();
         let _ = Command::new("kill").arg(id).status();
@@ -98,7 +98,7 @@ impl Job {
         let _ = self.mpirun.wait();
     }
 
-    /// Waits until the job is over. Ends it when it has written nothing for the time limit, or when
+    /// Waits for the end of the job. Ends it if it writes nothing for the time limit, or if
     /// `enough` holds for its standard output.
     pub fn outcome(mut self, enough: impl Fn(&str) -> bool) -> Outcome {
         let (mut written, mut deadline) = (0, Instant::now() + TIME_LIMIT);

@@ -1,10 +1,10 @@
-//! Tests everything that ranks do together against dense twins, on 1 to 4 ranks and every process
-//! mesh they admit.
+//! Tests all common work of ranks against dense references, on 1 to 4 ranks and on every process
+//! mesh that they allow.
 //!
-//! Without MPI around it, this program starts itself under `mpirun -np 1`, `2`, `3` and `4`, counts
-//! the checks that passed, and compares the bits of results that must not depend on the ranks. A
-//! check that fails panics, and a panic ends its job. Two controls show that the harness notices a
-//! wrong expectation and a job that hangs.
+//! If it is not started by mpirun, this program starts itself under `mpirun -np 1`, `2`, `3` and
+//! `4`, counts the checks that pass, and compares the bits of results that must not depend on the
+//! number of ranks. A failed check panics, which ends its job. Controls show that the harness finds
+//! a wrong expectation and a job that hangs.
 
 mod assembly;
 mod bits;
@@ -42,7 +42,7 @@ struct Check {
     ranks: RangeInclusive<usize>,
 }
 
-/// The table of checks: each line names a check and its numbers of ranks.
+/// The table of checks: each line has a check and its numbers of ranks.
 macro_rules! checks {
     ($($room:ident::$name:ident on $ranks:expr;)*) => {
         const CHECKS: &[Check] = &[$(Check {
@@ -110,7 +110,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Counts checks, and prints which passed and why the others failed.
+/// Counts the checks and prints their results.
 #[derive(Default)]
 struct Tally {
     passed: usize,
@@ -129,7 +129,8 @@ impl Tally {
     }
 }
 
-/// Starts the jobs. The arguments are parts of names of checks; without any, all are run.
+/// Starts the jobs. The arguments are parts of the names of checks; without arguments, all checks
+/// run.
 fn parent() -> ExitCode {
     let started = Instant::now();
     let filter = parts_of_names(std::env::args().skip(1));
@@ -141,7 +142,7 @@ fn parent() -> ExitCode {
         let names: Vec<&str> = chosen.map(|check| check.name).filter(|name| wanted(name)).collect();
         run_checks(ranks, &names, &mut tally, &mut bits);
     }
-    // Fewer numbers of ranks, fewer fingerprints.
+    // With fewer numbers of ranks, there are fewer fingerprints.
     let least = if job::bears(*EVERY.end()) { 4 } else { 2 };
     bits.compare(least, filter.is_empty(), &mut tally);
     for (name, control) in controls::CONTROLS {
@@ -160,8 +161,8 @@ fn parent() -> ExitCode {
     ExitCode::from(u8::from(tally.failed > 0))
 }
 
-/// The arguments that are parts of names: neither options of Rust's own harness nor their values,
-/// of which `--test-threads 2` would choose no check at all.
+/// The arguments that are parts of names. Options of Rust's own harness and their values are left
+/// out: the value of `--test-threads 2` would select no check.
 fn parts_of_names(arguments: impl Iterator<Item = String>) -> Vec<String> {
     const WITH_VALUES: [&str; 5] = ["--test-threads", "--skip", "--color", "--format", "--logfile"];
     let mut value_follows = false;
@@ -172,8 +173,8 @@ fn parts_of_names(arguments: impl Iterator<Item = String>) -> Vec<String> {
     arguments.filter(is_part).collect()
 }
 
-/// Runs the checks `names` on `ranks` ranks in one job; after a check that fails, the rest in
-/// another job.
+/// Runs the checks `names` on `ranks` ranks in one job. If a check fails, the remaining checks run
+/// in another job.
 fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) {
     let mut left = names;
     while !left.is_empty() {

@@ -1,5 +1,5 @@
-//! A rank's part of a twin: a block of its matrix, its system as a run prepares it, and whole
-//! vectors gathered from all.
+//! A rank's part of a twin: a block of its matrix, its system prepared as in a run, and whole
+//! vectors gathered from all ranks.
 
 use crate::dense_twins::Twin;
 use crate::support::dense::Dense;
@@ -11,8 +11,8 @@ use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, Worl
 use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::problem::case::{Case, Embedding};
 
-/// Every mesh of the ranks of `world` that the grid of `case` admits, those with the fewest blocks
-/// first.
+/// All meshes of the ranks of `world` that the grid of `case` allows, sorted by the number of
+/// blocks.
 pub fn meshes(world: &World, case: &Case) -> Vec<ProcessMesh> {
     fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<ProcessMesh>) {
         let Some(axis) = case.space.x.get(parts.len()) else {
@@ -34,7 +34,7 @@ pub fn meshes(world: &World, case: &Case) -> Vec<ProcessMesh> {
     list
 }
 
-/// One block, all ranks in its mode groups.
+/// The mesh with one block; all ranks are mode groups.
 pub fn one_block(world: &World, case: &Case) -> ProcessMesh {
     ProcessMesh { space: vec![1; case.space.dimension()], groups: world.group().size() }
 }
@@ -48,7 +48,7 @@ pub fn for_every_piece(world: &World, mut check: impl FnMut(&Twin, &ProcessMesh,
     }
 }
 
-/// Number in the grid of each of the block's own cells.
+/// The number in the grid of each cell of the block.
 pub fn cell_numbers(block: &Block) -> Vec<usize> {
     let mut number = vec![usize::MAX; block.cells()];
     block.for_each_own(|first, local| {
@@ -57,7 +57,7 @@ pub fn cell_numbers(block: &Block) -> Vec<usize> {
     number
 }
 
-/// Number in the twin of each local row of `matrix`, then of each ghost.
+/// The number in the twin of each local row of `matrix`, then of each ghost.
 fn row_numbers(twin: &Twin, matrix: &BlockMatrix) -> Vec<usize> {
     let (block, rows) = (&matrix.block, matrix.rows());
     let mut number = cell_numbers(block);
@@ -75,7 +75,8 @@ fn row_numbers(twin: &Twin, matrix: &BlockMatrix) -> Vec<usize> {
     number
 }
 
-/// A vector of length `size`, from all ranks of `group`, on every rank. Every entry has one owner.
+/// Gathers a vector of length `size` from all ranks of `group` on every rank. Every entry has one
+/// owner.
 pub fn gather(group: &Group, size: usize, entries: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
     let mut values = vec![f64::NEG_INFINITY; size];
     let mut owned = 0;
@@ -95,7 +96,7 @@ pub struct Piece {
     pub communicator: Communicator,
     pub matrix: BlockMatrix,
     pub exchange: GhostExchange,
-    /// Number in the twin of each local row, then of each ghost.
+    /// The number in the twin of each local row, then of each ghost.
     pub number: Vec<usize>,
 }
 
@@ -118,8 +119,8 @@ impl Piece {
         Self::new(twin, communicator, matrix)
     }
 
-    /// One number for each local row, from the row's number in the twin; ghosts hold NaN until they
-    /// are exchanged.
+    /// One real number for each local row, as a function of the row's number in the twin. Ghosts
+    /// are NaN until they are exchanged.
     pub fn reals(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
         self.local(f64::NAN, value)
     }
@@ -141,21 +142,20 @@ impl Piece {
         self.reals(|i| vector[i])
     }
 
-    /// The whole vector, on every rank, from the rows of all; each has one owner in the space
-    /// group.
+    /// Gathers the whole vector on every rank. Each row has one owner in the space group.
     pub fn gather(&self, twin: &Twin, local: &[f64]) -> Vec<f64> {
         let entries = (0..self.matrix.counted_rows()).map(|i| (self.number[i], local[i]));
         gather(&self.communicator.space, twin.size(), entries)
     }
 
-    /// `part` of the matrix applied to `x`, on the local rows.
+    /// The product of a part of the matrix with `x` on the local rows.
     pub fn apply(&mut self, part: Operator, x: &mut [f64]) -> Vec<f64> {
         let mut image = vec![f64::NAN; self.matrix.length()];
         (self.matrix).apply(&mut self.exchange, part, &mut image, x);
         image
     }
 
-    /// The whole `(S, K)`, dense.
+    /// The whole `(S, K)` as dense matrices.
     pub fn gather_matrix(&self, world: &World, twin: &Twin) -> (Dense, Dense) {
         let size = twin.size();
         let space = &self.communicator.space;
@@ -164,7 +164,7 @@ impl Piece {
         let mut k = s.clone();
         let line = |i: usize| self.matrix.stored().lines().place(i).0;
         for i in 0..self.matrix.rows() {
-            // First those to the nodes of its line, where rows are gathered.
+            // Gathered rows store the entries of their line of nodes first.
             let (mut last, mut only_line) = (None, true);
             for (column, es, ek) in self.matrix.row(i) {
                 let j = self.number[column];
@@ -178,7 +178,7 @@ impl Piece {
         }
         [s, k]
             .map(|mut entries| {
-                // Over the world: all mode groups hold the same.
+                // The maximum over the world: all mode groups have the same entries.
                 world.group().max_into(&mut entries);
                 let present = |entry: f64| {
                     if entry == f64::NEG_INFINITY { 0.0 } else { entry }
@@ -189,7 +189,7 @@ impl Piece {
     }
 }
 
-/// Number in the grid of each point of space of this rank's share of the results.
+/// The number in the grid of each point of space in this rank's share of the results.
 pub fn point_numbers(prepared: &Prepared) -> Vec<usize> {
     let block = &prepared.place.block;
     let number = cell_numbers(block);
@@ -197,7 +197,7 @@ pub fn point_numbers(prepared: &Prepared) -> Vec<usize> {
     firsts.map(|i| number[i] / block.velocity_cells).collect()
 }
 
-/// The whole field, on every rank, from a state of each rank.
+/// Gathers the whole field on every rank from the states of the ranks.
 pub fn gather_cells(prepared: &Prepared, state: &[f64]) -> Vec<f64> {
     let number = cell_numbers(&prepared.place.block);
     let entries = number.into_iter().zip(state.iter().copied());
@@ -205,7 +205,7 @@ pub fn gather_cells(prepared: &Prepared, state: &[f64]) -> Vec<f64> {
     gather(&prepared.communicator.space, cells, entries)
 }
 
-/// The whole field, on every rank, from what each recovered on its share; the weights undone.
+/// Gathers the whole field on every rank from the shares that the ranks recovered, without weights.
 pub fn gather_field(world: &World, prepared: &Prepared, share: &[f64]) -> Vec<f64> {
     let mine = &prepared.place.mine;
     assert_eq!(share.len(), mine.len());

@@ -25,11 +25,10 @@ use phasewarp::propagate::passed::PassedMoments;
 use phasewarp::propagate::{Span, work};
 use std::collections::BTreeMap;
 
-/// Wavenumbers of a batch, from none to more than plans ask for.
+/// Wavenumbers of a batch, from 0 to more than those of plans.
 const WAVENUMBERS: [f64; LANES] = [0.0, 0.05, 0.3, 1.0, 2.0, 4.0, 9.0, 20.0];
 
-/// `exp(−i(μS + iK)T) u` for each of `wavenumbers` by Taylor series, the work dealt out to the
-/// ranks.
+/// `exp(−i(μS + iK)T) u` for each of `wavenumbers` by Taylor series. The ranks share the work.
 fn references(
     world: &World,
     weighted: &Weighted,
@@ -65,7 +64,7 @@ struct Propagated {
     report: BatchReport,
     /// `w(T)` of each mode, by the numbers of the twin.
     states: Vec<Vec<Complex64>>,
-    /// The leading term of its error, of methods that have one.
+    /// The leading term of its error, for methods with a time step.
     step_errors: Vec<Vec<Complex64>>,
     /// `‖w(0)‖`.
     initial_size: f64,
@@ -77,7 +76,7 @@ impl Propagated {
         size(&minus(&self.states[l], reference)) / self.initial_size
     }
 
-    /// The same once the leading term of the error is taken off.
+    /// The same error after the leading term is subtracted.
     fn error_beyond_leading(&self, l: usize, reference: &[Complex64]) -> f64 {
         let rest = minus(&self.states[l], &self.step_errors[l]);
         size(&minus(&rest, reference)) / self.initial_size
@@ -119,7 +118,7 @@ fn propagate(
     }
 }
 
-/// The norm is kept; the error of a truncated series is below its tail.
+/// The Chebyshev series keeps norms, and its truncation error is below its tail.
 pub fn chebyshev_propagation(world: &World) {
     for twin in Twin::all() {
         let time = twin.case.end;
@@ -179,14 +178,14 @@ fn chebyshev_series(
         );
         let allowed = 1e-12 + tail;
         assert!(error <= allowed && change.abs() <= allowed, "{at}");
-        // Each series is long enough for its lane, and no longer.
+        // Each series is as long as its lane needs, and not longer.
         assert!(tail <= tolerance * (1.0 + 1e-9) + 1e-15, "{at}");
         assert!(tolerance < 1e-9 || tail > 1e-9, "{at}");
     }
 }
 
-/// A series that passes times ends where one that does not ends, and reads moments of the same bits
-/// step after step and in blocks.
+/// A series that reads moments at intermediate times has the same final state, and the moments have
+/// the same bits with single and with blocked steps.
 fn passing_times(
     weighted: &mut Weighted,
     chebyshev: &mut Chebyshev,
@@ -222,7 +221,7 @@ fn passing_times(
     assert!(read[0] == read[1] && read[0].iter().flatten().any(|x| *x != 0.0), "{name}");
 }
 
-/// The Krylov propagator meets each mode's tolerance, takes no more applications than planned,
+/// The Krylov propagator meets the tolerance of each mode, needs at most the planned applications,
 /// keeps norms, and has the same bits on every mesh.
 pub fn krylov_propagation(world: &World) {
     for mut twin in Twin::unshared() {
@@ -282,13 +281,13 @@ fn krylov_steps(
     let most = planned.into_iter().max().expect("some wavenumbers");
     let took = report.applications / LANES;
     assert!(took <= most, "{}: {took} {most}", twin.name);
-    // A long step is as long as it may be: more than a basis is used, and fewer than single steps.
+    // A given step needs at least this number of applications.
     assert!(step.is_none() || took >= 34, "{}: {took}", twin.name);
     found
 }
 
-/// Crank–Nicolson converges with order 2 and keeps norms, backward Euler with order 1 and loses
-/// them; the leading term of the error is the error. On every mesh.
+/// On every mesh, Crank–Nicolson converges with order 2 and keeps norms, and backward Euler
+/// converges with order 1 and reduces them. The reported leading term is most of the error.
 pub fn orders_of_the_implicit_methods(world: &World) {
     for twin in Twin::unshared() {
         let mut reference = None;
@@ -315,7 +314,7 @@ pub fn orders_of_the_implicit_methods(world: &World) {
 /// Wavenumbers that a few implicit steps resolve.
 const SLOW: [f64; 2] = [0.0, 0.5];
 
-/// So many steps of Crank–Nicolson (order 2) or backward Euler (order 1) over `1/rate`.
+/// `steps` steps of Crank–Nicolson (order 2) or backward Euler (order 1) over the time `1/rate`.
 fn implicit_steps(
     weighted: &mut Weighted,
     mesh: &ProcessMesh,
@@ -339,7 +338,7 @@ fn implicit(weighted: &Weighted, mesh: &ProcessMesh, order: usize) -> Implicit {
     Implicit::new(matrix, order, mesh.blocks() > 1).expect("the pattern is analysed")
 }
 
-/// The second of two runs has half the time step of the first.
+/// Checks the order and the norms of two runs; the second one has half the time step.
 fn order_of_convergence(
     runs: &[Propagated; 2],
     name: &str,

@@ -1,4 +1,4 @@
-//! Tests the input of a quantum computer against dense twins: oracles, sparsity, and the norm of
+//! Tests the input of a quantum computer against dense matrices: oracles, sparsity, and the norm of
 //! its state.
 
 use crate::bits::report_bits;
@@ -23,9 +23,9 @@ const POINTS: usize = 6;
 /// Period in `p` of the oracles.
 const PERIOD: f64 = 9.0;
 
-/// The oracles rebuild `H = H1 ⊗ D_μ − H2 ⊗ I` of the dense twin, weights and inflow included:
-/// every nonzero entry is found exactly once, and no other entry; it is Hermitian; no row is fuller
-/// than stated; values to m bits are the nearest.
+/// The oracles give `H = H1 ⊗ D_μ − H2 ⊗ I` of the dense twin with weights and inflow: they find
+/// every nonzero entry exactly once and no other entry. `H` is Hermitian, no row has more entries
+/// than stated, and values with m bits are the nearest ones.
 pub fn oracles(world: &World) {
     let group = world.group();
     for twin in Twin::all() {
@@ -42,8 +42,8 @@ pub fn oracles(world: &World) {
             s: weighted.generator.symmetric(),
             k: weighted.generator.skew(),
         };
-        // Every row of small twins; of larger ones a quarter, another one on each number of ranks.
-        // Dealt out to the ranks.
+        // All rows of small twins, and a quarter of the rows of large ones, which depends on the
+        // number of ranks. The ranks share the rows.
         let stride = if access.order() < 600 { 1 } else { 4 };
         let rows = ((group.size() - 1) % stride..access.order()).step_by(stride);
         let mut scratch = Scratch::default();
@@ -64,7 +64,7 @@ pub fn oracles(world: &World) {
     }
 }
 
-/// The oracles of a twin beside its dense matrix.
+/// The oracles of a twin and its dense matrix.
 struct Oracle<'a> {
     name: &'static str,
     access: &'a SparseAccess<'a>,
@@ -85,8 +85,8 @@ impl Oracle<'_> {
         }
     }
 
-    /// The columns that the location oracle finds in row `j`, ascending; the values there are
-    /// Hermitian, and not zero.
+    /// The columns that the location oracle finds in row `j`. Checks that they are ascending, and
+    /// that the values are Hermitian and not zero.
     fn entries(&self, scratch: &mut Scratch, j: usize) -> Vec<usize> {
         let (access, name) = (self.access, self.name);
         let mut found = Vec::new();
@@ -112,7 +112,7 @@ impl Oracle<'_> {
         found
     }
 
-    /// The value rounded to `m` bits is the nearest.
+    /// Checks that the value with `m` bits is the nearest one.
     fn check_bits(&self, scratch: &mut Scratch, at: (usize, usize), value: Complex64, m: u32) {
         let access = self.access;
         let unit = access.unit(m);
@@ -126,12 +126,12 @@ impl Oracle<'_> {
         }
     }
 
-    /// Values of as many bits as the walk takes change `e^{−iH}` by less than the tolerance, as the
-    /// error of `H` itself shows; `log₂ 1/ε` bits do not keep it.
+    /// With the number of bits that the walk uses, the error of `H`, and so that of `e^{−iH}`, is
+    /// below the tolerance. With `log₂ 1/ε` bits it is not.
     fn check_rounding(&self, scratch: &mut Scratch) {
         let (access, tolerance) = (self.access, 1e-3);
         let tau = access.sparsity() as f64 * access.largest();
-        // Bounds from above and below of the error's spectral norm.
+        // Lower and upper bound of the spectral norm of the error.
         let mut error = |m: u32| {
             let (mut sum_of_row, mut norm_of_row) = (0.0f64, 0.0f64);
             for j in (0..access.order()).step_by((access.order() / 100).max(1)) {
@@ -160,8 +160,8 @@ impl Oracle<'_> {
         }
     }
 
-    /// The values in row `j` are those of the twin, and zero where no entry was found; the largest
-    /// of them.
+    /// Checks that the values in row `j` are those of the twin, and zero where no entry was found.
+    /// Returns the largest magnitude.
     fn compare(&self, scratch: &mut Scratch, j: usize, found: &[usize]) -> f64 {
         let mut largest = 0.0f64;
         for column in 0..self.access.order() {
@@ -187,14 +187,14 @@ pub fn sparsity(world: &World) {
             let found = measure(&twin.case, &prepared.system.matrix, space);
             let found = found.expect("V is finite");
             check_counts(&twin, &weighted, &found, &name);
-            // The bounds that are stated are kept, and stated where they are made for the case.
+            // The stated bounds hold, and bounds are stated only for cases to which they apply.
             for c in &found.counts {
                 assert!(c.rows.holds && c.columns.holds, "{name}: {c:?}");
                 let unstated = c.rows.bound.is_none() && c.columns.bound.is_none();
                 assert!(found.bounded || unstated, "{name}");
             }
             let places = found.counts.iter().flat_map(|c| [&c.rows.place, &c.columns.place]);
-            // Scenes that differ in their couplings only have the same places.
+            // Twins that differ only in their couplings have the same places.
             let text = |p: &str| p.bytes().map(f64::from).sum();
             let bits: Vec<f64> = places.map(|p| text(p)).chain([text(twin.name)]).collect();
             let name = format!("places of the fullest rows of {}", twin.name);
@@ -210,8 +210,8 @@ struct Fullest {
     column: usize,
 }
 
-/// The counts of `A` and `H` are those of the twin; every part's nonzeros are among `A`'s, and they
-/// make it up.
+/// The counts of `A` and `H` are those of the twin. No part of `A` has more nonzeros per row than
+/// `A`, and all parts together have at least as many.
 fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) {
     let of = |matrix: &str| {
         let found = found.counts.iter().find(|c| c.matrix == matrix);
@@ -239,8 +239,8 @@ fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) 
     assert!(parts.iter().map(|p| p.row).sum::<usize>() >= whole.row, "{name}");
 }
 
-/// `C_w²/‖u(0)‖² = N_p Σ|c_l|²` is `Σ_k g(p_k)²`; and a window ends where the series leaves the
-/// exponential. The profiles are dealt out to the ranks.
+/// `C_w²/‖u(0)‖² = N_p Σ|c_l|²` equals `Σ_k g(p_k)²`, and a window ends where the series deviates
+/// from the exponential. The ranks share the profiles.
 pub fn norm_of_the_state(world: &World) {
     let mut twin = Twin::named("example 1");
     let group = world.group();
@@ -264,7 +264,7 @@ pub fn norm_of_the_state(world: &World) {
     }
 }
 
-/// The sum over the points does not depend on where they begin.
+/// The sum over the points does not depend on the first point.
 fn norm_of_series(series: &Series, name: &str) {
     let count = points(series);
     assert!(count >= 2 * (series.modes() - 1));
@@ -276,8 +276,9 @@ fn norm_of_series(series: &Series, name: &str) {
     }
 }
 
-/// Up to the end of the window the series is `e^{−p}`, to what is allowed, wherever the spectrum of
-/// `S T`, in `lambda`, has moved it; beyond it, it is not.
+/// Up to the end of the window, the series deviates from `e^{−p}` by at most `allowed` on all
+/// points that the spectrum of `S T`, given by `lambda`, reaches. Beyond the window it deviates
+/// more.
 fn end_of_window(series: &Series, point: f64, lambda: [f64; 2], allowed: f64, name: &str) {
     let end = Deviation::new(series, point - lambda[0]).window_end(point, lambda[1], allowed);
     let end = end.unwrap_or_else(|| panic!("{name}: no window"));

@@ -1,5 +1,5 @@
-//! Tests what streamed runs recover from the modes: by every profile and propagator, at output
-//! times, in any batches.
+//! Tests the fields that streamed runs recover from the modes: with every profile and propagator,
+//! at output times, and with any batches.
 
 use crate::bits::report_bits;
 use crate::dense_twins::{Twin, cells_of_axes};
@@ -31,8 +31,8 @@ struct Recovery {
     steps: Option<u32>,
 }
 
-/// Every profile with readings and coefficients, at tolerances that each can afford here; and every
-/// propagator.
+/// Every profile with several readings and coefficients, at tolerances that do not need too many
+/// modes, and every propagator.
 fn recoveries() -> Vec<Recovery> {
     use Coefficients::{Analytic, Sampled};
     use ProfileChoice::{Acl, Designed, Exponential, Gaussian, LowSomma, Planned, Smooth};
@@ -65,7 +65,7 @@ fn recoveries() -> Vec<Recovery> {
     ]
 }
 
-/// With the Chebyshev series.
+/// A recovery with the Chebyshev series.
 fn by_series(
     profile: ProfileChoice,
     reading: RecoveryMethod,
@@ -82,7 +82,7 @@ fn by_series(
     }
 }
 
-/// Read at a point, with analytic coefficients.
+/// A recovery at a point with analytic coefficients.
 fn by_method(
     profile: ProfileChoice,
     tolerance: f64,
@@ -106,20 +106,21 @@ impl Recovery {
             Propagation { method: self.method, step: self.steps.map(|n| case.end / f64::from(n)) };
     }
 
-    /// Two runs that differ have different names.
+    /// A name that differs for different recoveries.
     fn name(&self) -> String {
         let Self { profile, reading, coefficients, tolerance, method, .. } = self;
         format!("{profile:?}, {reading:?}, {coefficients:?}, {tolerance:e}, {method:?}")
     }
 }
 
-/// An unknown that all rows share is propagated by the Chebyshev series only.
+/// Whether a method applies to a case: only the Chebyshev series supports an unknown that all rows
+/// share.
 fn applies(method: PropagatorMethod, case: &Case) -> bool {
     case.warp.inflow != Embedding::Scalar || method == PropagatorMethod::Chebyshev
 }
 
-/// A series takes the applications planned for it, Lanczos at most those, an implicit method the
-/// solves.
+/// A series needs the planned applications, Lanczos at most those, and an implicit method the
+/// planned solves.
 fn check_work(run: &Streamed, method: PropagatorMethod, name: &str) {
     use PropagatorMethod::{Chebyshev, Krylov};
     let (applications, solves) = (run.recovered.applications, run.recovered.solves);
@@ -130,7 +131,7 @@ fn check_work(run: &Streamed, method: PropagatorMethod, name: &str) {
     }
 }
 
-/// A method that keeps norms is checked for it; the norm that another loses is reported.
+/// Methods that keep norms report the defect. Backward Euler does not, and it reduces the norm.
 fn check_norms(run: &Streamed, method: PropagatorMethod, name: &str) {
     let kept = run.recovered.norm_kept.expect("a state that is not zero");
     match run.recovered.unitarity_defect {
@@ -147,13 +148,14 @@ fn check_norms(run: &Streamed, method: PropagatorMethod, name: &str) {
     assert!(!lossless || loss.abs() < 1e-11, "{name}: {loss}");
 }
 
-/// The streamed run by every profile and propagator: within its tolerance of `exp(AT) f0`, or as
-/// far from it as the step's error says; with the same bits on every mesh, or for every number of
-/// mode groups. One element alone has so few frequencies that the two readings may err alike: its
-/// field is checked before the end and in any batches.
+/// With every profile and propagator, the field of a streamed run differs from `exp(AT) f0` by at
+/// most the tolerance, or by the reported error of the step. It has the same bits on every mesh, or
+/// for every number of mode groups. Twins with one element are left out: they have so few
+/// frequencies that the two readings may have the same error. Other checks cover them.
 ///
-/// On more than two ranks, a mesh that splits space takes a third of the recoveries, another third
-/// with each twin and mesh: ranks that share a core wait for each other at every exchange.
+/// On more than two ranks, a mesh that splits space is tested with a third of the recoveries, which
+/// changes with the twin and the mesh, as ranks that share a core wait for each other at every
+/// exchange.
 pub fn recovered_field(world: &World) {
     let several = |twin: &Twin| twin.case.space.x[0].elements() > 1;
     let all = recoveries();
@@ -163,7 +165,8 @@ pub fn recovered_field(world: &World) {
         let expected = twin.in_norm(twin.field(&expected));
         let recoveries = all.iter().filter(|r| applies(r.method, &twin.case));
         let recoveries: Vec<&Recovery> = recoveries.collect();
-        // By recovery, the field on the mesh that does not split space, which comes first.
+        // For each recovery, the field on the mesh that does not split space, which is the first
+        // one.
         let mut unsplit: Vec<Vec<f64>> = Vec::new();
         for (m, mesh) in meshes(world, &twin.case).into_iter().enumerate() {
             let taken = |k: usize| !thirds || mesh.blocks() == 1 || (t + m + k).is_multiple_of(3);
@@ -197,7 +200,7 @@ pub fn recovered_field(world: &World) {
     }
 }
 
-/// The largest `‖u(0)‖/‖f(t)‖` that was found is at least the exact one, and not much larger.
+/// The estimate of the largest `‖u(0)‖/‖f(t)‖` is at least the exact value, and not much larger.
 fn check_probe(found: f64, exact: f64, name: &str) {
     let close = (exact..1.5 * exact).contains(&found);
     assert!(close, "{name}: {found} {exact}");
@@ -214,16 +217,16 @@ struct Exact<'a> {
 /// A field recovered on a mesh.
 struct RecoveredField {
     run: Streamed,
-    /// The whole field by each reading.
+    /// The whole field of each reading.
     fields: Vec<Vec<f64>>,
     /// The same in the norm of the scheme.
     scaled: Vec<Vec<f64>>,
     /// Relative distance of the first from `exp(AT) f0`.
     error: f64,
-    /// Norm of the leading term of the error that the time step leaves, relative to the field's.
+    /// The norm of the leading term of the time step's error, relative to that of the field.
     step_error: Option<f64>,
-    /// How much an error of a mode, relative to `‖u(0)‖`, is amplified in the field, relative to
-    /// its norm.
+    /// The amplification from an error of a mode, relative to `‖u(0)‖`, to that of the field,
+    /// relative to its norm.
     amplification: f64,
 }
 
@@ -258,8 +261,8 @@ impl Exact<'_> {
 }
 
 impl RecoveredField {
-    /// The error equals its leading term; split space leaves residuals of round-off, which the
-    /// recovery amplifies.
+    /// The error is about its leading term. With split space, linear solvers leave residuals of the
+    /// size of round-off, which the recovery amplifies.
     fn check_step_error(&self, unsplit: &[f64], steps: u32, name: &str) {
         let (error, leading) = (self.error, self.step_error.expect("a leading term"));
         let close = (0.5..2.0).contains(&(leading / error));
@@ -269,7 +272,7 @@ impl RecoveredField {
         assert!(difference <= allowed, "{name}: {difference:e} {allowed:e}");
     }
 
-    /// The error is within the tolerance, and the second recovery point estimates it.
+    /// The error is within the tolerance, and the second recovery point gives its size.
     fn check_tolerance(&self, recovery: &Recovery, name: &str) {
         assert!(self.step_error.is_none(), "{name}");
         let error = self.error;
@@ -277,7 +280,7 @@ impl RecoveredField {
         let estimate =
             distance(&self.scaled[1], &self.scaled[0]) / self.run.plan.estimator_efficiency / error;
         let gaussian = recovery.profile == ProfileChoice::Gaussian { sigma: None };
-        // Where the plan doubts the estimate, the two readings may err alike.
+        // If the plan doubts the estimate, the two readings may have similar errors.
         let factor = match (self.run.plan.estimate_doubt(), gaussian) {
             (Some(_), _) => 20.0,
             (None, true) => 3.0,
@@ -288,8 +291,7 @@ impl RecoveredField {
     }
 }
 
-/// Output times as parts of the whole, and whether fields are wanted there, or only moments; then
-/// the end.
+/// Output times as fractions of the end time, and whether fields are written there or only moments.
 const OUTPUT_TIMES: [(f64, bool); 10] = [
     (0.1, false),
     (0.23, true),
@@ -303,9 +305,8 @@ const OUTPUT_TIMES: [(f64, bool); 10] = [
     (0.95, false),
 ];
 
-/// Fields and moments at output times are within the tolerance of `exp(At) f0` there, by every
-/// propagator, with the same bits on every mesh that may have them; and the moments are those of
-/// the field.
+/// With every propagator, fields and moments at output times differ from those of `exp(At) f0` by
+/// at most the tolerance, with the same bits on every mesh on which the method has equal bits.
 pub fn results_before_the_end(world: &World) {
     use PropagatorMethod::{Chebyshev, CrankNicolson, Krylov};
     for mut twin in Twin::all() {
@@ -338,7 +339,7 @@ pub fn results_before_the_end(world: &World) {
                 let run = run.run(world, &mut weighted.prepared);
                 let at = format!("{at}, {method:?}");
                 check_work(&run, method, &at);
-                // A series goes past the times of moments.
+                // Only fields divide a series into legs; moments are read within it.
                 let legs = if method == Chebyshev { 3 } else { OUTPUT_TIMES.len() + 1 };
                 assert_eq!(run.plan.legs.len(), legs, "{at}");
                 let found = results_of_a_run(world, &run, &weighted.prepared, &twin, &exact, &at);
@@ -355,7 +356,7 @@ pub fn results_before_the_end(world: &World) {
     }
 }
 
-/// The leading term of the error at the end is that of the steps from the start on: nearly that of
+/// The leading term of the error at the end counts all steps from the start: it is close to that of
 /// a run without results before the end.
 fn check_error_of_steps(run: &Streamed, single: &Streamed, name: &str) {
     let [found, expected] = [run, single].map(|run| norm(&run.recovered.step_errors[0]));
@@ -363,8 +364,8 @@ fn check_error_of_steps(run: &Streamed, single: &Streamed, name: &str) {
     assert!(close, "{name}: {found:e} {expected:e}");
 }
 
-/// With a bound on the spectrum that is too small, a series is not unitary: the run ends with an
-/// error, on every rank.
+/// If the bound on the spectrum is too small, a series is not unitary. The run ends with an error
+/// on every rank.
 pub fn changed_norms_are_refused(world: &World) {
     let case = case("step_up.toml", &["axis.0.x.cells=8", "axis.0.v.cells=9"]);
     for mesh in meshes(world, &case) {
@@ -378,7 +379,7 @@ pub fn changed_norms_are_refused(world: &World) {
     }
 }
 
-/// All that a run read, compared with `exact`: fields at output times and at the end.
+/// Compares all fields and moments of a run with the fields `exact`, and returns them.
 fn results_of_a_run(
     world: &World,
     run: &Streamed,
@@ -401,7 +402,7 @@ fn results_of_a_run(
         let found = gather_field(world, prepared, found);
         let error = distance(&twin.in_norm(&found), &twin.in_norm(exact));
         assert!(error <= tolerance, "{name}: {error:e}");
-        // The tolerance is not met by standing still.
+        // Control: the initial field is not within the tolerance.
         let moved = distance(twin.field(&twin.state), exact);
         assert!(moved > 10.0 * tolerance, "{name}: {moved:e}");
         all.extend(found);
@@ -409,8 +410,8 @@ fn results_of_a_run(
     all
 }
 
-/// The moments from `share`, this rank's sums over the velocities, against those of the field
-/// `exact`; all of them.
+/// Compares the moments from `share`, this rank's sums over the velocities, with those of the field
+/// `exact`, and returns them.
 fn check_moments(
     world: &World,
     prepared: &Prepared,
@@ -432,7 +433,7 @@ fn check_moments(
         let exact: Vec<f64> = exact.iter().map(|sums| sums[m]).collect();
         let apart: Vec<f64> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
         let error = norm(&apart);
-        // Round-off of a sum over velocities, each with its own error.
+        // The errors of the terms of a sum over velocities add up.
         let allowed = twin.case.tolerance * factors.norms()[m] * size;
         assert!(error <= allowed, "{name}, moment {m}: {error:e} {allowed:e}");
         assert!(m > 0 || norm(&exact) > 100.0 * allowed, "{name}, moment {m}");
@@ -441,9 +442,9 @@ fn check_moments(
     all
 }
 
-/// Where the modes of a batch are independent, or go one after the other, the field has the same
-/// bits and takes as many applications whatever modes are together; a Krylov basis, whose dimension
-/// is that of the longest, is seen to have others.
+/// If the modes of a batch are independent or are propagated one by one, the bits of the field and
+/// the number of applications do not depend on the batches. With Krylov they do: the dimension of a
+/// basis is that of the slowest mode of the batch.
 pub fn modes_in_any_batch(world: &World) {
     let methods = [
         (PropagatorMethod::Chebyshev, None),
@@ -499,7 +500,7 @@ fn alike_in_any_batch(
     planned == mixed
 }
 
-/// Several fields on one matrix and in one pass over the modes have the bits that they have alone.
+/// Several fields in one pass over the modes have the same bits as each field alone.
 pub fn fields_in_one_pass(world: &World) {
     let mut settings = cells_of_axes(&[4, 3, 5, 4]);
     settings.push("solver.tolerance=1e-5".to_owned());
@@ -527,7 +528,7 @@ pub fn fields_in_one_pass(world: &World) {
     }
 }
 
-/// A run with `u = e^{σt} ũ` against the sum over the modes of a matrix that really is `A − σ`: the
+/// A run with the shift `u = e^{σt} ũ` against the sum over the modes of the matrix `A − σ`. The
 /// program shifts only the readings.
 pub fn shifted_field(world: &World) {
     for (sigma, name) in [(0.8, "slopes, inflow"), (-0.5, "example 1")] {
@@ -544,7 +545,7 @@ pub fn shifted_field(world: &World) {
             let reference =
                 reference.get_or_insert_with(|| sum_over_modes(&twin, &weighted, &run, sigma));
             let error = distance(&fields[0], reference);
-            // But for the series, each cut at its share.
+            // The difference is the truncation error of the series.
             assert!(error <= 1e-8, "{name}, {mesh:?}: {error:e}");
             let error = distance(&fields[0], twin.field(&expected));
             assert!(error <= 1e-7, "{name}, {mesh:?}: {error:e}");
@@ -552,8 +553,8 @@ pub fn shifted_field(world: &World) {
     }
 }
 
-/// `Re Σ_l e^{σT} e^{p◇} c_l e^{iμ_l p◇} exp(−i(μ_l (S − σ) + iK)T) u(0)` at `p◇ = 0`, the weights
-/// undone.
+/// `Re Σ_l e^{σT} e^{p◇} c_l e^{iμ_l p◇} exp(−i(μ_l (S − σ) + iK)T) u(0)` at `p◇ = 0`, divided by
+/// the weights.
 fn sum_over_modes(twin: &Twin, weighted: &Weighted, run: &Streamed, sigma: f64) -> Vec<f64> {
     let time = twin.case.end;
     let mut shifted = weighted.generator.symmetric();

@@ -1,4 +1,4 @@
-//! Tests what all ranks agree on: sums, maxima, errors, votes, and when a run stops.
+//! Tests common results of all ranks: sums, maxima, errors, votes, and the end of a run.
 
 use crate::bits::report_bits;
 use crate::job::RANKS;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// As many ranks as the harness expected for, each once.
+/// The job has the number of ranks that the harness asked for, each once.
 pub fn number_of_ranks(world: &World) {
     let expected = std::env::var(RANKS).expect("set by the parent");
     let expected: usize = expected.parse().expect("a number");
@@ -42,7 +42,7 @@ pub fn reductions(world: &World) {
     assert_eq!(group.broadcast_text(""), "");
 }
 
-/// A sum that plain addition would get wrong, dealt out to the ranks.
+/// A sum over all ranks in which plain addition would lose digits.
 fn exact_sum(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
@@ -57,7 +57,7 @@ fn exact_sum(world: &World) {
     assert!((sum - exact).abs() < 1e-22 * bound, "{sum} {exact}");
     assert_eq!(group.sum_terms(&mine).to_bits(), sum.to_bits());
     report_bits(world, "a sum", &[sum]);
-    // Not a number anywhere is not a number everywhere.
+    // NaN on one rank gives NaN on all ranks.
     let mut spoilt = mine;
     if rank == size - 1 {
         spoilt[0] = f64::NAN;
@@ -79,7 +79,7 @@ fn maxima(world: &World) {
     assert!(group.max(one).is_nan());
 }
 
-/// More numbers than go in one message; a root that is not rank 0.
+/// Sums of more numbers than fit into one message, also with another root than rank 0.
 fn long_sums_of_integers(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
@@ -120,7 +120,7 @@ pub fn agreement_on_errors(world: &World) {
     }
 }
 
-/// A vote has the bits that any rank posted, whichever rank is late; posting does not wait.
+/// A vote is the union of the bits of all ranks, whichever rank is late. Posting does not wait.
 pub fn votes(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
@@ -141,8 +141,8 @@ pub fn votes(world: &World) {
     }
 }
 
-/// Ranks that apply the matrix in blocks of different lengths check after the same applications,
-/// and leave together.
+/// Ranks that apply the matrix in blocks of different lengths check for a stop after the same
+/// numbers of applications, and stop together.
 pub fn looks_of_unequal_blocks(world: &World) {
     const ALL: usize = 1000;
     let group = world.group();
@@ -163,15 +163,14 @@ pub fn looks_of_unequal_blocks(world: &World) {
     }
 }
 
-/// A stage of a run on a rank: so many batches, each of which takes a millisecond, then a last
-/// standing.
+/// A stage of a run on a rank: `batches` batches of one millisecond each, then the standing `last`.
 struct Stage {
     batches: usize,
     last: Standing,
 }
 
 impl Stage {
-    /// How often the rank wrote a checkpoint, and how the stage ended.
+    /// Runs the stage. Returns the number of checkpoints that the rank wrote and the final verdict.
     fn run(&self, communicator: &Communicator, times: &CheckpointTimes) -> (usize, Verdict) {
         let mut watch = Watch::new(communicator, times.clone());
         watch.expect(|| 0);
@@ -185,7 +184,7 @@ impl Stage {
                     left = left.saturating_sub(1);
                 }
                 Verdict::Write => {
-                    // All ranks are here, or this hangs.
+                    // This hangs unless all ranks write.
                     communicator.world.barrier();
                     written += 1;
                     watch.wrote(Duration::from_micros(10));
@@ -196,7 +195,8 @@ impl Stage {
     }
 }
 
-/// All ranks end a stage in the same way and write as often, in every process mesh.
+/// On every process mesh, all ranks end a stage with the same verdict and the same number of
+/// checkpoints.
 pub fn verdicts(world: &World) {
     let size = world.group().size();
     for blocks in (1..=size).filter(|blocks| size.is_multiple_of(*blocks)) {
@@ -209,14 +209,14 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     let all = world.group();
     let communicator = Communicator::new(world, mesh);
     let group = communicator.modes.rank();
-    // How often was written, after a check that all ranks did as expected.
+    // Checks the verdict and that all ranks wrote equally often. Returns the number of checkpoints.
     let written = |batches: usize, last: Standing, times: &CheckpointTimes, expected: Verdict| {
         let (written, end) = Stage { batches, last }.run(&communicator, times);
         assert_eq!(end, expected);
         assert!(all.same(written as u64));
         written
     };
-    // Ranks of different groups have different numbers of batches, the first none at all.
+    // Groups have different numbers of batches; the first group has none.
     let batches = 7 * group;
     let never = CheckpointTimes::default();
     assert_eq!(written(batches, Standing::Finished, &never, Verdict::Finished), 0);
@@ -227,12 +227,12 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     // A checkpoint with each vote.
     let always = CheckpointTimes { every: Some(Duration::ZERO), ..CheckpointTimes::default() };
     assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
-    // One rank is expected to stop.
+    // One rank gets the request to stop.
     let stop = CheckpointTimes::default();
     let expected = all.rank() + 1 == all.size();
     stop.stop.store(expected, Ordering::Relaxed);
     written(batches + 50, Standing::Finished, &stop, Verdict::StopBySignal);
-    // The time is over; or just long enough for some batches; or for all.
+    // The wall time suffices for no batch, for some batches, or for all.
     for (milliseconds, batches, expected) in [
         (0, 10_000, Verdict::StopByWallTime),
         (30, 10_000, Verdict::StopByWallTime),

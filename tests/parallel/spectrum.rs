@@ -12,7 +12,7 @@ use phasewarp::matrix::bounds::Interval;
 use phasewarp::parallel::communicator::{GhostExchange, Group, World};
 use phasewarp::solve::spectrum::{extremes, gershgorin};
 
-/// Least and largest eigenvalue of `μS + iK`.
+/// The least and the largest eigenvalue of `μS + iK`.
 pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
     let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
     let values = h.self_adjoint_eigenvalues(Side::Lower);
@@ -20,7 +20,7 @@ pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
     [values[0], values[values.len() - 1]]
 }
 
-/// The same of `S`.
+/// The least and the largest eigenvalue of `S`.
 pub fn ends_of_symmetric(s: &Dense) -> [f64; 2] {
     let s = Mat::from_fn(s.size, s.size, |i, j| s.at(i, j));
     let values = s.self_adjoint_eigenvalues(Side::Lower);
@@ -28,8 +28,8 @@ pub fn ends_of_symmetric(s: &Dense) -> [f64; 2] {
     [values[0], values[values.len() - 1]]
 }
 
-/// The spectrum of `μS + iK` lies in the interval of the Chebyshev series, for what the growth is
-/// known to be.
+/// The spectrum of `μS + iK` lies in the interval of the Chebyshev series, which depends on the
+/// known growth.
 pub fn spectrum_in_its_interval(world: &World) {
     let mut twins = Twin::all();
     let grid = ["axis.0.x.cells=18", "axis.0.v.cells=16"];
@@ -45,7 +45,7 @@ pub fn spectrum_in_its_interval(world: &World) {
     for twin in twins {
         let weighted = Weighted::new(world, &twin, &one_block(world, &twin.case));
         for mu in [0.0, 0.4, 2.0, 7.0, 30.0] {
-            // The work dealt out to the ranks.
+            // The ranks share the work.
             turn += 1;
             if turn % group.size() == group.rank() {
                 spectrum_of_a_mode(&weighted, twin.name, mu);
@@ -67,7 +67,7 @@ fn spectrum_of_a_mode(weighted: &Weighted, name: &str, mu: f64) {
     };
     let at = format!("{name}, mu = {mu}: [{low}, {high}], growth {growth}");
     assert!(holds(growth), "{at}");
-    // The growth matters: without it the interval is too small, where weights were left out.
+    // Control: without weights, an interval that neglects the growth is too small.
     if name == "no weights" && mu >= 7.0 {
         assert!(!holds(0.0), "{at}");
     }
@@ -106,7 +106,7 @@ pub fn extreme_eigenvalues(world: &World) {
     }
 }
 
-/// A matrix on all ranks, and its `S` as a dense one.
+/// A distributed matrix and its `S` as a dense matrix.
 struct DistributedMatrix<'a> {
     matrix: &'a BlockMatrix,
     exchange: &'a mut GhostExchange,
@@ -114,7 +114,7 @@ struct DistributedMatrix<'a> {
 }
 
 impl DistributedMatrix<'_> {
-    /// The ends of the spectrum that are found, and their residuals.
+    /// Checks the bounds and the ends of the spectrum. Returns the ends and their residuals.
     fn check(&mut self, space: &Group, terms: usize, exact: [f64; 2], name: &str) -> [f64; 4] {
         let s = &self.s;
         let round_off = 1e-13 * s.largest();
@@ -130,10 +130,10 @@ impl DistributedMatrix<'_> {
             let off = (end.value - exact).abs();
             let at = format!("{name}: {end:?}, {exact} expected");
             assert!(off <= end.residual + round_off, "{at}");
-            // A residual is first order in the vector's error, the value second.
+            // The residual is of first order in the error of the vector, the value of second order.
             assert!(end.converged && off <= 1e-7 * norm, "{at}");
         }
-        // Three steps are too few, and the residual says so.
+        // Three steps are too few, which is reported as not converged.
         let few = extremes(self.matrix, self.exchange, space, norm, terms, 3);
         assert!(!few.highest.converged && few.steps == 3, "{name}: {few:?}");
         assert!(few.highest.value <= high + round_off, "{name}: {few:?}");

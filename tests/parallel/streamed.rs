@@ -24,27 +24,27 @@ pub struct StreamedRun<'a> {
     pub mesh: &'a ProcessMesh,
     /// The largest `‖u(0)‖/‖f(t)‖` that is planned for.
     pub ratio: f64,
-    /// The fields of the case that it takes.
+    /// The fields of the case that the run propagates.
     pub fields: Range<usize>,
-    /// The batches of a mode group.
+    /// A function that gives the batches of a mode group.
     pub batches: fn(&Plan, usize) -> Vec<Batch>,
 }
 
-/// The field that a streamed run recovered on this rank.
+/// The result of a streamed run on this rank.
 pub struct Streamed {
     pub plan: WarpPlan,
-    /// Applications or linear systems planned for this rank's batches.
+    /// The applications, or solves, that are planned for this rank's batches.
     pub planned: usize,
     pub recovered: Recovered,
 }
 
 impl<'a> StreamedRun<'a> {
-    /// All fields, in the batches of the plan.
+    /// A run of all fields in the batches of the plan.
     pub fn new(case: &'a Case, mesh: &'a ProcessMesh, ratio: f64) -> Self {
         Self { case, mesh, ratio, fields: 0..case.fields.len(), batches: planned }
     }
 
-    /// A run by a series, which takes the applications that are planned.
+    /// Runs a method that needs exactly the planned applications.
     pub fn run_as_planned(&self, world: &World, prepared: &mut Prepared) -> Streamed {
         let run = self.run(world, prepared);
         assert_eq!(run.applications(prepared), run.plan.applications);
@@ -93,12 +93,12 @@ impl<'a> StreamedRun<'a> {
 }
 
 impl Streamed {
-    /// Applications on all ranks.
+    /// The number of applications on all ranks.
     pub fn applications(&self, prepared: &Prepared) -> usize {
         prepared.communicator.modes.sum_count(self.recovered.applications)
     }
 
-    /// The whole first field, on every rank, by each reading.
+    /// The whole first field of each reading, on every rank.
     pub fn fields(&self, world: &World, prepared: &Prepared) -> Vec<Vec<f64>> {
         let shares = self.recovered.fields[0].iter();
         shares.map(|share| gather_field(world, prepared, share)).collect()
@@ -110,12 +110,12 @@ pub fn planned(plan: &Plan, group: usize) -> Vec<Batch> {
     plan.layout.groups[group].clone()
 }
 
-/// Modes dealt to the groups one by one, in batches of 1 to 8 of no order.
+/// Mixed batches: the groups get the modes in turn, in batches of 1 to 8 modes without order.
 pub fn mixed(plan: &Plan, group: usize) -> Vec<Batch> {
     let modes = plan.warp.as_ref().map_or(0, |warp| warp.modes);
     let groups = plan.layout.groups.len();
     let mut mine: Vec<usize> = (0..modes).filter(|l| l % groups == group).collect();
-    // Far ones side by side.
+    // Modes that are far apart become neighbours.
     mine.sort_by_key(|l| (7 * l) % 11);
     let mut batches = Vec::new();
     while !mine.is_empty() {

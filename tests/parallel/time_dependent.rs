@@ -22,7 +22,7 @@ enum Wave {
     FromNothing,
 }
 
-/// A scene with an inflow `b(1 + sin ωt)` or `b(1 − cos ωt)`.
+/// A case with a time-dependent inflow, and its exact field.
 pub struct Varying {
     pub name: &'static str,
     pub case: Case,
@@ -33,7 +33,7 @@ pub struct Varying {
 const OMEGA: f64 = 3.0;
 
 impl Varying {
-    /// `b` is that of the inflow `formula`.
+    /// A case whose `b` comes from the inflow `formula`.
     fn new(name: &'static str, file: &str, cells: &[usize], formula: &str, set: &[&str]) -> Self {
         Self::with(Wave::Sine, name, file, cells, formula, set)
     }
@@ -105,8 +105,8 @@ impl Varying {
     }
 }
 
-/// `f(T)` by one dense exponential: `f`, `1`, `sin ωt` and `cos ωt` obey a linear system. `case`
-/// has the inflow `b`.
+/// `f(T)` by one dense exponential, as `f`, `1`, `sin ωt` and `cos ωt` satisfy a linear system.
+/// `case` has the inflow `b` without its time factor.
 fn exact(case: &Case, wave: Wave) -> Vec<f64> {
     let system = System::of_rows(case);
     let cells = system.generator.size;
@@ -129,8 +129,8 @@ fn exact(case: &Case, wave: Wave) -> Vec<f64> {
     expected
 }
 
-/// Duhamel's formula to round-off; forward Euler, SSP-RK3 and the commutator-free stages with their
-/// orders.
+/// Duhamel's formula is exact to round-off. Forward Euler, SSP-RK3 and the commutator-free stages
+/// converge with their orders.
 pub fn varying_inflow_directly(world: &World) {
     for scene in Varying::all() {
         let time = scene.case.end;
@@ -176,7 +176,7 @@ fn check_order(name: &str, order: f64, errors: [f64; 2]) {
     assert!((found - order).abs() < 0.25, "{name}: order {found}, {errors:?}");
 }
 
-/// The whole field after `work` on the classical system from time zero.
+/// The whole field after `work` has propagated the classical system from time zero.
 fn solve(
     prepared: &mut Prepared,
     case: &Case,
@@ -193,7 +193,7 @@ fn solve(
     gather_cells(prepared, &state)
 }
 
-/// Two stages a step, each with an inflow that is held.
+/// Propagates in steps of two stages, each with a constant inflow.
 fn commutator_free(
     prepared: &mut Prepared,
     case: &Case,
@@ -215,8 +215,8 @@ fn commutator_free(
     })
 }
 
-/// The streamed run is within its tolerance, its steps within their share of it; the same bits on
-/// every mesh.
+/// A streamed run is within its tolerance, and its time steps within their share of it. It has the
+/// same bits on every mesh.
 pub fn varying_inflow_by_modes(world: &World) {
     for mut scene in Varying::all() {
         for tolerance in [1e-4, 1e-8] {
@@ -240,8 +240,8 @@ pub fn varying_inflow_by_modes(world: &World) {
     }
 }
 
-/// A pulse between the sampling times of the first attempts, which miss it and agree. The steps of
-/// the run resolve it.
+/// A short pulse lies between the sampling times of the first attempts, which agree without it. The
+/// steps of the run still resolve it.
 pub fn short_pulses_are_seen(world: &World) {
     let cells = cells_of_axes(&[7]);
     let with = |inflow: &str| {

@@ -1,5 +1,5 @@
-//! Tests the warped field of a full run as a file: written from any modes, read again, refused if
-//! it is damaged.
+//! Tests files of the warped field: they are written from the modes, read again, and refused if
+//! they are damaged.
 
 use crate::bits::report_bits;
 use crate::dense_twins::cells_of_axes;
@@ -24,10 +24,10 @@ use phasewarp::solve::kept::{KeptModes, ModeProgress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Files whose plateau is not checked.
+/// The domain of files whose plateau is not checked.
 const ANYWHERE: Domain = Domain { point: 0.0, ends: [0.0; 2] };
 
-/// A directory that all ranks share, deleted in the end.
+/// A directory that all ranks share, deleted when the value is dropped.
 struct SharedDirectory {
     _directory: Option<tempfile::TempDir>,
     path: PathBuf,
@@ -41,7 +41,7 @@ impl SharedDirectory {
     }
 }
 
-/// A rank of a mesh: its block, and the modes that it keeps.
+/// A rank of a mesh and its block.
 struct Rank {
     communicator: Communicator,
     block: Block,
@@ -75,27 +75,27 @@ impl Rank {
         }
     }
 
-    /// Rows of a mode: one more than cells, as an auxiliary unknown has.
+    /// The number of rows of a mode: the cells and one auxiliary unknown.
     fn rows(&self) -> usize {
         self.block.cells() + 1
     }
 
-    /// Room for the modes of this rank.
+    /// Memory for the modes of this rank.
     fn room(&self, modes: &[Vec<usize>]) -> KeptModes {
         KeptModes::new(self.rows(), modes[self.communicator.modes.rank()].clone())
     }
 }
 
-/// The phase of mode `l`, which is kept apart from its values.
+/// The phase of mode `l`, which is stored separately from its values.
 fn phase(l: usize) -> Complex64 {
     Complex64::from_polar(1.0, 0.7 * l as f64)
 }
 
-/// `L`: the first point in `p`.
+/// The first point in `p`.
 const LOWER: f64 = -2.3;
 
-/// The whole warped field in a file, from any modes: the naive sum over the modes at each point and
-/// cell, the same bits on every mesh; read again, the modes come back.
+/// The file of a warped field holds the direct sum over the modes at each point and cell, with the
+/// same bits on every mesh. Reading the file gives the modes again.
 pub fn warped_file(world: &World) {
     let shared = SharedDirectory::new(&world.group());
     for (name, file, cells) in
@@ -104,13 +104,13 @@ pub fn warped_file(world: &World) {
         let cells = cells_of_axes(cells);
         let cells: Vec<&str> = cells.iter().map(String::as_str).collect();
         let case = case(file, &cells);
-        // A planned series that its points resolve, and one with a mode without partner.
+        // A planned series whose modes the points resolve, and one with a mode without partner.
         let transform = |mu: f64| Complex64::new(1.0, -0.4) / Complex64::new(1.0, 0.1 * mu);
         for series in
             [Series::analytic(5.1, 13, transform), Series::analytic_points(5.1, 22, transform)]
         {
             for mesh in meshes(world, &case) {
-                // Buffers for one cell, for some, for all.
+                // Buffers for one cell, for some cells, and for all.
                 for buffers in [1, 3000, 16 << 20] {
                     let field = WarpedField {
                         name,
@@ -166,7 +166,7 @@ impl WarpedField<'_> {
         assert!(!directory.join("warped_f.h5.partial").exists());
     }
 
-    /// The file holds the sum over the modes.
+    /// Checks that the file holds the sum over the modes.
     fn check_file(&self, world: &World, path: &Path) -> WarpedFile {
         let group = world.group();
         let datasets = readback::check(&group, path).expect("a file as written");
@@ -193,7 +193,7 @@ impl WarpedField<'_> {
         given
     }
 
-    /// `w(p)` in a cell, the weight undone.
+    /// `w(p)` in a cell, divided by the weight.
     fn sum(&self, cell: usize, p: f64) -> f64 {
         let series = self.series;
         let term = |l: usize| {
@@ -203,7 +203,7 @@ impl WarpedField<'_> {
         (0..series.modes()).map(term).sum::<f64>() / weight(cell).sqrt()
     }
 
-    /// Of the values at all points, whatever they came from, the modes of unit factors.
+    /// Checks the modes that are read from the file, for a series with unit factors.
     fn check_modes(&self, given: &WarpedFile) {
         let ones = Series::ones(self.series.period, given.points);
         let groups = self.rank.communicator.modes.size();
@@ -223,8 +223,7 @@ impl WarpedField<'_> {
         }
     }
 
-    /// Mode `l` of a cell in the series `ones`, in which it has the same partners as in the series
-    /// of the field.
+    /// The expected mode `l` of a cell in the series `ones`.
     fn unit_mode(&self, ones: &Series, l: usize, cell: usize) -> Complex64 {
         if l >= self.series.modes() {
             return Complex64::ZERO;
@@ -233,24 +232,24 @@ impl WarpedField<'_> {
         if !ones.is_alone(l) {
             return x;
         }
-        // On the points only its real part is seen.
+        // The points contain only its real part.
         let wave = Complex64::from_polar(1.0, ones.wavenumber(l) * LOWER);
         (wave * x).re / wave
     }
 }
 
-/// The grid of the files to start from: 3 × 2 cells, and as many points in `p`.
+/// Start files for a grid of 3 × 2 cells.
 struct Files<'a> {
     group: &'a Group,
     path: PathBuf,
     case: Case,
 }
 
-/// Good points in `p`.
+/// Valid points in `p`.
 const POINTS: [f64; 4] = [-1.0, -0.5, 0.0, 0.5];
 
 impl Files<'_> {
-    /// The result of reading a file that `write` fills.
+    /// Reads a file that `write` fills.
     fn given(&self, write: impl Fn(&File)) -> Result<WarpedFile, Error> {
         if self.group.rank() == 0 {
             write(&File::create(&self.path).expect("a file"));
@@ -261,7 +260,7 @@ impl Files<'_> {
         found
     }
 
-    /// Writes all axes, `p` being the points.
+    /// Writes all axes, with `p` as the points.
     fn axes(&self, file: &File, p: &[f64]) {
         self.axes_with(file, &self.case.space.v[0].centres(), p);
     }
@@ -276,14 +275,14 @@ impl Files<'_> {
     }
 }
 
-/// Makes a dataset for the field, of ones.
+/// Writes a field of ones.
 fn new_w(file: &File, shape: [usize; 3]) -> hdf5::Dataset {
     let dataset = file.new_dataset::<f64>().shape(shape).create("w").expect("a dataset");
     dataset.write_raw(&vec![1.0; shape.iter().product()]).expect("numbers");
     dataset
 }
 
-/// An error of a user's file: on one line with `message`, exit code 2.
+/// Checks the error about a user's file: one line that contains `message`, and exit code 2.
 fn check_refusal(error: &Error, message: &str) {
     let text = error.to_string();
     assert!(text.contains(message), "{text}");
@@ -291,7 +290,7 @@ fn check_refusal(error: &Error, message: &str) {
     assert_eq!(error.exit_code(), 2, "{text}");
 }
 
-/// Faults of a file to start from are reported, the same on all ranks.
+/// Faults of a start file are reported in the same way on all ranks.
 pub fn warped_files_refused(world: &World) {
     let group = world.group();
     let shared = SharedDirectory::new(&group);
@@ -302,7 +301,7 @@ pub fn warped_files_refused(world: &World) {
     };
     accepted_files(&files);
     refused_files(&files);
-    // A missing file, and a file of another kind.
+    // A missing file, a directory, and a file that is not HDF5.
     let readme = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("README.md");
     for (path, message) in [
         (&shared.path.join("none.h5"), "No such file"),
@@ -322,7 +321,7 @@ fn accepted_files(files: &Files<'_>) {
     });
     let good = good.expect("a warped field");
     assert_eq!((good.points, good.interval), (4, [-1.0, 1.0]));
-    // Single precision is near enough.
+    // Points in single precision are accepted.
     let single = files.given(|file| {
         files.axes(file, &[-0.9, -0.4, 0.1, 0.6].map(|p| f64::from(p as f32)));
         new_w(file, [3, 2, 4]);
@@ -330,7 +329,7 @@ fn accepted_files(files: &Files<'_>) {
     assert_eq!(single.expect("a warped field").points, 4);
 }
 
-/// Axes or a shape that are not those of the case.
+/// Missing datasets, and axes or a shape that do not fit the case.
 fn refused_files(files: &Files<'_>) {
     type Write<'a> = &'a dyn Fn(&File);
     let field = |file: &File, p: &[f64], shape: [usize; 3]| {
@@ -367,7 +366,7 @@ fn refused_files(files: &Files<'_>) {
     }
 }
 
-/// Numbers are checked when they are read: a NaN, a changed one.
+/// A NaN and a changed number are found when the field is read.
 fn refused_contents(world: &World, files: &Files<'_>) {
     let mesh = ProcessMesh { space: vec![1], groups: files.group.size() };
     let rank = Rank::new(world, &files.case, &mesh);

@@ -1,5 +1,5 @@
-//! Tests the weights of the norm in which `S ≤ 0`: the growth that they certify, and that they are
-//! the same on every mesh.
+//! Tests the weights of the norm in which `S ≤ 0`: the growth that they certify, and equal bits on
+//! every mesh.
 
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
@@ -11,7 +11,7 @@ use phasewarp::matrix::weights::Weights;
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::ProcessMesh;
 
-/// Twins in which trapped particles leave some growth, between walls or around an axis.
+/// Twins with some growth: particles are trapped between walls or circle around a periodic axis.
 const TRAPPED: [&str; 3] =
     ["well", "periodic, a jump at the end, inflow of velocities", "periodic along the step"];
 
@@ -23,7 +23,7 @@ fn certificate(twin: &Twin, pi: &[f64]) -> f64 {
     cells.clone().map(column).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// On every mesh of every twin of degree 0: elements have the volumes of their cells, see
+/// The dissipative weights of degree 0 on every mesh. Weights of elements are tested by
 /// [`volumes`].
 pub fn dissipative_weights(world: &World) {
     for twin in Twin::of_degree_0() {
@@ -41,7 +41,7 @@ pub fn dissipative_weights(world: &World) {
     }
 }
 
-/// The certificate and the spread are those of the weights.
+/// The reported certificate and spread follow from the weights.
 fn claims_hold(twin: &Twin, weighted: &Weighted, name: &str) {
     let weights = &weighted.prepared.system.weights;
     let (claimed, found) = (weights.certificate, certificate(twin, &weighted.pi));
@@ -57,7 +57,8 @@ fn claims_hold(twin: &Twin, weighted: &Weighted, name: &str) {
     assert_eq!(weights.spread, (most / least).sqrt(), "{name}");
 }
 
-/// An unknown of one row has the row's weight. That of a common one keeps `Σ κ²/(2g)`.
+/// An auxiliary unknown of one row has the weight of the row. The weight of a shared unknown keeps
+/// `Σ κ²/(2g)`.
 fn weights_of_auxiliary_unknowns(twin: &Twin, weighted: &Weighted, name: &str) {
     for (m, &i) in twin.inflow.iter().enumerate() {
         assert_eq!(weighted.pi[twin.cells + m], weighted.pi[i], "{name}");
@@ -67,7 +68,7 @@ fn weights_of_auxiliary_unknowns(twin: &Twin, weighted: &Weighted, name: &str) {
     assert!((before - after).abs() <= 1e-13 * before, "{name}: {before} {after}");
 }
 
-/// No eigenvalue of `S` is above the certificate, inflow couplings aside.
+/// No eigenvalue of `S` is above the certified growth, which includes the couplings of the inflow.
 fn certified_growth(twin: &Twin, weighted: &Weighted, highest: f64, name: &str) {
     let claimed = weighted.prepared.system.weights.certificate;
     let allowed = weighted.prepared.bounds.growth;
@@ -81,7 +82,7 @@ fn certified_growth(twin: &Twin, weighted: &Weighted, highest: f64, name: &str) 
     assert!(highest <= allowed + round_off, "{name}: {highest} {allowed}");
 }
 
-/// Without weights the certificate is half the largest column sum: larger, where weights were
+/// Without weights the certificate is half the largest column sum, which is larger if weights are
 /// needed.
 fn compared_with_none(world: &World, twin: &Twin, mesh: &ProcessMesh, weighted: &Weighted) {
     let name = format!("{}, {mesh:?}", twin.name);
@@ -103,8 +104,8 @@ fn compared_with_none(world: &World, twin: &Twin, mesh: &ProcessMesh, weighted: 
     }
 }
 
-/// The weights of elements are the volumes of the cells; with them only the couplings of the inflow
-/// cause growth, at most the bound.
+/// The weights of elements are the volumes of their cells. With them, only the couplings of the
+/// inflow cause growth, which is at most the bound.
 pub fn volumes(world: &World) {
     for twin in Twin::all().into_iter().filter(Twin::by_elements) {
         let space = &twin.case.space;
@@ -113,7 +114,7 @@ pub fn volumes(world: &World) {
             let widths = space.axes().zip(cell).map(|(axis, j)| axis.weight(j));
             widths.product::<f64>() / space.cell_volume()
         };
-        // Squares that differ from velocity to velocity, which have weights of their own.
+        // A test function that depends on the velocity, as the weights do.
         let nv = space.velocity_cells();
         let term = |i: usize| 1.0 + (i % nv) as f64;
         let squares: f64 = (0..twin.cells).map(|i| volume(i) * term(i) * term(i)).sum();

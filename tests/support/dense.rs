@@ -1,20 +1,20 @@
-//! Slow and obvious: dense matrices and Taylor series, the twins of the fast code of the crate.
-#![allow(dead_code)] // each test program uses its own part
+//! Dense matrices and Taylor series: slow and simple references for the fast code of the crate.
+#![allow(dead_code)] // each test program uses a part of it
 
 use num_complex::Complex64;
 use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
 use std::path::Path;
 
-/// The file `name` of `cases/`, with overrides as `--set` takes them.
+/// The case of the file `name` in `cases/`, with overrides as in `--set`.
 pub fn case(name: &str, overrides: &[&str]) -> Case {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
     Case::load(&path, &overrides).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// A number in [-1, 1) that depends on `index` and `seed` alone, so that data are the same on any
-/// ranks.
+/// A pseudo-random number in [-1, 1) that depends on `index` and `seed` only, so that data are the
+/// same on any number of ranks.
 pub fn noise(index: usize, seed: u64) -> f64 {
     let mut h = (index as u64).wrapping_add(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     for (shift, factor) in [(30, 0xbf58_476d_1ce4_e5b9_u64), (27, 0x94d0_49bb_1331_11eb), (31, 1)] {
@@ -40,7 +40,7 @@ pub fn distance(x: &[f64], y: &[f64]) -> f64 {
 pub struct Dense {
     /// Number of rows and columns.
     pub size: usize,
-    /// Row by row.
+    /// The entries, row by row.
     values: Vec<f64>,
 }
 
@@ -78,7 +78,7 @@ impl Dense {
         (0..self.size).map(|i| self.at(i, j)).sum()
     }
 
-    /// Extended by `more` rows and columns of zeros.
+    /// The matrix with `more` rows and columns of zeros after its own.
     pub fn enlarged(&self, more: usize) -> Self {
         let inside = |i: usize| i < self.size;
         Self::from_fn(self.size + more, |i, j| match inside(i) && inside(j) {
@@ -87,7 +87,7 @@ impl Dense {
         })
     }
 
-    /// Largest magnitude of an entry.
+    /// The largest magnitude of an entry.
     pub fn largest(&self) -> f64 {
         self.values.iter().fold(0.0, |m, v| m.max(v.abs()))
     }
@@ -116,7 +116,7 @@ impl Dense {
     }
 }
 
-/// Fails unless the matrices agree entry for entry to `tolerance`, naming the entry that differs
+/// Fails unless all entries of the matrices agree to `tolerance`, and names the entry that differs
 /// most.
 pub fn assert_same(what: &str, found: &Dense, expected: &Dense, tolerance: f64) {
     assert_eq!(found.size, expected.size, "{what}: sizes");
@@ -139,7 +139,7 @@ pub fn assert_same(what: &str, found: &Dense, expected: &Dense, tolerance: f64) 
     );
 }
 
-/// As [`assert_same`], for vectors.
+/// The same as [`assert_same`] for vectors.
 pub fn assert_close(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
     assert_eq!(found.len(), expected.len(), "{what}: lengths");
     for (i, (a, b)) in found.iter().zip(expected).enumerate() {
@@ -150,18 +150,18 @@ pub fn assert_close(what: &str, found: &[f64], expected: &[f64], tolerance: f64)
     }
 }
 
-/// The semi-discrete system `f' = A f + b`, dense.
+/// The semi-discrete system `f' = A f + b` as a dense matrix and vectors.
 #[derive(Clone, Debug)]
 pub struct System {
     /// `A`.
     pub generator: Dense,
     /// `b`.
     pub inflow: Vec<f64>,
-    /// The rate at which each row draws on the inflow.
+    /// For each row, the rate at which the value of the inflow enters.
     pub draw: Vec<f64>,
-    /// `g_i`: what each row loses by that on its own account; of degree 0 all of it.
+    /// `g_i`: the inflow of the row adds `−½ g_i x_i²` to `xᵀSx`; equal to `draw` for degree 0.
     pub damping: Vec<f64>,
-    /// `Σ rate b²` over what enters a row; of degree 0, `b²/g`.
+    /// `Σ rate b²` over all that enters a row; `b²/g` for degree 0.
     pub strength: Vec<f64>,
 }
 
@@ -177,7 +177,7 @@ impl System {
         }
     }
 
-    /// From the crate's rows.
+    /// The system of the rows that the crate computes.
     pub fn of_rows(case: &Case) -> Self {
         let scheme = Scheme::whole(case).unwrap_or_else(|e| panic!("{e}"));
         let mut system = Self::zero(case.space.cells());
@@ -202,7 +202,7 @@ impl System {
     }
 }
 
-/// `exp(L t) x` by the Taylor series of short steps; `bound ≥ ‖L‖` in some norm.
+/// `exp(L t) x` by Taylor series over short steps; `bound ≥ ‖L‖` in some norm.
 fn taylor(
     apply: impl Fn(&[Complex64]) -> Vec<Complex64>,
     bound: f64,
@@ -226,7 +226,7 @@ fn taylor(
     state
 }
 
-/// The entries that are not zero, row by row: `(column, a, b)`.
+/// Row by row, the entries `(column, a, b)` of which `a` or `b` is not zero.
 fn pairs(a: &Dense, b: &Dense) -> Vec<Vec<(usize, f64, f64)>> {
     let row = |i: usize| {
         (0..a.size)

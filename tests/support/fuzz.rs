@@ -1,9 +1,9 @@
-//! Fuzzing: a reader is tried on many inputs, in a process of its own. For no input may it panic,
-//! end the process, take more than [`SECONDS`] of processor time, or more than [`MEMORY`].
+//! Fuzzing: a reader is tried on many inputs in a separate process. No input may make it panic, end
+//! the process, or take more than [`SECONDS`] of processor time or more than [`MEMORY`].
 //!
-//! An input is made of its number alone. `PHASEWARP_FUZZ=1000000` tries so many,
-//! `PHASEWARP_FUZZ_FIRST` says from which number on; one alone is shown.
-#![allow(dead_code)] // each test crate uses its own part
+//! An input depends on its number only. `PHASEWARP_FUZZ=1000000` sets the number of inputs and
+//! `PHASEWARP_FUZZ_FIRST` the number of the first one. If there is only one input, it is printed.
+#![allow(dead_code)] // each test program uses a part of it
 
 pub mod mutate;
 
@@ -18,31 +18,31 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// Most processor time of an input, and up to one second more.
+/// Limit on the processor time of an input; a limit in whole seconds allows up to one second more.
 const SECONDS: u64 = 5;
-/// Most address space of the process: what an input takes, the program, and HDF5 and MPI.
+/// Limit on the address space of the process: the memory of an input, the program, HDF5 and MPI.
 const MEMORY: u64 = 2 << 30;
-/// After so long without a new input the process is ended, at work or not.
+/// The process is ended if it starts no new input for this long.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// Marks the process that tries the inputs.
+/// Environment variable: this is the process that tries the inputs.
 const CHILD: &str = "PHASEWARP_FUZZ_CHILD";
-/// Before the number of an input.
+/// Start of the line that gives the number of an input.
 const TRIES: &str = "fuzz tries ";
-/// The mark of the final report.
+/// Start of the line with the final report.
 const DONE: &str = "fuzz is done: ";
 
-/// A reader to be fuzzed.
+/// A reader that is fuzzed.
 pub trait Reader {
     /// The kind of input.
     type Input: Debug;
     /// Number of inputs of a test run by default.
     const INPUTS: u64;
-    /// The data it needs, made once.
+    /// Makes the reader and the data that it needs, once for all inputs.
     fn new() -> Self;
-    /// The input that these random numbers make.
+    /// Makes an input from these random numbers.
     fn input(&self, random: &mut Random) -> Self::Input;
-    /// Reads the input: whether it was accepted; an error if the reader is faulty.
+    /// Reads the input and returns whether it was accepted; an error if the reader is faulty.
     fn read(&mut self, input: &Self::Input) -> Result<bool, String>;
 }
 
@@ -50,22 +50,22 @@ pub trait Reader {
 pub struct Random(ChaCha8Rng);
 
 impl Random {
-    /// Those of input `number`.
+    /// The random numbers of input `number`.
     pub fn of(number: u64) -> Self {
         Self(ChaCha8Rng::seed_from_u64(number))
     }
 
-    /// A number below `n`; 0 where there is none.
+    /// A number below `n`, or 0 if `n` is 0.
     pub fn below(&mut self, n: usize) -> usize {
         (self.0.next_u64() % n.max(1) as u64) as usize
     }
 
-    /// One of several.
+    /// An item of the list.
     pub fn of_list<'a, T>(&mut self, list: &'a [T]) -> &'a T {
         &list[self.below(list.len())]
     }
 
-    /// True once in `n` times.
+    /// True with probability `1/n`.
     pub fn once_in(&mut self, n: usize) -> bool {
         self.below(n) == 0
     }
@@ -75,7 +75,7 @@ fn variable(name: &str) -> Option<u64> {
     std::env::var(name).ok().and_then(|text| text.parse().ok())
 }
 
-/// Tries a reader; `test` is the full name of the test that calls this.
+/// Fuzzes a reader; `test` is the full name of the test that calls this.
 pub fn fuzz<R: Reader>(test: &str) {
     let first = variable("PHASEWARP_FUZZ_FIRST").unwrap_or(0);
     let numbers = first..first + variable("PHASEWARP_FUZZ").unwrap_or(R::INPUTS);
@@ -85,18 +85,18 @@ pub fn fuzz<R: Reader>(test: &str) {
     }
 }
 
-/// Whether the fuzzer finds faults of a reader.
+/// Fails unless the fuzzer finds the fault of a faulty reader, with `what` in its message.
 pub fn finds<R: Reader>(test: &str, what: &str) {
     let outcome = tried::<R>(test, 0..R::INPUTS);
     let in_child = variable(CHILD).is_some();
     assert!(in_child || outcome.as_ref().is_err_and(|e| e.contains(what)), "{outcome:?}");
 }
 
-/// Tries the inputs of these numbers: the final report, or the fault.
+/// Tries the inputs of these numbers. Returns the final report, or the fault as an error.
 fn tried<R: Reader>(test: &str, numbers: Range<u64>) -> Result<String, String> {
     if variable(CHILD).is_some() {
         let work = move || try_all::<R>(numbers);
-        // As large as the stack of the program.
+        // The same size as the stack of the program.
         let thread = std::thread::Builder::new().stack_size(8 << 20).spawn(work);
         match thread.expect("a thread").join() {
             Ok(outcome) => outcome.expect("nothing is wrong"),
@@ -125,14 +125,14 @@ fn tried<R: Reader>(test: &str, numbers: Range<u64>) -> Result<String, String> {
             let text = String::from_utf8_lossy(&text);
             Err(format!(
                 "{test}: input {last}: {how}\n{text}\n\
-                 again: PHASEWARP_FUZZ=1 PHASEWARP_FUZZ_FIRST={last}, and this test"
+                 to repeat it: this test with PHASEWARP_FUZZ=1 PHASEWARP_FUZZ_FIRST={last}"
             ))
         }
     }
 }
 
-/// Follows a process to its end: the number of its last input, and its final report; an error if
-/// its output stops.
+/// Reads the output of a process up to its end. Returns the number of its last input and its final
+/// report, or an error if the output stops.
 fn watched(child: &mut Child) -> (u64, Result<Option<String>, String>) {
     let lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
     let (sender, receiver) = channel();
@@ -182,7 +182,7 @@ fn try_all<R: Reader>(numbers: Range<u64>) -> Result<(), String> {
         }
         slowest = slowest.max(started.elapsed().as_secs_f64());
     }
-    // Neither all nor none are accepted: the changes are of the right size.
+    // The changes have the right size if a reader accepts some of the inputs, but not all.
     if tried >= 1000 && !(accepted * 200 > tried && accepted * 10 < tried * 9) {
         return Err(format!("{accepted} of {tried} are accepted"));
     }

@@ -1,15 +1,15 @@
-//! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on
-//! the whole grid.
+//! The right-hand side with limited slopes on the whole grid: a slow and simple reference, cell by
+//! cell from the formulas.
 
 use phasewarp::problem::case::{Case, Interface, Limiter};
 use phasewarp::problem::grid::{Cell, PhaseSpace};
 use phasewarp::scheme::interface::{Side, sources, velocity};
 
-/// A source of a face.
+/// Where a share of the flux through a face comes from.
 enum Source {
-    /// A cell; and whether it is beyond the face or the cell itself, by reflection.
+    /// A cell, and whether it lies across the face; otherwise it is reflected at the face.
     Cell(Cell, bool),
-    /// A ghost with this inflow value.
+    /// A ghost cell with this inflow value.
     Outside(f64),
 }
 
@@ -45,7 +45,7 @@ impl Limited<'_> {
         region.value.eval(point)
     }
 
-    /// `V` at the centre of `cell`'s face, from inside.
+    /// `V` at the centre of a face of `face_of`, by the formula of `cell`'s region.
     fn limit(&self, cell: &Cell, face_of: &Cell, a: usize, above: bool) -> f64 {
         let mut point = self.space.point(face_of);
         point[3..].fill(0.0);
@@ -53,14 +53,14 @@ impl Limited<'_> {
         self.potential(cell, &point)
     }
 
-    /// The place `i` along space axis `a`, around the end of a periodic axis; `None` off the grid.
+    /// Index `i` along space axis `a`, wrapped around if the axis is periodic; `None` off the grid.
     fn place(&self, a: usize, i: i64) -> Option<usize> {
         let cells = self.space.x[a].cells as i64;
         let i = if self.space.periodic[a] { (i + cells) % cells } else { i };
         (0..cells).contains(&i).then_some(i as usize)
     }
 
-    /// `V` in the cell minus `V` behind its face.
+    /// `V` on the cell's side of a face minus `V` on the other side.
     fn rise(&self, cell: &Cell, a: usize, above: bool) -> f64 {
         let Some(next) = self.place(a, cell[a] as i64 + if above { 1 } else { -1 }) else {
             return 0.0;
@@ -75,7 +75,7 @@ impl Limited<'_> {
         own - other
     }
 
-    /// Cells a unit of time along `axis`, with sign.
+    /// The velocity along `axis` in cells per unit of time, with its sign.
     fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.n();
         if axis < n {
@@ -94,7 +94,7 @@ impl Limited<'_> {
         self.case.fields[0].entering().eval(&point)
     }
 
-    /// The sources behind a face at the same energy, with weights.
+    /// The sources of the same energy behind a face, with their weights.
     fn behind(&self, cell: &Cell, axis: usize, above: bool) -> Vec<(f64, Source)> {
         let n = self.n();
         let step = if above { 1 } else { -1 };
@@ -111,8 +111,8 @@ impl Limited<'_> {
             if rise == 0.0 {
                 list.push((i + step, j, 1.0, true));
             } else if self.case.interface == Interface::Hat {
-                // Σ_k h(z − ξ_k) f_k with the hat function h, over more velocities than the box
-                // has.
+                // Σ_k h(z − ξ_k) f_k with the hat function h. The sum runs over more velocities
+                // than the box has.
                 let square = xi * xi + 2.0 * rise;
                 let (place, z) =
                     if square > 0.0 { (i + step, square.sqrt() * xi.signum()) } else { (i, -xi) };
@@ -148,7 +148,7 @@ impl Limited<'_> {
             .collect()
     }
 
-    /// `f` behind a face, unless particles leave the grid through it or stand still.
+    /// `f` behind a face; none if particles leave the grid through it or have velocity zero.
     fn neighbour(&self, cell: &Cell, axis: usize, above: bool) -> Option<f64> {
         let speed = self.speed(cell, axis);
         if axis < self.n() && speed == 0.0 && !self.plain(cell, axis, above) {
@@ -167,6 +167,7 @@ impl Limited<'_> {
         Some(sum)
     }
 
+    /// Whether a face lies inside the grid and `V` does not jump at it.
     fn plain(&self, cell: &Cell, a: usize, above: bool) -> bool {
         let next = cell[a] as i64 + if above { 1 } else { -1 };
         self.place(a, next).is_some() && self.rise(cell, a, above) == 0.0
@@ -205,8 +206,8 @@ impl Limited<'_> {
             for (weight, source) in self.behind(cell, axis, speed < 0.0) {
                 into += weight
                     * match source {
-                        // The upper face of what comes from below; the lower face of the cell
-                        // itself.
+                        // From the upper face of a cell below, or from the lower face of the cell
+                        // itself after a reflection.
                         Source::Cell(source, across) => {
                             let sign = if across { sign } else { -sign };
                             self.at(&source) + sign * self.half(&source, axis)

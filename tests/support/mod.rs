@@ -1,6 +1,6 @@
-//! Common parts of the test crates: dense twins of what the program does, and a case as a run
-//! prepares it.
-#![allow(dead_code)] // each test crate uses its own part
+//! Common parts of the test programs: dense references of what the program computes, and a case
+//! prepared as a run prepares it.
+#![allow(dead_code)] // each test program uses a part of it
 
 pub mod dense;
 pub mod limited;

@@ -1,9 +1,9 @@
-//! Texts made of the texts of a corpus: words, numbers, lines and values changed, taken from
-//! another text, moved, repeated, cut.
+//! Random changes of the texts of a corpus: words, numbers, lines and values are replaced, copied
+//! from another text, moved, repeated or deleted.
 
 use super::Random;
 
-/// Words that a corpus does not have, or only almost.
+/// Words that no text of a corpus has, or that differ little from those it has.
 const ODD: &[&str] = &[
     "\n", " ", "=", "\"", "'", "\"\"\"", "[", "]", "[[", "]]", "{", "}", ",", ".", "#", "(", ")",
     "()", "\\", "\\u0000", "\u{0}", "é", "𝄞", "\u{feff}", "\r", "\t", "0", "1", "-1", "1e-6",
@@ -12,14 +12,14 @@ const ODD: &[&str] = &[
     "==", "=>", "&", "|", "1e", ".5", "if", "else", "{x}", "@", "()()", "((((((((", "))))))))",
 ];
 
-/// Valid texts, and their tokens.
+/// Valid texts and their tokens.
 pub struct Corpus {
     pub texts: Vec<String>,
-    /// Names, numbers and signs of all of them, and odd ones.
+    /// Names, numbers and signs of all texts, and the words of [`ODD`].
     pub words: Vec<String>,
-    /// Right-hand sides of `key = value`.
+    /// The right-hand sides of the lines `key = value`.
     pub values: Vec<String>,
-    /// The same with their keys.
+    /// The keys and values of these lines.
     pub pairs: Vec<(String, String)>,
 }
 
@@ -37,7 +37,7 @@ impl Corpus {
         Self { texts, words, values, pairs }
     }
 
-    /// A text with one to five changes.
+    /// A text of the corpus with one to five changes.
     pub fn changed(&self, random: &mut Random) -> String {
         let mut text = random.of_list(&self.texts).clone();
         for _ in 0..=random.below(5) {
@@ -88,7 +88,7 @@ impl Corpus {
             }
             18 => text.truncate(place(text, random)),
             _ => {
-                // A line of another text.
+                // Insert a line of another text.
                 let other: Vec<&str> = random.of_list(&self.texts).lines().collect();
                 let mut lines: Vec<&str> = text.lines().collect();
                 let at = random.below(lines.len() + 1);
@@ -99,7 +99,7 @@ impl Corpus {
         }
     }
 
-    /// Another value of a key.
+    /// Replaces the value of a key by a value of the corpus.
     fn change_value(&self, text: &mut String, random: &mut Random) {
         let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
         let mut keys: Vec<&mut String> = lines.iter_mut().filter(|l| l.contains('=')).collect();
@@ -112,12 +112,12 @@ impl Corpus {
         }
     }
 
-    /// The beginning of a text, and the end of another one.
+    /// Joins the beginning of the text to the end of another text.
     fn splice(&self, text: &mut String, random: &mut Random) {
         let other = random.of_list(&self.texts);
         let (from, to) = (place(text, random), place(other, random));
         let line = |text: &str, at: usize| text[..at].rfind('\n').map_or(0, |end| end + 1);
-        // Half of the time whole lines.
+        // Half of the time at the beginning of a line.
         let (from, to) = match random.once_in(2) {
             true => (line(text, from), line(other, to)),
             false => (from, to),
@@ -130,7 +130,7 @@ fn digit(c: char) -> bool {
     c.is_ascii_digit()
 }
 
-/// Names, numbers and signs of a text.
+/// The names, numbers and signs of a text.
 pub fn words(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut rest = text;
@@ -153,7 +153,7 @@ fn distinct<'a>(all: impl Iterator<Item = &'a str>) -> Vec<String> {
     list
 }
 
-/// A place between two characters.
+/// A random position between two characters.
 fn place(text: &str, random: &mut Random) -> usize {
     let mut at = random.below(text.len() + 1);
     while !text.is_char_boundary(at) {
@@ -162,14 +162,14 @@ fn place(text: &str, random: &mut Random) -> usize {
     at
 }
 
-/// A run of characters from a random position, shorter at the end.
+/// The range of `length` characters from a random position, or of fewer at the end of the text.
 fn piece(text: &str, random: &mut Random, length: usize) -> std::ops::Range<usize> {
     let start = place(text, random);
     let end = text[start..].char_indices().nth(length).map_or(text.len(), |(i, _)| start + i);
     start..end
 }
 
-/// A line is doubled, moved or dropped.
+/// Repeats, moves or deletes a line.
 fn change_line(text: &mut String, random: &mut Random) {
     let mut lines: Vec<&str> = text.lines().collect();
     if !lines.is_empty() {

@@ -1,4 +1,4 @@
-//! A case made ready on a mesh as a run makes it ready, and its parts for a propagator.
+//! A case that is prepared on a process mesh as in a run, and its parts for a propagator.
 
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::parallel::communicator::{Communicator, World};
@@ -13,7 +13,7 @@ use phasewarp::propagate::propagator;
 use phasewarp::propagate::time_dependent_inflow::Schedule;
 pub use phasewarp::solve::prepared::Prepared;
 
-/// Sweeps that better weights are worth.
+/// Limit on the sweeps that improve the weights.
 const WEIGHT_SWEEPS: usize = 100;
 
 /// The block of this rank on `mesh`.
@@ -29,12 +29,12 @@ pub struct Parts<'a> {
     pub communicator: &'a Communicator,
     /// The weights of the block's own cells.
     pub pi: &'a [f64],
-    /// The steps of an inflow that depends on time.
+    /// The time steps of an inflow that depends on time.
     pub schedule: Option<&'a Schedule>,
 }
 
 impl<'a> Parts<'a> {
-    /// The propagator of a run by `plan`.
+    /// The propagator of a run with this plan.
     pub fn propagator(&self, plan: &Plan) -> Box<dyn Propagator + 'a> {
         let warp = plan.warp.as_ref().expect("a plan of modes");
         let setting = plan.propagator_setting(warp);
@@ -42,7 +42,7 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// As many ranks as there are, in the blocks of `mesh`.
+/// All ranks of `world`, in the blocks of `mesh`.
 pub fn resources(world: &World, mesh: &ProcessMesh) -> Resources {
     Resources {
         ranks: world.group().size(),
@@ -51,7 +51,7 @@ pub fn resources(world: &World, mesh: &ProcessMesh) -> Resources {
     }
 }
 
-/// A case made ready on `mesh`.
+/// Prepares a case on `mesh`.
 pub fn prepare(world: &World, case: &Case, mesh: &ProcessMesh) -> Prepared {
     let bounds = Bounds::new(case).expect("V is finite");
     let plan = Plan::provisional(case, &bounds, &resources(world, mesh)).expect("a plan");
@@ -60,7 +60,7 @@ pub fn prepare(world: &World, case: &Case, mesh: &ProcessMesh) -> Prepared {
         .expect("weights and steps are found")
 }
 
-/// For a propagation over `time`.
+/// The parts of a prepared case for a propagation over `time`.
 pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
     let Prepared { communicator, system, bounds, .. } = prepared;
     let norms = system.states.iter().map(|state| system.norm(communicator, state, false));

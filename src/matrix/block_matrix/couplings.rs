@@ -1,5 +1,5 @@
-//! What enters: the inflow of a rank's rows, and couplings to auxiliary unknowns that are no entries
-//! of the matrix.
+//! The inflow of a rank's rows, and couplings to auxiliary unknowns that are not entries of the
+//! matrix.
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::inflow::AuxiliaryRow;
@@ -8,8 +8,8 @@ use crate::parallel::communicator::{GhostExchange, Group};
 use std::ops::Range;
 
 impl BlockMatrix {
-    /// `y ← y + b` in the rows `rows`, with `b` row by row of [`inflow`](Self::inflow); nothing
-    /// where `b` is empty.
+    /// `y ← y + b` in the rows `rows`, with a `b` for each row of [`inflow`](Self::inflow). Does
+    /// nothing if `b` is empty.
     pub fn add_inflow(&self, b: &[f64], rows: Range<usize>, y: &mut [f64]) {
         let first = self.inflow.partition_point(|aux| (aux.row as usize) < rows.start);
         let inside = self.inflow.iter().zip(b).skip(first);
@@ -18,7 +18,7 @@ impl BlockMatrix {
         }
     }
 
-    /// The contribution of couplings outside the matrix to a step of the rows `range` of
+    /// Adds the contribution of couplings outside the matrix to a step of the rows `range` of
     /// [`inflow`](Self::inflow) and of their auxiliary unknowns, without a common one.
     pub(crate) fn step_couplings(
         &self,
@@ -39,8 +39,8 @@ impl BlockMatrix {
         }
     }
 
-    /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the
-    /// rest of its row being done. Collective over the space group.
+    /// Adds the couplings of the common auxiliary unknown to a step of its row:
+    /// `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`. Collective over the space group.
     pub(crate) fn step_shared(
         &self,
         exchange: &GhostExchange,

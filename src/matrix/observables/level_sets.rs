@@ -1,24 +1,24 @@
-//! Measure-valued data: `f = φ Π_a δ(ψ_a)` at one point of space, with a discrete delta function.
+//! Measure-valued data `f = φ Π_a δ(ψ_a)` at one point of space, with a discrete delta function.
 //!
-//! The density `φ` and the level sets `ψ_a` obey the Liouville equation with smooth data, and only
-//! at the output time is a delta function put on the velocity grid (paper, section Numerical
+//! The density `φ` and the level sets `ψ_a` obey the Liouville equation with smooth data. Only at
+//! the output time a delta function is evaluated on the velocity grid (paper, section Numerical
 //! examples; Jin and Wen 2005):
 //!
 //! ```text
 //! δ_ω(y) = (1 + cos(πy/ω))/(2ω) for |y| ≤ ω, else 0,      ω_a = max(|det ∂Ψ/∂v|, 1) Δv_a
 //! ```
 //!
-//! In one dimension, where `ψ` is linear in `v` with slope of magnitude 1 or more, `δ_ω(ψ)` is a
-//! hat-like bell of half-width `Δv` in `v`, and its values sum to `1/(|ψ'| Δv)` exactly wherever
-//! its centre lies. For slopes below 1 the bell is `K = 1/|ψ'|` cells wide to a side and the sum is
-//! off by the factor `1 + 2 sin(2πK)/(2πK(1 − 4K²)) cos(2πc) + …` with the centre `c` in cells: at
-//! most 6 %, nothing where `2K` is whole.
+//! In one dimension, if `ψ` is linear in `v` with a slope of magnitude 1 or more, `δ_ω(ψ)` is a
+//! bell of half-width `Δv` in `v`, and its values sum to `1/(|ψ'| Δv)` exactly, wherever its centre
+//! lies. For slopes below 1 the half-width is `K = 1/|ψ'|` cells, and the sum has the factor
+//! `1 + 2 sin(2πK)/(2πK(1 − 4K²)) cos(2πc) + …` with the centre `c` in cells. The error is at most
+//! 6 %, and zero if `2K` is an integer.
 //!
-//! In more dimensions the determinant is the right width only for one axis at a time: for
-//! `∂Ψ/∂v = diag(λ_1, λ_2)` the bell of axis 1 has `K_1 = |λ_2|` cells, and below one cell it falls
-//! between the lattice points. [`DeltaWidth::Gradient`] takes the width of each level set from its
-//! own gradient, `Σ_b |∂ψ_a/∂v_b| Δv_b` (Engquist, Tornberg, Tsai 2005), which is the same in one
-//! dimension and right for any diagonal Jacobian.
+//! In more dimensions the determinant is not the right width of each axis: for
+//! `∂Ψ/∂v = diag(λ_1, λ_2)` the bell of axis 1 has the half-width `K_1 = |λ_2|` cells, and below
+//! one cell it falls between the lattice points. [`DeltaWidth::Gradient`] takes the width of each
+//! level set from its own gradient, `Σ_b |∂ψ_a/∂v_b| Δv_b` (Engquist, Tornberg, Tsai 2005). This is
+//! the same in one dimension, and right for any diagonal Jacobian.
 
 use crate::problem::case::DeltaWidth;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
@@ -29,7 +29,7 @@ pub fn delta(y: f64, omega: f64) -> f64 {
     if y.abs() <= omega { (1.0 + (PI * y / omega).cos()) / (2.0 * omega) } else { 0.0 }
 }
 
-/// A square matrix of up to three rows; the rest is that of the identity.
+/// A square matrix of up to three rows, extended by those of the identity.
 pub type Jacobian = [[f64; MAX_DIMENSION]; MAX_DIMENSION];
 
 /// The identity.
@@ -41,8 +41,8 @@ pub fn determinant(j: &Jacobian) -> f64 {
     j[0][0] * minor(1, 2) - j[0][1] * minor(0, 2) + j[0][2] * minor(0, 1)
 }
 
-/// `∂ψ/∂v` along an axis of `cells` cells of width `h` at cell `j`, `value(i)` being `ψ` in cell
-/// `i` of the axis: central, one-sided at the ends; `None` where there is one cell only.
+/// `∂ψ/∂v` at cell `j` along an axis of `cells` cells of width `h`, where `value(i)` is `ψ` in cell
+/// `i`. The difference is central, and one-sided at the ends. `None` for a single cell.
 fn derivative(j: usize, cells: usize, h: f64, value: impl Fn(usize) -> f64) -> Option<f64> {
     let (lower, upper) = (j.saturating_sub(1), (j + 1).min(cells - 1));
     (lower < upper).then(|| (value(upper) - value(lower)) / ((upper - lower) as f64 * h))

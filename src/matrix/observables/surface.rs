@@ -1,24 +1,24 @@
 //! Measure-valued data on elements: `f = φ Π_a δ(ψ_a)` with `φ` and the level sets as polynomials,
 //! integrated over cells of space without a discrete delta function.
 //!
-//! Where `Ψ = 0`, `n` of the `2n` coordinates `(x, v)` are functions of the others. With the
-//! coordinates `I` solved for and the others at the points of a quadrature rule,
+//! On the surface `Ψ = 0`, `n` of the `2n` coordinates `(x, v)` are functions of the others. If
+//! `Ψ = 0` is solved for the coordinates `I`, with the others at the points of a quadrature rule,
 //!
 //! ```text
 //! ∫ φ δ(Ψ) dx dv = Σ_points weight Σ_zeros φ/|det ∂Ψ/∂I|
 //! ```
 //!
 //! Solving for the velocities, `I = v`, gives `ρ = Σ φ/|det ∂Ψ/∂v|` at the zeros of `Ψ` along the
-//! velocities at one point of space, which is infinite at caustics. So each zero counts by a share,
-//! and the shares of all choices `I` sum to 1 (by the coarea formula any such shares do). With the
-//! minors `D_I = det ∂Ψ/∂I`, lengths in elements, and `r = D_v²/Σ_I D_I²`, the share of `I = v` is
-//! a smooth step that is 1 from `r = ``STEEP` on, and another's is proportional to `D_I²`: next
-//! to caustics the surface `Ψ = 0` is followed along the coordinates in which it is steep, and
-//! nothing is infinite.
+//! velocities at one point of space, which is infinite at caustics. So each zero counts with a
+//! share, where the shares of all choices `I` sum to 1 (by the coarea formula any such shares are
+//! valid). With the minors `D_I = det ∂Ψ/∂I`, lengths in elements, and `r = D_v²/Σ_I D_I²`, the
+//! share of `I = v` is a smooth step in `r` that is 1 from `STEEP` on. The other shares are
+//! proportional to `D_I²`. So near caustics the surface is followed along coordinates in which it
+//! is steep, and all terms are finite.
 //!
 //! Polynomials of neighbouring elements differ at their face by the error of the scheme, so that a
-//! zero there may be seen by both or none. Velocity elements therefore reach over their faces by
-//! `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
+//! zero there may be found in both or in none. Velocity elements therefore reach over their faces
+//! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
@@ -28,13 +28,13 @@ use crate::problem::element::Nodes;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use std::ops::Range;
 
-/// `D_v²/Σ D_I²` below which a zero found along the velocities does not count wholly.
+/// `D_v²/Σ D_I²` below which the share of a zero found along the velocities is less than 1.
 const STEEP: f64 = 0.05;
 /// Points of the rule in a cell of a space axis, by dimension.
 const SPACE_POINTS: [usize; MAX_DIMENSION] = [8, 3, 1];
 /// Points of the rule in an element of a velocity axis for each of its nodes, by dimension.
 const VELOCITY_POINTS: [usize; MAX_DIMENSION] = [8, 2, 1];
-/// Zeros so little beyond an end of the velocity box, in half elements, are on it.
+/// Zeros at most this far beyond an end of the velocity box, in half elements, count as on it.
 const AT_END: f64 = 1e-12;
 
 /// A zero of the level sets.
@@ -47,17 +47,17 @@ pub struct Zero {
     pub point: [f64; 6],
 }
 
-/// How far a velocity element of degree `k` reaches over its faces, in half widths: about the
-/// distance of the outermost Gauss node, so that polynomials grow by a constant factor only.
+/// Distance by which a velocity element of degree `k` reaches over its faces, in half widths. It is
+/// about that of the outermost Gauss node, so that polynomials grow only by a constant factor.
 fn overlap(degree: usize) -> f64 {
     0.5 / ((degree + 1) * (degree + 1)) as f64
 }
 
 /// A point of a quadrature rule along an axis.
 struct Sample {
-    /// In the reference element.
+    /// Its coordinate in the reference element.
     xi: f64,
-    /// Part of the element's width.
+    /// Its weight as a part of the element's width.
     weight: f64,
 }
 
@@ -66,7 +66,7 @@ struct ElementAxis {
     nodes: Nodes,
     /// Ends of the domain of an element's polynomial in its reference element, `[−reach, reach]`.
     reach: f64,
-    /// From values at the nodes to Bernstein coefficients on that domain.
+    /// Maps values at the nodes to Bernstein coefficients on that domain.
     to_bernstein: Vec<Vec<f64>>,
     samples: Vec<Sample>,
     /// Upper ends of the cells in the reference element.
@@ -100,12 +100,12 @@ impl ElementAxis {
         }
     }
 
-    /// The place of `ξ` in the domain as a number in `[0, 1]`.
+    /// The coordinate in `[0, 1]` of `ξ` in the domain.
     fn place(&self, xi: f64) -> f64 {
         0.5 * (1.0 + xi / self.reach)
     }
 
-    /// The point of the reference element at a place of the domain.
+    /// The point `ξ` of the reference element with a coordinate in the domain.
     fn xi(&self, place: f64) -> f64 {
         self.reach * (2.0 * place - 1.0)
     }
@@ -116,8 +116,8 @@ impl ElementAxis {
     }
 }
 
-/// The matrix from values at the nodes to Bernstein coefficients on `[−reach, reach]`: the Lagrange
-/// polynomials, each multiplied up from its linear factors `(ξ − ξ_m)/(ξ_n − ξ_m)`.
+/// The matrix that maps values at the nodes to Bernstein coefficients on `[−reach, reach]`. Each
+/// Lagrange polynomial is the product of its linear factors `(ξ − ξ_m)/(ξ_n − ξ_m)`.
 fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
     let (count, at) = (nodes.count(), &nodes.reference().nodes);
     let column = |n: usize| {
@@ -143,13 +143,14 @@ struct Patch<'a> {
     element: &'a Element<'a>,
     space: &'a PhaseSpace,
     lines: &'a [ElementAxis],
-    /// Coefficients of `φ`, and of each level set.
+    /// Coefficients of `φ`.
     phi: Vec<f64>,
+    /// Coefficients of each level set.
     psi: Vec<Vec<f64>>,
 }
 
 /// Calls `visit` with the zeros of the level sets `psi` over the space cells `share` with all
-/// velocities; `phi` and each of `psi` hold values at the nodes there. What each adds sums to the
+/// velocities, where `phi` and each of `psi` hold nodal values. The masses of the zeros sum to the
 /// integral of `φ Π_a δ(ψ_a)`.
 pub fn for_each_zero(
     space: &PhaseSpace,
@@ -188,7 +189,8 @@ pub fn for_each_zero(
 }
 
 impl Patch<'_> {
-    /// The zeros with the axes of the set `solved` solved for, at every point of the others' rule.
+    /// Visits the zeros along the axes of the set `solved`, at every point of the rule of the other
+    /// axes.
     fn solve(&self, solved: u32, share: &[Range<usize>], visit: &mut impl FnMut(&Zero)) {
         let axes = self.lines.len();
         let is_solved = |b: usize| solved >> b & 1 == 1;
@@ -258,7 +260,8 @@ impl Patch<'_> {
         Some(Zero { cell, mass, point: self.element.point(xi) })
     }
 
-    /// How much the element counts at `ξ` along a velocity axis: with its neighbours' 1.
+    /// The weight of the element at `ξ` along a velocity axis; those of overlapping elements sum to
+    /// 1.
     fn part(&self, b: usize, xi: f64) -> f64 {
         let elements = self.space.v[b - self.space.dimension()].elements();
         let overlap = self.lines[b].reach - 1.0;
@@ -284,7 +287,7 @@ impl Patch<'_> {
                 })
                 .collect()
         };
-        // [axis][level set], in elements: an element is 1/reach of the domain.
+        // [axis][level set], with lengths in elements: an element is 1/reach of the domain.
         let slopes: Vec<Vec<f64>> = (0..axes)
             .map(|b| {
                 let rows = rows(b);
@@ -313,8 +316,8 @@ fn smooth_step(u: f64) -> f64 {
     u * u * (3.0 - 2.0 * u)
 }
 
-/// Appends to `out` the coefficients along the axes without a row, the others contracted with
-/// theirs.
+/// Appends to `out` the coefficients along the axes without a row; the other axes are contracted
+/// with their rows.
 fn restrict(coefficients: &[f64], axes: &[(usize, Option<Vec<f64>>)], out: &mut Vec<f64>) {
     let Some(((count, row), rest)) = axes.split_first() else {
         out.extend_from_slice(coefficients);

@@ -13,18 +13,18 @@ use crate::problem::grid::MAX_DIMENSION;
 /// A point of the box; entries from the number of axes on are unused.
 pub type BoxPoint = [f64; MAX_DIMENSION];
 
-/// Halvings of a box at most: of width 2^−26, where two zeros are one to half of the digits.
+/// Largest number of halvings. In a box of width 2^−26 two zeros agree to half of the digits.
 const DEEPEST: i32 = 26;
 /// Largest number of boxes, so that the search ends if components have a zero surface in common.
 const MOST_BOXES: usize = 4096;
 /// `‖I − M ∂Ψ/∂t‖` on a box with at most one zero.
 const CONTRACTION: f64 = 0.25;
-/// Steps to a zero at most: `CONTRACTION^30` is below round-off.
+/// Largest number of steps to a zero: `CONTRACTION^30` is below round-off.
 const STEPS: usize = 30;
-/// The tolerance of `M Ψ` at a zero, in widths of its box.
-const LEFT: f64 = 1e-12;
-/// Zeros nearer to each other than this are one, which two boxes share on their face.
-const SAME: f64 = 1e-10;
+/// Tolerance of `M Ψ` at a zero, in widths of its box.
+const RESIDUAL: f64 = 1e-12;
+/// Zeros nearer to each other than this count as one, found by two boxes at their common face.
+const SAME_ZERO: f64 = 1e-10;
 
 /// The polynomials `C(k, j) t^j (1 − t)^(k−j)`, `j = 0 … k`.
 pub fn basis(degree: usize, t: f64) -> Vec<f64> {
@@ -74,9 +74,8 @@ struct BoxPart {
     components: Vec<Vec<f64>>,
 }
 
-/// The zeros in the closed box, but for multiple ones. `components` are coefficients, the last of
-/// the axes fastest; `shape` is how many there are along each axis, of which there are as many as
-/// components.
+/// The zeros in the closed box, without multiple ones. `components` are coefficients, the last axis
+/// fastest; `shape` is their number along each axis. There are as many axes as components.
 pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
     let mut found: Vec<BoxPoint> = Vec::new();
     let mut open = vec![BoxPart { lower: [0.0; MAX_DIMENSION], level: 0, components }];
@@ -93,8 +92,9 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
             if let Some(local) = follow(&part.components, shape, &inverse) {
                 let width = f64::powi(0.5, part.level);
                 let zero: BoxPoint = std::array::from_fn(|b| part.lower[b] + width * local[b]);
-                let apart =
-                    |other: &BoxPoint| (0..shape.len()).any(|b| (other[b] - zero[b]).abs() > SAME);
+                let apart = |other: &BoxPoint| {
+                    (0..shape.len()).any(|b| (other[b] - zero[b]).abs() > SAME_ZERO)
+                };
                 if found.iter().all(apart) {
                     found.push(zero);
                 }
@@ -106,7 +106,8 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
     found
 }
 
-/// The inverse `M` of the mean Jacobian, where `‖I − M ∂Ψ/∂t‖_∞` is small on the whole box.
+/// The inverse `M` of the mean Jacobian, if `‖I − M ∂Ψ/∂t‖_∞` is at most [`CONTRACTION`] on the
+/// box.
 fn contraction(components: &[Vec<f64>], shape: &[usize]) -> Option<Jacobian> {
     let n = shape.len();
     // [axis][component]: coefficients of the derivatives.
@@ -128,7 +129,7 @@ fn contraction(components: &[Vec<f64>], shape: &[usize]) -> Option<Jacobian> {
     (0..n).all(|a| norm(a) <= CONTRACTION).then_some(inverse)
 }
 
-/// `J⁻¹` by cofactors; none where it is not finite.
+/// `J⁻¹` by cofactors; none if it is not finite.
 fn inverse(j: &Jacobian) -> Option<Jacobian> {
     let scale = 1.0 / determinant(j);
     let inverse: Jacobian = std::array::from_fn(|a| {
@@ -140,8 +141,8 @@ fn inverse(j: &Jacobian) -> Option<Jacobian> {
     inverse.iter().flatten().all(|x| x.is_finite()).then_some(inverse)
 }
 
-/// The zero in the box, if there is one. Steps that leave the box are cut at its sides, which takes
-/// no step further away from a zero inside.
+/// The zero in the box, if there is one. Steps that leave the box are cut at its sides, which does
+/// not increase the distance from a zero inside.
 fn follow(components: &[Vec<f64>], shape: &[usize], inverse: &Jacobian) -> Option<BoxPoint> {
     let n = shape.len();
     let mut t = [0.5; MAX_DIMENSION];
@@ -149,7 +150,7 @@ fn follow(components: &[Vec<f64>], shape: &[usize], inverse: &Jacobian) -> Optio
         let bases: Vec<Vec<f64>> = (0..n).map(|b| basis(shape[b] - 1, t[b])).collect();
         let values: Vec<f64> = components.iter().map(|c| evaluate(c, &bases)).collect();
         let step = |a: usize| -> f64 { (0..n).map(|c| inverse[a][c] * values[c]).sum() };
-        if (0..n).all(|a| step(a).abs() < LEFT) {
+        if (0..n).all(|a| step(a).abs() < RESIDUAL) {
             return Some(t);
         }
         for (a, t) in t.iter_mut().enumerate().take(n) {
@@ -159,7 +160,7 @@ fn follow(components: &[Vec<f64>], shape: &[usize], inverse: &Jacobian) -> Optio
     None
 }
 
-/// Coefficients of the derivative along `axis`; none of a constant.
+/// Coefficients of the derivative along `axis`; empty for a constant.
 fn derivative(coefficients: &[f64], shape: &[usize], axis: usize) -> Vec<f64> {
     let (count, stride) = (shape[axis], shape[axis + 1..].iter().product::<usize>());
     let slabs = coefficients.chunks_exact(count * stride);

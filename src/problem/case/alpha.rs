@@ -15,7 +15,7 @@ use std::sync::Arc;
 pub const DEFAULT_ALPHA: f64 = 1.0;
 /// The variables of formulas for `α`.
 pub const NAMES: [&[&str]; 1] = [&["p"]];
-/// Values of `g` up to this count as zero: less than any plan allows the neighbouring periods.
+/// Values of `g` up to this count as zero. Any plan tolerates more from neighbouring periods.
 const NOTHING: f64 = 1e-17;
 
 /// `α`.
@@ -27,7 +27,7 @@ pub enum Alpha {
     Formula(Arc<Extension>),
 }
 
-/// `e^{α(p) p}` for `p < 0`, of a formula for `α`.
+/// `e^{α(p) p}` for `p < 0`, with a formula for `α`.
 #[derive(Clone, PartialEq)]
 pub struct Extension {
     text: String,
@@ -42,11 +42,11 @@ impl Extension {
 }
 
 impl Alpha {
-    /// The value of the key.
+    /// Reads `solver.warp.alpha`.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::base::error::Error::Input) for a formula that is none, and as
-    /// [`of`](Self::of).
+    /// [`Error::Input`](crate::base::error::Error::Input) for an invalid formula, and for an `α`
+    /// that [`of`](Self::of) refuses.
     pub(crate) fn read(file: &CaseFile<'_>, given: Option<&Formula>) -> Result<Self> {
         let key = "solver.warp.alpha";
         let Some(Formula(text)) = given else { return Ok(Self::Constant(DEFAULT_ALPHA)) };
@@ -54,11 +54,11 @@ impl Alpha {
         Self::of(&alpha).or_else(|message| file.refuse(key, message))
     }
 
-    /// The one of a formula whose only coordinate is `p`.
+    /// `α` given by a formula whose only coordinate is `p`.
     ///
     /// # Errors
-    /// A sentence that says what is wrong with a constant out of bounds, or with a formula with
-    /// which `g` does not decay, becomes large or changes too fast.
+    /// A sentence that says what is wrong: a constant is out of bounds, or `g` does not decay,
+    /// becomes large or changes too fast.
     pub fn of(alpha: &Expression) -> std::result::Result<Self, String> {
         let [least, most] = ALPHAS;
         match alpha.constant() {
@@ -72,21 +72,21 @@ impl Alpha {
     }
 }
 
-/// `e^{α(p) p}`; not a number where `α` is none.
+/// `e^{α(p) p}`; NaN where `α` is NaN.
 fn value(alpha: &Expression, p: f64) -> f64 {
     (alpha.eval(&[p]) * p).exp()
 }
 
-/// The left part of the profile, or why it is none.
+/// The left part of the profile, or a sentence that says why `α` gives none.
 fn extension(alpha: &Expression) -> std::result::Result<Piecewise, String> {
-    /// As close to 0 as matters.
+    /// The point at which `α(0⁻)` is checked.
     const BESIDE: f64 = -1e-9;
     let most = ALPHAS[1];
     let first = alpha.eval(&[BESIDE]);
     if first.abs() > most {
         return Err(format!(
-            "is {first:.4e} beside p = 0; between -{most} and {most} there, beyond which g \
-             practically jumps"
+            "is {first:.4e} beside p = 0; between -{most} and {most} expected there, beyond which \
+             g practically jumps"
         ));
     }
     let lower = lower_end(alpha)?;
@@ -94,19 +94,21 @@ fn extension(alpha: &Expression) -> std::result::Result<Piecewise, String> {
         match failure {
             Failure::Unbounded { at } => unbounded(alpha, at),
             Failure::Rough { at } => {
-                format!("changes too fast about p = {at:.6}; a smoother formula, or fewer jumps")
+                format!(
+                    "changes too fast about p = {at:.6}; give a smoother formula, or fewer jumps"
+                )
             }
         }
     })
 }
 
-/// `α(p)` to some digits, as messages show it.
+/// `α(p)` rounded for messages.
 fn shown(alpha: &Expression, p: f64) -> String {
-    // No -0.
+    // Adding zero turns -0 into 0.
     format!("{:.4e}", alpha.eval(&[p]) + 0.0)
 }
 
-/// The error of the formula at `p`.
+/// The error of a formula with which `g(p)` is too large or undefined.
 fn unbounded(alpha: &Expression, p: f64) -> String {
     let (a, g) = (shown(alpha, p), value(alpha, p));
     match g.is_nan() {
@@ -120,7 +122,7 @@ fn unbounded(alpha: &Expression, p: f64) -> String {
 
 /// A point below which `e^{α(p) p}` is negligible. The search ends beyond any allowed interval.
 fn lower_end(alpha: &Expression) -> std::result::Result<f64, String> {
-    /// Steps are equal down to here, and then in equal ratios to the end.
+    /// Points are equally spaced down to here, and then in equal ratios down to `END`.
     const NEAR: f64 = -64.0;
     const STEP: f64 = 0.0625;
     const RATIO: f64 = 1.01;
@@ -139,8 +141,8 @@ fn lower_end(alpha: &Expression) -> std::result::Result<f64, String> {
             lower = None;
         } else {
             return Err(format!(
-                "is {} at p = {p:.6}, where g = e^(alpha p) = {g:.1e} is not small; below \
-                 {NOTHING:e} from p = {EXTENSION_END} down expected, as of alpha = {}",
+                "is {} at p = {p:.6}, where g = e^(alpha p) = {g:.1e} is not small; for p below \
+                 {EXTENSION_END} less than {NOTHING:e} expected, as with alpha = {}",
                 shown(alpha, p),
                 ALPHAS[0]
             ));

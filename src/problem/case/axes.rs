@@ -5,10 +5,10 @@ use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::Item;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
-use crate::problem::limits::{MOST, MOST_CELLS, MOST_SPACE_CELLS};
+use crate::problem::limits::{LARGEST_NUMBER, MOST_CELLS, MOST_SPACE_CELLS};
 use serde::Deserialize;
 
-/// One of `[[axis]]`: a space axis and its velocity axis.
+/// One table `[[axis]]`: a space axis and its velocity axis.
 #[derive(Debug, Deserialize)]
 pub struct AxisPair {
     x: Option<AxisTable>,
@@ -29,7 +29,7 @@ struct AxisTable {
     boundary: Option<Boundary>,
 }
 
-/// `boundary` of a space axis; `inflow` where none is given.
+/// `boundary` of a space axis; by default `inflow`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Boundary {
@@ -55,8 +55,8 @@ impl AxisTable {
             return file.refuse(&upper_key, format!("must be above lower = {}", axis.lower));
         }
         for (name, value) in [("lower", axis.lower), ("upper", axis.upper)] {
-            file.within(&format!("{key}.{name}"), value, -MOST..=MOST, || {
-                format!("must be between -{MOST:e} and {MOST:e}")
+            file.within(&format!("{key}.{name}"), value, -LARGEST_NUMBER..=LARGEST_NUMBER, || {
+                format!("must be between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")
             })?;
         }
         if axis.cells as f64 > MOST_CELLS {
@@ -64,7 +64,7 @@ impl AxisTable {
         }
         let width = axis.width();
         let (next, last) = (axis.lower + width, axis.upper - width);
-        if width < 1.0 / MOST || next == axis.lower || last == axis.upper {
+        if width < 1.0 / LARGEST_NUMBER || next == axis.lower || last == axis.upper {
             let message =
                 format!("cells of width {width:e} cannot be distinguished in double precision");
             return file.refuse(&cells_key, message);
@@ -73,7 +73,7 @@ impl AxisTable {
     }
 }
 
-/// A degree of polynomials that there is.
+/// `degree`, if it is supported.
 fn checked_degree(file: &CaseFile<'_>, key: &str, degree: i64) -> Result<usize> {
     if !(0..=LARGEST_DEGREE as i64).contains(&degree) {
         return file.refuse(key, format!("must be between 0 and {LARGEST_DEGREE}"));
@@ -81,20 +81,20 @@ fn checked_degree(file: &CaseFile<'_>, key: &str, degree: i64) -> Result<usize> 
     Ok(degree as usize)
 }
 
-/// The key to name for a grid that is too large: the last number of cells that `--set` gives, else
-/// the axes.
-fn to_blame(file: &CaseFile<'_>, pairs: usize) -> String {
+/// The key to name in the error about a grid that is too large: the last number of cells that
+/// `--set` gives, else `axis`.
+fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
     let keys = (0..pairs).flat_map(|a| ["x", "v"].map(|axis| format!("axis.{a}.{axis}.cells")));
     let set = keys.filter_map(|key| Some((file.override_of(&key)?, key)));
     set.max().map_or_else(|| "axis".to_owned(), |(_, key)| key)
 }
 
-/// The grid; `degree` is that of axes that give none.
+/// The grid; `degree` is the default for axes that give none.
 pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<PhaseSpace> {
     checked_degree(file, "scheme.degree", degree)?;
     if pairs.is_empty() || pairs.len() > MAX_DIMENSION {
         let message = format!(
-            "{} tables given; one [[axis]] a space dimension, 1 to {MAX_DIMENSION}",
+            "{} tables given; one [[axis]] per space dimension expected, 1 to {MAX_DIMENSION}",
             pairs.len()
         );
         return file.refuse("axis", message);
@@ -109,8 +109,8 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
         if v.boundary.is_some() {
             return file.refuse(
                 &format!("{v_key}.boundary"),
-                "a velocity axis has none to choose; what enters there has the value of \
-                 inflow.value",
+                "a velocity axis has no boundary to choose; particles that enter there have the \
+                 value inflow.value",
             );
         }
         space.periodic[a] = x.boundary == Some(Boundary::Periodic);
@@ -128,7 +128,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
         let message = format!(
             "{cells:.3e} phase-space cells; the state alone takes {bytes:.1e} bytes of memory"
         );
-        return file.refuse(&to_blame(file, pairs.len()), message);
+        return file.refuse(&key_of_grid_size(file, pairs.len()), message);
     }
     let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
     if points > MOST_SPACE_CELLS {
@@ -136,7 +136,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
             "{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and \
              time)"
         );
-        return file.refuse(&to_blame(file, pairs.len()), message);
+        return file.refuse(&key_of_grid_size(file, pairs.len()), message);
     }
     Ok(space)
 }

@@ -1,4 +1,4 @@
-//! `[constants]`: names for numbers, which every formula and every number of the case may use.
+//! `[constants]`: names of numbers that every formula and every number of the case may use.
 //!
 //! A constant is a number, or a formula of other constants in any order.
 
@@ -8,9 +8,9 @@ use crate::problem::case::reader::Formula;
 use crate::problem::formula::{Constants, Expression, is_reserved, is_word, words};
 use std::collections::BTreeMap;
 
-/// Most constants of a case.
+/// Largest number of constants in a case.
 const MOST: usize = 256;
-/// Names of coordinates, of what reflection is a formula of, and of a word of `inflow.value`.
+/// Reserved names: coordinates, the variables of `reflection`, and a word of `inflow.value`.
 const TAKEN: [&str; 12] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "p", "E", "jump", "initial"];
 
 /// `[constants]` as it is written.
@@ -19,8 +19,8 @@ pub type ConstantsTable = BTreeMap<String, Formula>;
 /// The values of a file's constants; they are read before all other keys.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Input`] for a name that is none or means something else, a formula
-/// with an unknown name, one that depends on itself, and a value that is not finite.
+/// [`crate::base::error::Error::Input`] for an invalid or reserved name, a formula with an unknown
+/// name, a constant that depends on itself, and a value that is not finite.
 pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
     let table: ConstantsTable = file.read_at("constants")?.unwrap_or_default();
     if table.len() > MOST {
@@ -33,7 +33,8 @@ pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
             return file.refuse(&key, message);
         }
         if TAKEN.contains(&name.as_str()) || is_reserved(name) {
-            let message = format!("\"{name}\" already means something in formulas; another name");
+            let message =
+                format!("\"{name}\" already means something in formulas; choose another name");
             return file.refuse(&key, message);
         }
     }
@@ -43,16 +44,17 @@ pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
     Ok(search.known)
 }
 
-/// The walk over the constants that others need.
+/// Depth-first search over constants and those that their formulas name.
 struct ConstantSearch<'s, 'f> {
     file: &'s CaseFile<'f>,
     table: &'s ConstantsTable,
     known: Constants,
-    /// The constants that are being found, each needed by the one before.
+    /// The constants that are being evaluated, each needed by the one before it.
     path: Vec<&'s str>,
 }
 
 impl<'s> ConstantSearch<'s, '_> {
+    /// Evaluates the constant `name`, after those that it depends on.
     fn find(&mut self, name: &'s str) -> Result<()> {
         if self.known.contains_key(name) {
             return Ok(());

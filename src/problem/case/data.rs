@@ -1,4 +1,4 @@
-//! `[[potential]]`, `[initial]`, `[inflow]` and `[exact]`: the formulas of a case.
+//! `[[potential]]`, `[initial]`, `[inflow]` and `[exact]`: the formulas and data files of a case.
 
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
@@ -15,16 +15,17 @@ pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
 pub const TIME: usize = 6;
 
-/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in
-/// that cell.
+/// A region of the potential. The first region whose condition holds at the centre of a cell gives
+/// `V` in that cell.
 #[derive(Clone, Debug)]
 pub struct Region {
     /// `where`; absent in the last region.
     pub condition: Option<Expression>,
     /// `V(x, y, z)`.
     pub value: Expression,
-    /// `reflection`: of the particles that have the energy to be transmitted at a jump down from
-    /// this region, the part in `[0, 1]` that is reflected; a formula of `E` and `jump`.
+    /// `reflection`: a formula of `E` and `jump`. At jumps where this region has the higher `V`, it
+    /// gives the part, in `[0, 1]`, that is reflected of the particles with enough energy to be
+    /// transmitted.
     pub reflection: Option<Expression>,
 }
 
@@ -33,8 +34,8 @@ pub struct Region {
 pub const REFLECTION_NAMES: Names = [&["E"], &["jump"], &[], &[], &[], &[], &[]];
 
 impl Region {
-    /// The reflected part at normal kinetic energy `energy` above a jump of height `jump`; `None`
-    /// if the case gives no formula.
+    /// The reflected part for normal kinetic energy `energy` on the higher side of a jump of height
+    /// `jump`; 0 if the case gives no formula.
     pub fn reflected(&self, energy: f64, jump: f64) -> f64 {
         self.reflection.as_ref().map_or(0.0, |formula| formula.eval(&[energy, jump]))
     }
@@ -43,9 +44,9 @@ impl Region {
 /// The inflow through the boundary of the phase-space box.
 #[derive(Clone, Debug)]
 pub enum Inflow {
-    /// A formula taken at ghost centres.
+    /// A formula, evaluated at centres of ghost cells.
     Formula(Expression),
-    /// The initial formula, taken at ghost centres.
+    /// The initial formula, evaluated at centres of ghost cells.
     Initial,
 }
 
@@ -54,7 +55,7 @@ pub enum Inflow {
 pub enum Data {
     /// `f0(x, v)`.
     Density,
-    /// `f0 = density(x) Π δ(v_a − velocity_a(x))`, by level sets.
+    /// `f0 = density(x) Π_a δ(v_a − velocity_a(x))`, represented by level sets.
     Measure {
         /// `density(x)`.
         density: Expression,
@@ -83,12 +84,12 @@ impl LiouvilleField {
         }
     }
 
-    /// Whether anything may enter.
+    /// Whether the field may have inflow.
     pub fn enters(&self) -> bool {
         self.entering().constant() != Some(0.0)
     }
 
-    /// Whether what enters depends on time.
+    /// Whether the inflow depends on time.
     pub fn varies(&self) -> bool {
         self.entering().depends_on(TIME)
     }
@@ -97,7 +98,7 @@ impl LiouvilleField {
 /// `initial.warped`: a file that holds `w(0, x, v, p)`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WarpedStart {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
     /// File and line of the key, for errors.
     pub place: String,
@@ -124,7 +125,7 @@ impl TableOf {
         }
     }
 
-    /// The names of its axes in `n` dimensions.
+    /// The names that its axes may have in `n` dimensions.
     fn names(self, n: usize) -> Names {
         match self {
             Self::Initial => names_of_phase_space(n),
@@ -137,11 +138,11 @@ impl TableOf {
 /// A file that holds a function on a tensor grid of its own.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TableFile {
-    /// The kind of the function.
+    /// The function that the file gives.
     pub of: TableOf,
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
-    /// The dataset of an HDF5 file, the column of a CSV file.
+    /// Name of the dataset in an HDF5 file, or of the column in a CSV file.
     pub dataset: String,
     /// The interpolation between its points.
     pub interpolation: Interpolation,
@@ -149,14 +150,15 @@ pub struct TableFile {
     pub place: String,
     /// The checksum of the table, once it was read.
     pub checksum: Option<u64>,
-    /// The coordinates along the axes of the dataset.
+    /// The coordinate along each axis of the dataset, by its position in formulas.
     positions: Vec<usize>,
-    /// The names that coordinates have in a file.
+    /// The names that coordinates may have in the file.
     names: Names,
 }
 
 impl TableFile {
-    /// The file `path`, linear between points of all axes in `n` dimensions, but not of time.
+    /// The file `path` with default settings: linear interpolation along all axes that the function
+    /// has in `n` dimensions, except time.
     pub fn new(of: TableOf, path: &Path, place: &str, n: usize) -> Self {
         let names = of.names(n);
         Self {
@@ -171,22 +173,22 @@ impl TableFile {
         }
     }
 
-    /// The coordinate of this name, by its position in formulas.
+    /// The position in formulas of the coordinate of this name.
     fn position(&self, name: &str) -> Option<usize> {
         self.names.iter().position(|names| names.contains(&name))
     }
 
-    /// The coordinate that a column of this name has, if it is one of the axes.
+    /// The same, if that coordinate is one of the axes of this table.
     pub fn position_of_axis(&self, name: &str) -> Option<usize> {
         self.position(name).filter(|position| self.positions.contains(position))
     }
 
-    /// Whether an axis could have this name.
+    /// Whether an axis of such a table may have this name.
     pub fn has_axis(&self, name: &str) -> bool {
         self.position(name).is_some()
     }
 
-    /// The names that axes can have: `x, v, t`.
+    /// The names that axes may have: `x, v, t`.
     pub fn all_axes_text(&self) -> String {
         let names: Vec<&str> = self.names.iter().filter_map(|n| n.first().copied()).collect();
         names.join(", ")
@@ -202,12 +204,12 @@ impl TableFile {
         self.axes().iter().map(|(_, names)| names[0]).collect::<Vec<_>>().join(", ")
     }
 
-    /// Whether this is the same table of the same file.
+    /// Whether both are the same table of the same file, wherever the key stands.
     pub fn is_same(&self, other: &Self) -> bool {
         *self == Self { checksum: self.checksum, place: self.place.clone(), ..other.clone() }
     }
 
-    /// The values of the file, before they are read.
+    /// The expression that stands for the values until the file is read.
     fn unread(&self) -> Expression {
         let text = format!("the table {} of {}", self.dataset, self.path.display());
         Expression::of_file(text, self.place.clone(), self.positions.clone())
@@ -217,33 +219,33 @@ impl TableFile {
 /// `initial.field`: a result that holds `f` at `time.start`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartField {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
     /// File and line of the key, for errors.
     pub place: String,
-    /// The origin that the file names, once it was read.
+    /// The run that wrote the result, once the file was read.
     pub origin: Option<Origin>,
 }
 
-/// The origin of a result, for runs that continue from it.
+/// What a result says of itself to a run that continues from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The checksum of `/f`.
     pub checksum: u64,
     /// Time of the result.
     pub time: f64,
-    /// Relative l2 distance of its `f` to the semi-discrete solution, where that is known.
+    /// Relative l2 distance of its `f` to the semi-discrete solution, if known.
     pub error: Option<f64>,
     /// Whether its `f` was limited to positive values.
     pub positive: bool,
 }
 
-/// The exact solution results are compared with.
+/// The exact solution with which results are compared.
 #[derive(Clone, Debug)]
 pub enum Exact {
-    /// Particles traced back through the piecewise linear potential.
+    /// Particles are traced back through the piecewise linear potential.
     Characteristics,
-    /// A formula for `f(T, x, v)`; `t` may occur.
+    /// A formula for `f(t, x, v)`.
     Formula(Expression),
 }
 
@@ -270,7 +272,7 @@ impl RegionTable {
             }
             Some(table) => Ok(table.unread()),
             None if self.interpolation.is_some() => {
-                let message = "is what a table is between its points; a formula needs none";
+                let message = "says how a table is interpolated; a formula needs none";
                 file.refuse(&interpolation, message)
             }
             None => required_formula(file, &value, &self.value, &names_of_space(n)),
@@ -324,7 +326,7 @@ impl FileTable {
         for name in &axes.0 {
             match found.position(name) {
                 Some(position) if !positions.contains(&position) => positions.push(position),
-                Some(_) => return file.refuse(&key, format!("{name} is there twice")),
+                Some(_) => return file.refuse(&key, format!("{name} is given twice")),
                 None => return file.refuse(&key, format!("{name} is none of {known}")),
             }
         }
@@ -339,7 +341,7 @@ impl FileTable {
 /// `[inflow]`.
 #[derive(Debug, Default, Deserialize)]
 pub struct InflowTable {
-    /// Where none is given, `initial` for measure-valued data and 0 for others.
+    /// By default `initial` for measure-valued data and 0 for others.
     value: Option<Formula>,
     table: Option<FileTable>,
 }
@@ -358,10 +360,10 @@ enum ExactKind {
     Characteristics,
 }
 
-/// The names of the coordinates `[x, y, z, vx, vy, vz, t]` that a formula may use.
+/// The names by which a formula may use each of the coordinates `[x, y, z, vx, vy, vz, t]`.
 pub type Names = [&'static [&'static str]; 7];
 
-/// The space coordinates of `n` dimensions.
+/// Names of the coordinates of space.
 fn names_of_space(n: usize) -> Names {
     let space: Names = [&["x"], &["y"], &["z"], &[], &[], &[], &[]];
     std::array::from_fn(|a| if a < n { space[a] } else { &[] })
@@ -422,7 +424,7 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
             return file.refuse(&key, message);
         }
         if !last && condition.is_none() {
-            return file.refuse(&key, "missing; only the last [[potential]] goes without");
+            return file.refuse(&key, "missing; only the last [[potential]] has no where");
         }
         let value = table.value(file, i, n)?;
         let key = format!("potential.{i}.reflection");
@@ -454,7 +456,7 @@ impl InflowTable {
     }
 }
 
-/// The tables in files that a case in `n` dimensions takes.
+/// The table files that a case in `n` dimensions names.
 pub fn tables(
     file: &CaseFile<'_>,
     potential: &[RegionTable],
@@ -468,7 +470,7 @@ pub fn tables(
 }
 
 impl InitialTable {
-    /// The fields to evolve in `n` dimensions, with what enters.
+    /// The fields to evolve in `n` dimensions, with their inflow.
     pub fn check(
         &self,
         file: &CaseFile<'_>,
@@ -493,7 +495,7 @@ impl InitialTable {
                 let message = "give either initial.warped, or initial.table";
                 return file.refuse("initial.table", message);
             }
-            // f(0) is not known: the formula zero removes it.
+            // f(0) is unknown; the formula 0 is a placeholder that is not used.
             (Some(_), None) => file.formula("initial.warped", "0", &names)?,
             (None, Some(table)) => table.unread(),
             (None, None) => required_formula(file, "initial.f", &self.f, &names)?,
@@ -519,7 +521,7 @@ impl InitialTable {
         let texts = self.velocity.as_ref().map_or(&[][..], |list| &list.0);
         if texts.len() != n {
             let given = texts.len();
-            let message = format!("{given} formulas given; a list of {n} expected, one an axis");
+            let message = format!("{given} formulas given; a list of {n} expected, one per axis");
             return file.refuse(key, message);
         }
         let mut fields = vec![LiouvilleField {
@@ -564,8 +566,8 @@ impl InitialTable {
         if !matches!(data, Data::Density) {
             return file.refuse(
                 key,
-                "measure-valued data are several fields, and runs go on from /f only; a run from \
-                 time 0 to the later time.end gives them",
+                "measure-valued data are several fields, and a run continues from /f only; run \
+                 the case from time 0 to the later time.end",
             );
         }
         Ok(Some(StartField { path, place: file.place(key), origin: None }))

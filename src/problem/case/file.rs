@@ -1,12 +1,13 @@
-//! The case file as TOML, so that every mistake is named with file, line, key, value and limit.
+//! The case file as a TOML tree that remembers where each value stands, so that an error can name
+//! file, line, key, value and limit.
 //!
-//! `--set key=value` replaces values of the file's tree. Every value has the span of its place: a
-//! range of bytes of the file, or, beyond the file's end, the number of a `--set`.
+//! `--set key=value` replaces values of the tree. The span of a value is a range of bytes of the
+//! file. For the `--set` of number `n` it is the empty range `n + 1` bytes beyond the file's end.
 
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::{KeyValue, Mistake, integer, joined, number_of, written};
+use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined, number_of};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -29,7 +30,7 @@ pub struct CaseFile<'t> {
     pub constants: Constants,
 }
 
-/// The value and the places of a key.
+/// The value of a key, and where value and key stand.
 struct FoundKey<'f> {
     /// The key's value, if the case gives one.
     value: Option<&'f DeValue<'f>>,
@@ -44,7 +45,7 @@ impl<'t> CaseFile<'t> {
     /// Parses `text` (the file `name`) and applies `--set` overrides in order.
     ///
     /// # Errors
-    /// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits the
+    /// [`Error::Input`] if the text is not TOML, or an override is not a `key=value` that fits the
     /// file.
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
         let root = DeValue::Table(DeTable::new());
@@ -62,22 +63,22 @@ impl<'t> CaseFile<'t> {
         self.name
     }
 
-    /// The span that stands for the `--set` of this number.
+    /// The span that represents the `--set` of this number.
     fn span_of_override(&self, number: usize) -> Range<usize> {
         let place = self.text.len() + 1 + number;
         place..place
     }
 
-    /// Applies the override `text`, the one of this number.
+    /// Applies the override `text`, which has this number.
     fn set(&mut self, number: usize, text: &'t str) -> Result<()> {
         let span = self.span_of_override(number);
         let fail = |file: &Self, message: &str| Err(file.error_at(Some(span.clone()), message));
         let Some((path, value)) = text.split_once('=') else {
             return fail(self, "expected key=value");
         };
-        // A value that is no TOML is taken as text, so that shells need no second pair of quotes.
+        // A value that is not TOML is text, so that a shell needs no second pair of quotes.
         let value = match DeValue::parse(value.trim()) {
-            Ok(value) => marked(value.into_inner(), &span),
+            Ok(value) => with_span(value.into_inner(), &span),
             Err(_) => Spanned::new(span.clone(), text_value(value.trim(), &span)),
         };
         let parts: Vec<&str> = path.split('.').map(str::trim).collect();
@@ -92,7 +93,7 @@ impl<'t> CaseFile<'t> {
                 DeValue::Table(table) => {
                     let key = Spanned::new(span.clone(), part.into());
                     if last {
-                        // With the key, as its place is new, too.
+                        // The old key is removed too, as `insert` would keep its span.
                         table.remove(part);
                         table.insert(key, value);
                         return Ok(());
@@ -127,16 +128,16 @@ impl<'t> CaseFile<'t> {
         Ok(())
     }
 
-    /// The whole file as a `T`.
+    /// Deserializes the whole file.
     ///
     /// # Errors
-    /// [`Error::Input`] for an unknown key, a value of another type or a choice that there is not.
+    /// [`Error::Input`] for an unknown key, a value of a wrong type or an unknown choice.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T> {
         let root = KeyValue::new("", &self.root, &self.constants);
         T::deserialize(root).map_err(|mistake| self.report(mistake))
     }
 
-    /// The value of `key` as a `T`, if it is given.
+    /// Deserializes the value of `key`, if it is given.
     ///
     /// # Errors
     /// As [`read`](Self::read).
@@ -145,6 +146,7 @@ impl<'t> CaseFile<'t> {
         value.map(T::deserialize).transpose().map_err(|mistake| self.report(mistake))
     }
 
+    /// The error of a mistake that serde found.
     fn report(&self, mistake: Mistake) -> Error {
         let key = mistake.key.unwrap_or_default();
         if !mistake.unknown {
@@ -155,7 +157,7 @@ impl<'t> CaseFile<'t> {
         self.refusal(span, Refusal { key: Some(key), message, ..Refusal::default() })
     }
 
-    /// The place of `key` and its value.
+    /// Looks up the dotted `key`.
     fn find(&self, key: &str) -> FoundKey<'_> {
         let mut found = FoundKey { value: Some(&self.root), span: None, key: None };
         let mut rest = key;
@@ -176,7 +178,7 @@ impl<'t> CaseFile<'t> {
             };
             found.value = below.map(|value| value.get_ref());
             let Some(value) = below else { return found };
-            // A mistake in a table points at its heading.
+            // An error about a table points at its heading.
             found.span = match value.get_ref() {
                 DeValue::Table(_) => found.key.clone(),
                 _ => Some(value.span()),
@@ -196,7 +198,7 @@ impl<'t> CaseFile<'t> {
         let found = self.find(key);
         let value = found.value.map(described);
         let given = value.as_ref().map_or(String::new(), |value| format!(" = {value}"));
-        // A formula that stands for a number.
+        // The value of a formula that is given for a number.
         let number = found.value.and_then(DeValue::as_str);
         let number = number.and_then(|text| number_of(text, &self.constants).ok());
         let number = number.filter(|number| number.is_finite());
@@ -244,7 +246,7 @@ impl<'t> CaseFile<'t> {
         }
     }
 
-    /// `value`, which must be given.
+    /// `value`, unless it is `None`.
     ///
     /// # Errors
     /// [`Error::Input`] that says that `expected` is missing.
@@ -256,14 +258,14 @@ impl<'t> CaseFile<'t> {
     /// appear.
     ///
     /// # Errors
-    /// [`Error::Input`] that says what is wrong with it and at which character.
+    /// [`Error::Input`] that says what is wrong, and at which character.
     pub fn formula(&self, key: &str, text: &str, names: &[&[&str]]) -> Result<Expression> {
         Expression::parse(text, names, &self.constants)
             .map(|formula| formula.at(self.place(key)))
             .map_err(|message| self.error(key, &message))
     }
 
-    /// File, line and name of `key`, for errors that are found later.
+    /// File, line and name of `key`, for errors that are detected after reading.
     pub fn place(&self, key: &str) -> String {
         let found = self.find(key);
         let Some(start) = found.value.and(found.span).map(|span| span.start) else {
@@ -282,7 +284,7 @@ impl<'t> CaseFile<'t> {
         self.override_at(start).map(|_| start - self.text.len() - 1)
     }
 
-    /// The text of the `--set` that a span with this start represents.
+    /// The `--set` option that a span with this start represents, if it lies beyond the file.
     fn override_at(&self, start: usize) -> Option<&'t String> {
         self.overrides.get(start.checked_sub(self.text.len() + 1)?)
     }
@@ -310,12 +312,12 @@ impl<'t> CaseFile<'t> {
         Error::Case(Box::new(refusal))
     }
 
-    /// The whole file as JSON. Numbers that JSON has not are null, or text where they are whole.
+    /// The whole file as JSON. A number that JSON cannot represent is null, or text if it is whole.
     pub fn json(&self) -> Value {
         json(&self.root)
     }
 
-    /// Every value that is given, by its key; those of lists by their numbers.
+    /// Every value that is given, by its key. Entries of lists have their index in the key.
     pub fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
         collect(&self.root, "", &mut settings);
@@ -349,20 +351,19 @@ fn begins_with(rest: &str, key: &str) -> bool {
     !key.is_empty() && after.is_some_and(|after| after.is_empty() || after.starts_with('.'))
 }
 
-/// `value`, it and all below it standing at `span`.
-/// A value that is no TOML: a list with formulas that are not quoted, or a text.
+/// A value of `--set` that is not TOML: a list with formulas that are not quoted, or a text.
 fn text_value<'t>(text: &'t str, span: &Range<usize>) -> DeValue<'t> {
     let list = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let entries = list.map(entries_of).filter(|entries| entries.iter().all(|e| !e.is_empty()));
     let Some(entries) = entries else { return DeValue::String(text.into()) };
     let entry = |text: &&'t str| match DeValue::parse(text) {
-        Ok(value) => marked(value.into_inner(), span),
+        Ok(value) => with_span(value.into_inner(), span),
         Err(_) => Spanned::new(span.clone(), DeValue::String((*text).into())),
     };
     DeValue::Array(entries.iter().map(entry).collect())
 }
 
-/// The entries of a list: what stands between commas that no bracket or quote encloses.
+/// The entries of a list, separated by commas outside of brackets and quotes.
 fn entries_of(list: &str) -> Vec<&str> {
     let (mut depth, mut quote) = (0, None);
     let is_between = |c: char| {
@@ -379,16 +380,17 @@ fn entries_of(list: &str) -> Vec<&str> {
     list.split(is_between).map(str::trim).collect()
 }
 
-fn marked<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
+/// `value` with `span` as the span of it and of everything in it.
+fn with_span<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>> {
     let value = match value {
         DeValue::Array(list) => {
-            let items = list.into_iter().map(|item| marked(item.into_inner(), span));
+            let items = list.into_iter().map(|item| with_span(item.into_inner(), span));
             DeValue::Array(items.collect())
         }
         DeValue::Table(table) => {
             let entries = table.into_iter().map(|(key, value)| {
                 let key = Spanned::new(span.clone(), key.into_inner());
-                (key, marked(value.into_inner(), span))
+                (key, with_span(value.into_inner(), span))
             });
             DeValue::Table(entries.collect())
         }
@@ -443,7 +445,7 @@ fn json(value: &DeValue<'_>) -> Value {
 fn described(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("\"{}\"", shortened(text, MOST_SHOWN)),
-        DeValue::Integer(number) => shortened(&written(number), MOST_SHOWN),
+        DeValue::Integer(number) => shortened(&decimal(number), MOST_SHOWN),
         DeValue::Float(number) => shortened(number.as_str(), MOST_SHOWN),
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Boolean(b) => b.to_string(),

@@ -1,4 +1,4 @@
-//! The keys that a case file may have, found by deserializing from a source that accepts every key.
+//! The keys that a case file may have, found by deserializing from a source that has every key.
 //!
 //! The tables of the sections are the only list of keys. A [`Deserializer`] that returns a value of
 //! the requested kind for every key records which keys exist and what kind each expects.
@@ -44,26 +44,26 @@ pub enum ValueKind {
 /// The keys of `T`.
 pub fn of<T: DeserializeOwned>() -> ValueKind {
     let kind = RefCell::default();
-    // The values that are read are placeholders.
-    let read = T::deserialize(Question { answer: &kind });
+    // The values that are read are placeholders, and are dropped.
+    let read = T::deserialize(KindRecorder { kind: &kind });
     debug_assert!(read.is_ok());
     kind.into_inner()
 }
 
 /// A deserializer that accepts every type, and records which one was requested.
 #[derive(Clone, Copy)]
-struct Question<'a> {
+struct KindRecorder<'a> {
     /// The requested kind.
-    answer: &'a RefCell<ValueKind>,
+    kind: &'a RefCell<ValueKind>,
 }
 
-impl Question<'_> {
-    fn is(self, kind: ValueKind) {
-        self.answer.replace(kind);
+impl KindRecorder<'_> {
+    fn record(self, kind: ValueKind) {
+        self.kind.replace(kind);
     }
 }
 
-impl<'de> Deserializer<'de> for Question<'_> {
+impl<'de> Deserializer<'de> for KindRecorder<'_> {
     type Error = Mistake;
 
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Mistake> {
@@ -71,22 +71,22 @@ impl<'de> Deserializer<'de> for Question<'_> {
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(ValueKind::Number);
+        self.record(ValueKind::Number);
         visitor.visit_f64(1.0)
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(ValueKind::Whole);
+        self.record(ValueKind::Whole);
         visitor.visit_i64(1)
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(ValueKind::Switch);
+        self.record(ValueKind::Switch);
         visitor.visit_bool(true)
     }
 
     fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.is(ValueKind::Text);
+        self.record(ValueKind::Text);
         visitor.visit_str("")
     }
 
@@ -99,15 +99,15 @@ impl<'de> Deserializer<'de> for Question<'_> {
         _: &'static str,
         visitor: V,
     ) -> Result<V::Value, Mistake> {
-        self.is(ValueKind::Formula);
+        self.record(ValueKind::Formula);
         let text: StringDeserializer<Mistake> = "1".to_owned().into_deserializer();
         visitor.visit_newtype_struct(text)
     }
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let item = RefCell::default();
-        let read = visitor.visit_seq(ListParts { answer: &item, left: 1 })?;
-        self.is(ValueKind::List(Box::new(item.into_inner())));
+        let read = visitor.visit_seq(ListParts { kind: &item, left: 1 })?;
+        self.record(ValueKind::List(Box::new(item.into_inner())));
         Ok(read)
     }
 
@@ -125,7 +125,7 @@ impl<'de> Deserializer<'de> for Question<'_> {
         let found = RefCell::default();
         let read = visitor.visit_map(Entries { names: &["name"], found: &found, at: 0 })?;
         let value = found.into_inner().pop().map(|(_, kind)| kind);
-        self.is(ValueKind::Names(Box::new(value.unwrap_or_default())));
+        self.record(ValueKind::Names(Box::new(value.unwrap_or_default())));
         Ok(read)
     }
 
@@ -138,7 +138,7 @@ impl<'de> Deserializer<'de> for Question<'_> {
         let found = RefCell::default();
         let read = visitor.visit_map(Entries { names: known, found: &found, at: 0 })?;
         let found = found.into_inner();
-        self.is(if name == "Allowed" {
+        self.record(if name == "Allowed" {
             ValueKind::Switches(found)
         } else {
             ValueKind::Table(found)
@@ -153,10 +153,10 @@ impl<'de> Deserializer<'de> for Question<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         if name == NUMBER_OR {
-            self.is(ValueKind::NumberOr(words));
+            self.record(ValueKind::NumberOr(words));
             return visitor.visit_f64(1.0);
         }
-        self.is(ValueKind::Word(words));
+        self.record(ValueKind::Word(words));
         visitor.visit_enum(StrDeserializer::new(words[0]))
     }
 
@@ -168,7 +168,7 @@ impl<'de> Deserializer<'de> for Question<'_> {
 
 /// The parts of a list.
 struct ListParts<'a> {
-    answer: &'a RefCell<ValueKind>,
+    kind: &'a RefCell<ValueKind>,
     left: usize,
 }
 
@@ -183,7 +183,7 @@ impl<'de> SeqAccess<'de> for ListParts<'_> {
             return Ok(None);
         }
         self.left -= 1;
-        seed.deserialize(Question { answer: self.answer }).map(Some)
+        seed.deserialize(KindRecorder { kind: self.kind }).map(Some)
     }
 }
 
@@ -207,7 +207,7 @@ impl<'de> MapAccess<'de> for Entries<'_> {
 
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Mistake> {
         let kind = RefCell::default();
-        let value = seed.deserialize(Question { answer: &kind })?;
+        let value = seed.deserialize(KindRecorder { kind: &kind })?;
         self.found.borrow_mut().push((self.names[self.at], kind.into_inner()));
         self.at += 1;
         Ok(value)
@@ -218,7 +218,7 @@ impl<'de> MapAccess<'de> for Entries<'_> {
 mod tests {
     use super::*;
 
-    /// Every kind by its key, `N` for the numbers of lists.
+    /// Adds the kind of every key to `found`; `N` stands for the index in a list.
     fn flat(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
         match kind {
             ValueKind::Table(entries) | ValueKind::Switches(entries) => {

@@ -8,17 +8,17 @@ use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Most times at which anything is written.
+/// Largest number of output times.
 const MOST_TIMES: usize = 10_000;
-/// Times closer than this part of the run are one.
+/// Output times closer than this part of the run's duration are merged.
 const SAME_TIME: f64 = 1e-9;
 
-/// `output.plateau`: the field read at several points.
+/// `output.plateau`: the field recovered from several points in `p`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plateau {
-    /// The first point; from the plan where none is given.
+    /// The first point; planned if not given.
     pub from: Option<f64>,
-    /// The last point, above `from`; from the plan where none is given.
+    /// The last point, above `from`; planned if not given.
     pub to: Option<f64>,
     /// Number of points, at least 2.
     pub points: usize,
@@ -35,21 +35,21 @@ pub enum DeltaWidth {
     Gradient,
 }
 
-/// A time before the end, or that of the start, at which results are written.
+/// A time before the end, possibly the start, at which results are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputTime {
     /// The time.
     pub time: f64,
-    /// Whether the fields are, and not their moments only.
+    /// Whether whole fields are written; otherwise only their moments are.
     pub fields: bool,
 }
 
 /// The output times before the end.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputTimes {
-    /// The output at time zero, if any.
+    /// The output at the start of the run, if any.
     pub start: Option<OutputTime>,
-    /// Between, ascending.
+    /// The output times between start and end, ascending.
     pub between: Vec<OutputTime>,
 }
 
@@ -58,22 +58,22 @@ pub struct OutputTimes {
 pub struct Storage {
     /// `output.compression`: level of deflate, 0 for none.
     pub compression: u8,
-    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is
-    /// compression.
+    /// `output.chunks`: cells of a chunk along each axis, in storage order. If not given, chunks
+    /// are planned for compressed datasets, and others are contiguous.
     pub chunks: Option<Vec<usize>>,
-    /// `output.xdmf`: whether to write views of the grids, and what they show.
+    /// `output.xdmf`: whether to write views of the grids for ParaView.
     pub xdmf: bool,
 }
 
 impl Storage {
-    /// Most chunks of a dataset; 0 for contiguous storage.
+    /// Upper bound on the number of chunks of a dataset; 0 for contiguous storage.
     pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
         match &self.chunks {
             Some(chunks) => {
                 (chunks.iter().zip(space.axes())).map(|(c, axis)| axis.cells.div_ceil(*c)).product()
             }
-            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the
-            // ends of an axis.
+            // Planned chunks have at least CHUNK/2 cells, except those at the ends of axes,
+            // which are at most half of all.
             None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
             None => 0,
         }
@@ -100,7 +100,7 @@ pub struct OutputTable {
 }
 
 impl OutputTable {
-    /// `recovery_points`.
+    /// Checks `recovery_points`.
     pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
         let key = "output.recovery_points";
         match file.count(key, self.recovery_points.unwrap_or(2), 1)? {
@@ -109,8 +109,8 @@ impl OutputTable {
         }
     }
 
-    /// The output times before the end. They include the start only if its field is known, from a
-    /// formula.
+    /// The output times of a `run` before its end. The start can be one of them only if its field
+    /// is `known`.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let Range { start, end } = run;
         let same = SAME_TIME * (end - start);
@@ -123,14 +123,14 @@ impl OutputTable {
         for (key, List(list), fields) in lists {
             if let Some(time) = list.iter().find(|time| !inside(**time)) {
                 let message = format!(
-                    "{time} given; times from {start} on and below time.end = {end} expected, \
-                     whose results are always written"
+                    "{time} given; times from {start} on and below time.end = {end} expected; \
+                     results at time.end are always written"
                 );
                 return file.refuse(key, message);
             }
             if !known && list.contains(&0.0) {
                 let message =
-                    "0 given, but initial.warped does not give f at time 0; times above 0";
+                    "0 given, but initial.warped does not give f at time 0; times above 0 expected";
                 return file.refuse(key, message);
             }
             times.extend(list.iter().map(|&time| OutputTime { time, fields }));
@@ -147,7 +147,7 @@ impl OutputTable {
                 );
                 return file.refuse(key, message);
             }
-            // Fields are a film, which begins with the first picture.
+            // A movie of the fields begins with the field at the start.
             times.extend((fields && known).then_some(OutputTime { time: start, fields }));
             let first = (start / every).floor();
             let multiples = (1..=MOST_TIMES + 1).map(|k| (first + k as f64) * every);
@@ -171,7 +171,7 @@ impl OutputTable {
         })
     }
 
-    /// `plateau`.
+    /// Checks `plateau`.
     pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
         self.plateau.as_ref().map(|table| table.check(file)).transpose()
     }
@@ -201,7 +201,7 @@ impl OutputTable {
     }
 
     fn chunks(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Option<Vec<usize>>> {
-        /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
+        /// 1 GiB: HDF5 limits a chunk to 4 GiB, and every rank holds the chunks it writes.
         const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
         let key = "output.chunks";
         let Some(List(chunks)) = &self.chunks else { return Ok(None) };
@@ -237,9 +237,9 @@ struct PlateauTable {
 
 impl PlateauTable {
     fn check(&self, file: &CaseFile<'_>) -> Result<Plateau> {
-        /// Each takes 24 bytes a cell.
+        /// Each point takes 24 bytes per cell.
         const MOST_POINTS: usize = 1000;
-        /// Farther than this from 0, `e^p` overflows or vanishes.
+        /// Beyond this magnitude of `p`, `e^p` overflows or vanishes.
         const HIGHEST: f64 = 300.0;
         let key = "output.plateau.points";
         let points = file.count(key, self.points.unwrap_or(9), 2)?;
@@ -261,17 +261,16 @@ impl PlateauTable {
     }
 }
 
-/// Why this HDF5 library cannot compress what several ranks write together, if so.
+/// Why this HDF5 library cannot compress a dataset that several ranks write; `None` if it can.
 fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
     if version < (1, 10, 2) {
         let (major, minor, micro) = version;
         return Some(format!(
             "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and \
-             later can. Leave it out or 0"
+             later can. Leave it out or set it to 0"
         ));
     }
-    (!deflate)
-        .then(|| "this HDF5 library was built without deflate (zlib); leave it out or 0".to_owned())
+    (!deflate).then(|| "this HDF5 library was built without deflate (zlib); set it to 0".to_owned())
 }
 
 #[cfg(test)]

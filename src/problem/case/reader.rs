@@ -1,8 +1,7 @@
-//! Values of the case file for serde, so that types, unknown keys and choices are refused in the
-//! user's words.
+//! A deserializer for values of the case file, with error messages for people who do not know Rust.
 //!
-//! The `toml` crate's own deserializer says "expected f64" and lists all the keys there are; this
-//! one names the key, says what is expected there, and the nearest of the known names.
+//! The deserializer of the crate `toml` says "expected f64" and lists all known keys. This one
+//! names the key, says what is expected there, and suggests the nearest known name.
 
 use crate::problem::formula::{Constants, Expression, is_word};
 use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
@@ -22,7 +21,7 @@ pub struct Mistake {
     pub key: Option<String>,
     /// Whether there is no such key.
     pub unknown: bool,
-    /// What is expected, as a sentence.
+    /// What is wrong, or what is expected, as a sentence.
     pub message: String,
 }
 
@@ -31,7 +30,7 @@ impl Mistake {
         de::Error::custom(format!("{what} expected"))
     }
 
-    /// This mistake, found while `key` is read.
+    /// The same mistake with `key`, unless it has a key already.
     fn at(mut self, key: &str) -> Self {
         self.key.get_or_insert_with(|| key.to_owned());
         self
@@ -62,7 +61,7 @@ impl de::Error for Mistake {
     }
 }
 
-/// ` (did you mean "…"?)` when one of `known` is close to `given`.
+/// ` (did you mean "…"?)` if one of `known` is close to `given`, else nothing.
 fn nearest(given: &str, known: &[&str]) -> String {
     known
         .iter()
@@ -72,8 +71,8 @@ fn nearest(given: &str, known: &[&str]) -> String {
         .map_or(String::new(), |(_, k)| format!(" (did you mean \"{k}\"?)"))
 }
 
-/// ` as { … }`, a table of this name with the `given` text in its place; nothing for those that
-/// need no example.
+/// ` as { … }`: an example of the table that the struct `name` reads, with the `given` text in it.
+/// Empty for tables that need no example.
 fn example(name: &str, given: &DeValue<'_>) -> String {
     let text = given.as_str();
     let quoted = |other: &str| format!("{:?}", text.unwrap_or(other));
@@ -89,13 +88,13 @@ fn example(name: &str, given: &DeValue<'_>) -> String {
     format!(" as {{ {inner} }}")
 }
 
-/// The number, if it has 64 bits.
+/// The number, if it fits into 64 bits.
 pub fn integer(number: &DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(number.as_str(), number.radix()).ok()
 }
 
-/// A whole number in decimal digits, if it has 64 bits, or as it was given.
-pub fn written(number: &DeInteger<'_>) -> String {
+/// A whole number in decimal digits if it fits into 64 bits, else as it was given.
+pub fn decimal(number: &DeInteger<'_>) -> String {
     integer(number).map_or_else(|| number.as_str().to_owned(), |number| number.to_string())
 }
 
@@ -116,7 +115,7 @@ pub struct KeyValue<'t> {
     constants: &'t Constants,
 }
 
-/// The value of a formula of constants, given instead of a number.
+/// The value of a formula of constants that is given instead of a number.
 ///
 /// # Errors
 /// The mistake in the formula.
@@ -125,17 +124,17 @@ pub fn number_of(text: &str, constants: &Constants) -> Result<f64, String> {
 }
 
 impl<'t> KeyValue<'t> {
-    /// The value of `key`; that of none is the whole file.
+    /// The value of `key`; an empty `key` stands for the whole file.
     pub fn new(key: &str, value: &'t DeValue<'t>, constants: &'t Constants) -> Self {
         Self { key: key.to_owned(), value, constants }
     }
 
-    /// The entries of a table, or the parts of a list.
+    /// The entry `name` of a table or a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
         KeyValue { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
     }
 
-    /// The mistake of a value of another kind than expected.
+    /// The mistake of a value that is not of the kind `expected`.
     fn wrong<T>(&self, expected: impl Display) -> Result<T, Mistake> {
         Err(Mistake::expected(expected).at(&self.key))
     }
@@ -156,11 +155,11 @@ impl<'t> KeyValue<'t> {
         if number.is_finite() { Ok(number) } else { self.wrong("a finite number") }
     }
 
-    /// The value as the text of a formula: a bare number is one too.
+    /// The value as the text of a formula; a number without quotes is one, too.
     fn formula(&self) -> Result<String, Mistake> {
         match self.value {
             DeValue::String(text) => Ok(text.to_string()),
-            DeValue::Integer(number) => Ok(written(number)),
+            DeValue::Integer(number) => Ok(decimal(number)),
             DeValue::Float(number) => Ok(number.as_str().to_owned()),
             _ => self.wrong("a formula in quotes"),
         }
@@ -224,7 +223,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         visitor.visit_some(self)
     }
 
-    /// A [`Formula`].
+    /// Reads a [`Formula`], the only newtype of case files.
     fn deserialize_newtype_struct<V: Visitor<'de>>(
         self,
         _: &'static str,
@@ -243,7 +242,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
     ) -> Result<V::Value, Mistake> {
         let table = match self.value {
             DeValue::Table(table) => table,
-            // A switch in the place of a table of switches is the value of each.
+            // One switch in place of a table of switches is the value of each of them.
             DeValue::Boolean(_) if name == "Allowed" => {
                 let entries = known.iter().map(|key| (*key, self.clone()));
                 return visitor.visit_map(MapDeserializer::new(entries));
@@ -266,7 +265,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         visitor.visit_map(MapDeserializer::new(entries))
     }
 
-    /// A table with keys of any names.
+    /// Reads a table with keys of any name.
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let DeValue::Table(table) = self.value else { return self.wrong("a table") };
         let entries = table.iter().map(|(name, value)| {
@@ -283,7 +282,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         if name == NUMBER_OR {
-            // A misspelt word is no formula.
+            // A misspelt word is reported as such, not as a formula with an unknown name.
             let is_formula = |text: &str| {
                 !words.contains(&text)
                     && (!is_word(text) || number_of(text, self.constants).is_ok())
@@ -310,18 +309,18 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Formula(pub String);
 
-/// The names by which a [`List`] and a [`NumberOr`] request a value.
+/// The name by which a [`List`] requests a value.
 pub const LIST: &str = "List";
 /// The name by which a [`NumberOr`] requests a value.
 pub const NUMBER_OR: &str = "NumberOr";
 
-/// Words that are allowed instead of a number.
+/// Words that a key takes instead of a number.
 pub trait Words: DeserializeOwned {
-    /// All of them.
+    /// All words.
     const ALL: &'static [&'static str];
 }
 
-/// A number, or one of the words of `W` in its place.
+/// A number, or one of the words of `W`.
 #[derive(Clone, Copy, Debug)]
 pub enum NumberOr<W> {
     Number(f64),
@@ -352,9 +351,9 @@ impl<'de, W: Words> Deserialize<'de> for NumberOr<W> {
     }
 }
 
-/// The elements of a [`List`].
+/// An element of a [`List`].
 pub trait Item: DeserializeOwned {
-    /// Several of them, as messages name them.
+    /// Name of several elements in messages.
     const PLURAL: &'static str;
 }
 

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::List;
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::problem::limits::{MOST, MOST_EVALUATIONS, MOST_SHOTS};
+use crate::problem::limits::{LARGEST_NUMBER, MOST_EVALUATIONS, MOST_SHOTS};
 use serde::Deserialize;
 
 /// Largest number of cells that are read. A quantum computer has no advantage in reading all cells,
@@ -17,23 +17,23 @@ const MOST_READ: usize = 256;
 pub struct ReadoutSettings {
     /// Space cells, along each axis from 0.
     pub cells: Vec<Vec<usize>>,
-    /// How long it is measured.
+    /// How often each observable is measured.
     pub effort: MeasurementEffort,
     /// `seed` of the random numbers.
     pub seed: u64,
 }
 
-/// How long an observable is measured.
+/// How often an observable is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeasurementEffort {
-    /// So long.
+    /// This often.
     Given {
         /// Shots of a Hadamard test.
         shots: u64,
-        /// Values of the register of amplitude estimation, a power of two.
+        /// Number of values of the register of amplitude estimation, a power of two.
         evaluations: u64,
     },
-    /// Until density and momentum are known to within this.
+    /// Until density and momentum are known to this absolute accuracy.
     Accuracy(f64),
 }
 
@@ -71,9 +71,9 @@ impl ReadoutTable {
         {
             return file.refuse(key, "follows from readout.accuracy; give one of them");
         }
-        let least = 1.0 / MOST;
-        file.within("readout.accuracy", accuracy, least..=MOST, || {
-            format!("must be above 0, between {least:e} and {MOST:e}")
+        let least = 1.0 / LARGEST_NUMBER;
+        file.within("readout.accuracy", accuracy, least..=LARGEST_NUMBER, || {
+            format!("must be above 0, between {least:e} and {LARGEST_NUMBER:e}")
         })
         .map(MeasurementEffort::Accuracy)
     }
@@ -92,7 +92,8 @@ impl ReadoutTable {
         let evaluations = file.count(key, self.evaluations.unwrap_or(256), 2)?;
         if !evaluations.is_power_of_two() || evaluations as f64 > MOST_EVALUATIONS {
             let message = format!(
-                "values of a register of qubits: a power of two, at most {MOST_EVALUATIONS:e}"
+                "is the number of values of a register of qubits; a power of two, at most \
+                 {MOST_EVALUATIONS:e}, expected"
             );
             return file.refuse(key, message);
         }
@@ -155,8 +156,8 @@ fn numbered(axis: &Axis, x: f64) -> Option<usize> {
     known.then_some(x as usize)
 }
 
-/// The cell of `axis` that holds the point `x`: of elements, the one whose node is nearest in the
-/// element that holds it. The upper end belongs to the last element.
+/// The cell of `axis` that holds the point `x`. In an element of a degree above 0 that is the cell
+/// of the nearest node. The upper end of the axis belongs to the last element.
 fn holding(axis: &Axis, x: f64) -> Option<usize> {
     if x == axis.upper {
         return Some(axis.cells - 1);

@@ -1,16 +1,16 @@
-//! The settings of a case, key by key, and the differences of two cases.
+//! The settings of a case, key by key, and the difference between two cases.
 
 use crate::base::text::shortened;
 use std::collections::BTreeMap;
 
-/// Characters of a value at most that are shown.
+/// Most characters of a value that are shown.
 const MOST_SHOWN: usize = 40;
 
 /// Every value that a case file and the `--set` options give, by its key.
 pub type Settings = BTreeMap<String, String>;
 
-/// The first setting that differs between `there` and `here`, the interval of checkpoints left
-/// aside; `None` where they are of the same case.
+/// A text about the first setting that differs between `there` and `here`; `None` if they are the
+/// same case. Settings of checkpoints are ignored.
 pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
     let of = |settings: &Settings, key: &str| {
         settings.get(key).map_or("not given".to_owned(), |value| {

@@ -1,10 +1,9 @@
-//! `[time]`, `[scheme]`, `[solver]` but for its `warp`, and `[checkpoint]`: the method and its
-//! accuracy.
+//! `[time]`, `[scheme]`, `[checkpoint]`, and `[solver]` without `solver.warp`.
 
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::warp::WarpTable;
-use crate::problem::limits::{LARGEST_TOLERANCE, MOST, MOST_STEPS};
+use crate::problem::limits::{LARGEST_NUMBER, LARGEST_TOLERANCE, MOST_STEPS};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::time::Duration;
@@ -12,14 +11,15 @@ use std::time::Duration;
 /// Default of `solver.classical.cfl`.
 pub const DEFAULT_CFL: f64 = 0.9;
 
-/// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
+/// The interface law: how the Hamiltonian-preserving flux at a jump of `V` combines values on the
+/// side from which particles come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
     /// Linear interpolation at the source velocity (the paper's).
     #[default]
     Hat,
-    /// Overlap of energy intervals; keeps row and flux-weighted column sums.
+    /// Overlap of energy intervals, which conserves row sums and flux-weighted column sums.
     Conservative,
 }
 
@@ -42,7 +42,7 @@ pub enum Integrator {
 }
 
 impl Integrator {
-    /// Applications of the matrix that a step takes.
+    /// Applications of the matrix per step.
     pub fn stages(self) -> usize {
         match self {
             Self::SspRk3 => 3,
@@ -55,7 +55,7 @@ impl Integrator {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Limiter {
-    /// First order, the scheme itself.
+    /// No limiter: the scheme of first order.
     #[default]
     None,
     /// `ψ(θ) = max(0, min(1, θ))`.
@@ -91,7 +91,7 @@ pub enum PropagatorMethod {
 }
 
 impl PropagatorMethod {
-    /// Order in the time step; 0 where the method meets a tolerance by itself.
+    /// Order in the time step; 0 for a method that meets a tolerance by itself.
     pub fn order(self) -> usize {
         match self {
             Self::Chebyshev | Self::Krylov => 0,
@@ -110,29 +110,30 @@ pub struct TimeTable {
 }
 
 impl TimeTable {
-    /// The time at which the run begins, and the final one.
+    /// The times at which the run begins and ends.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Range<f64>> {
         let end = file.required("time.end", self.end, "a number")?;
-        let least = 1.0 / MOST;
-        file.within("time.end", end, least..=MOST, || {
-            format!("must be above 0, between {least:e} and {MOST:e}")
+        let least = 1.0 / LARGEST_NUMBER;
+        file.within("time.end", end, least..=LARGEST_NUMBER, || {
+            format!("must be above 0, between {least:e} and {LARGEST_NUMBER:e}")
         })?;
-        let start = file.within("time.start", self.start, 0.0..=MOST, || {
-            format!("must be from 0 to {MOST:e}")
+        let start = file.within("time.start", self.start, 0.0..=LARGEST_NUMBER, || {
+            format!("must be from 0 to {LARGEST_NUMBER:e}")
         })?;
         if end - start < least.max(SHORTEST * end) {
             let message = format!("must be below time.end = {end}, by {SHORTEST:e} of it at least");
             return file.refuse("time.start", message);
         }
         if start > 0.0 && !file.has("initial.field") {
-            let message = "initial.f is f(0): initial.field, a file of f at that time, is missing";
+            let message = "initial.f is f(0); a later start needs initial.field, a file with f at \
+                           that time";
             return file.refuse("time.start", message);
         }
         Ok(start..end)
     }
 }
 
-/// The shortest run, as a part of its final time: the difference of both has digits.
+/// Least duration of a run relative to its final time, so that their difference has digits.
 const SHORTEST: f64 = 1e-6;
 
 /// `[scheme]`.
@@ -141,36 +142,36 @@ const SHORTEST: f64 = 1e-6;
 pub struct SchemeTable {
     interface: Interface,
     pub limiter: Limiter,
-    /// `degree`: the default of every axis.
+    /// `degree`: the default for every axis.
     pub degree: i64,
     flux: Option<f64>,
     pub ends: EndFlux,
 }
 
-/// The flux at the ends of the box, in space and in velocity.
+/// The numerical flux at the ends of the box, in space and in velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EndFlux {
     /// Upwind: outflow is lost, data outside the box enter.
     #[default]
     Open,
-    /// The flux between elements, with zero outside. The central flux loses nothing: waves that
-    /// reach an end return as waves that the grid does not resolve.
+    /// The flux between elements, with zero outside. With the central flux nothing is lost: waves
+    /// that reach an end return as waves that the grid does not resolve.
     Closed,
 }
 
-/// Default of `scheme.flux` of a degree above 0 (of degree 0 it is 1): half of the dissipation of
-/// the upwind flux for hardly more error (docs/high-order.md).
+/// Default of `scheme.flux` for a degree above 0; for degree 0 it is 1. It has half of the
+/// dissipation of the upwind flux and hardly more error (docs/high-order.md).
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of the upwind scheme of degree 0. By `traces` that are matched by
-    /// energy, of any other scheme, whatever is given: that law keeps what `conservative` keeps.
+    /// `interface`: the law of the upwind scheme of degree 0. Any other scheme matches `traces` by
+    /// energy, which conserves what `conservative` does, so that name is used for it.
     pub fn interface(&self, traces: bool) -> Interface {
         if traces { Interface::Conservative } else { self.interface }
     }
 
-    /// `flux`: `α`, from 0, central, to 1, upwind.
+    /// `flux`: `α` from 0 (central) to 1 (upwind).
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
             Some(flux) => {
@@ -198,7 +199,7 @@ pub struct SolverTable {
 }
 
 impl SolverTable {
-    /// `tolerance`.
+    /// Checks `tolerance`.
     pub fn tolerance(&self, file: &CaseFile<'_>) -> Result<f64> {
         let tolerance = self.tolerance.unwrap_or(1e-6);
         if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
@@ -208,7 +209,7 @@ impl SolverTable {
         Ok(tolerance)
     }
 
-    /// `accuracy`.
+    /// Checks `accuracy`.
     pub fn accuracy(&self, file: &CaseFile<'_>) -> Result<Option<f64>> {
         if self.accuracy.is_some_and(|accuracy| !(accuracy > 0.0 && accuracy < 1.0)) {
             return file.refuse("solver.accuracy", "must be above 0 and below 1");
@@ -223,12 +224,12 @@ impl SolverTable {
 pub struct Propagation {
     /// `method`.
     pub method: PropagatorMethod,
-    /// `step`: of the implicit methods, which need it; the longest of `krylov`.
+    /// `step`: the time step of the implicit methods, which need it, or the longest of `krylov`.
     pub step: Option<f64>,
 }
 
 impl Propagation {
-    /// The settings of a run that takes `time`.
+    /// Checks the settings for a run of duration `time`.
     pub(super) fn check(self, file: &CaseFile<'_>, time: f64) -> Result<Self> {
         let key = "solver.propagator.step";
         match self.step {
@@ -257,7 +258,7 @@ pub struct ClassicalTable {
 }
 
 impl ClassicalTable {
-    /// `cfl`.
+    /// Checks `cfl`.
     pub fn cfl(&self, file: &CaseFile<'_>) -> Result<f64> {
         let cfl = self.cfl.unwrap_or(DEFAULT_CFL);
         if !(cfl > 0.0 && cfl <= 1.0) {
@@ -268,17 +269,17 @@ impl ClassicalTable {
     }
 }
 
-/// `[solver.reduce]`: what may be left out; `true` or `false` in its place for all of it.
+/// `[solver.reduce]`: which reductions are allowed. `true` or `false` in its place holds for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default)]
 pub struct Allowed {
-    /// Axes along which the data do not vary.
+    /// Leave out axes along which the data do not vary.
     pub axes: bool,
-    /// Velocities that no particle reaches.
+    /// Leave out velocities that no particle reaches.
     pub velocities: bool,
-    /// Auxiliary unknowns without inflow.
+    /// Leave out auxiliary unknowns if nothing enters.
     pub inflow: bool,
-    /// The modes `l < 0`.
+    /// Leave out the modes `l < 0`.
     pub modes: bool,
 }
 
@@ -302,7 +303,7 @@ pub struct CheckpointTable {
 }
 
 impl CheckpointTable {
-    /// How often a checkpoint is made; `None` for never by the clock.
+    /// Time between checkpoints; `None` if they are not made by the clock.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Option<Duration>> {
         const YEAR: f64 = 525_600.0;
         let minutes = self.minutes.unwrap_or(30.0);

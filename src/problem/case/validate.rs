@@ -1,4 +1,4 @@
-//! Refuses settings of a case that do not go together.
+//! Refuses settings of a case that contradict each other.
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
@@ -8,10 +8,10 @@ use crate::problem::case::solver::{Integrator, Limiter, Method, PropagatorMethod
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
 
 impl Case {
-    /// Refuses settings that do not go together, and adapts those that another one settles.
+    /// Refuses settings that contradict each other, and sets those that follow from others.
     pub(super) fn validate(&mut self, file: &CaseFile<'_>) -> Result<()> {
         if self.method == Method::Classical {
-            // The classical method has no embedding.
+            // The classical method has no embedding of the inflow.
             (self.warp.inflow, self.warp.delta) = (Embedding::Boundary, Delta::Planned);
         }
         self.warp.check_embedding(file, &self.fields)?;
@@ -22,7 +22,7 @@ impl Case {
         if self.is_closed() && self.enters() {
             return file.refuse(
                 "scheme.ends",
-                "nothing enters through closed ends: leave inflow.value out, or \"open\"",
+                "nothing enters through closed ends: leave inflow.value out, or choose \"open\"",
             );
         }
         if self.positive {
@@ -36,8 +36,8 @@ impl Case {
             return file.refuse(
                 "solver.propagator.method",
                 "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \
-                 \"chebyshev\" applies: \
-                 choose it, or \"boundary\" or \"full\"",
+                 \"chebyshev\" supports; choose that, or solver.warp.inflow = \"boundary\" or \
+                 \"full\"",
             );
         }
         if self.start.is_some() {
@@ -56,7 +56,7 @@ impl Case {
         Ok(())
     }
 
-    /// A limiter is not linear: refused where `A` is needed as a matrix.
+    /// Refuses a limiter, which is not linear, if the method needs `A` as a matrix.
     fn check_limiter(&self, file: &CaseFile<'_>) -> Result<()> {
         if self.limiter == Limiter::None {
             return Ok(());
@@ -67,13 +67,13 @@ impl Case {
         let conflict = if self.method == Method::Schrodingerized {
             "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
         } else if self.integrator == Integrator::Exponential {
-            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes \
-             are not linear"
+            "solver.classical.integrator = \"exponential\" solves a linear system, and slopes are \
+             not linear"
         } else if self.verify {
             return file.refuse(
                 key,
-                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; \
-                 set one of them to its default",
+                "solver.verify = true measures the distance to exp(A T) f0, but a limiter makes \
+                 the system nonlinear; set one of them to its default",
             );
         } else {
             return Ok(());
@@ -94,8 +94,8 @@ impl Case {
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "slopes are those of the upwind scheme of degree 0 without partial reflection; \
-                 leave it out, or scheme.degree, scheme.flux and potential.reflection",
+                "only the upwind scheme of degree 0 without partial reflection has limited slopes; \
+                 leave it out, or leave out scheme.degree, scheme.flux and potential.reflection",
             );
         }
         if let Data::Measure { .. } = self.data {
@@ -104,35 +104,36 @@ impl Case {
         Ok(())
     }
 
-    /// Refuses level sets without zeros in elements, or of what is reflected in part by the region
-    /// `reflects`.
+    /// Refuses measure-valued data with a velocity axis of degree 0 beside elements, or with
+    /// partial reflection by the region `reflects`.
     fn check_level_sets(&self, file: &CaseFile<'_>, reflects: Option<usize>) -> Result<()> {
         if let Some(i) = reflects {
             return file.refuse(
                 &format!("potential.{i}.reflection"),
-                "initial.velocity gives level sets, and what is reflected in part has two \
-                 velocities where a level set has one value; give initial.f",
+                "initial.velocity gives level sets, which cannot represent the two velocities \
+                 behind a partial reflection; give initial.f",
             );
         }
         if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {
             return file.refuse(
                 &format!("axis.{a}.v.degree"),
-                "0 on a velocity axis: initial.velocity with degree above 0 takes the zeros of \
-                 polynomials in the velocity; 1 or more",
+                "initial.velocity with elements takes the zeros of polynomials in the velocity; a \
+                 degree of 1 or more expected",
             );
         }
         let key = "output.delta_width";
         if file.has(key) {
             return file.refuse(
                 key,
-                "is that of the discrete delta function of degree 0; elements have none, leave it \
-                out",
+                "is the width of the discrete delta function of degree 0; elements have none, \
+                 leave it out",
             );
         }
         Ok(())
     }
 
-    /// Refuses `output.positive` if there is no field to scale, or more than the field at the end.
+    /// Refuses `output.positive` if no field can be scaled, and if more than the field at the end
+    /// is asked for.
     fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
         let conflict = if self.space.degree() == 0 {
             "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
@@ -147,7 +148,7 @@ impl Case {
         file.refuse("output.positive", conflict)
     }
 
-    /// Refuses methods that do not support an inflow that depends on time.
+    /// Refuses settings that do not support an inflow that depends on time.
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
         let inflow = self.inflow_key();
         let timed = [
@@ -171,24 +172,25 @@ impl Case {
             return file.refuse(
                 "solver.propagator.method",
                 format!(
-                    "with t in {inflow} the generator depends on time; only \"chebyshev\" is \
-                     stepped"
+                    "with t in {inflow} the generator depends on time, which only \"chebyshev\" \
+                     supports"
                 ),
             );
         }
         Ok(())
     }
 
-    /// Refuses what makes no sense with a warped field to start from.
+    /// Refuses settings that contradict `initial.warped`.
     fn check_warped_start(&self, file: &CaseFile<'_>) -> Result<()> {
         let refuse = |why: &str| file.refuse("initial.warped", why);
         if self.method == Method::Classical {
-            return refuse("solver.method = \"classical\" knows no p; \"schrodingerized\" does");
+            return refuse("solver.method = \"classical\" has no p; choose \"schrodingerized\"");
         }
         if self.enters() {
             let inflow = self.inflow_key();
             return refuse(&format!(
-                "nothing may enter, as the file has no auxiliary unknowns: leave {inflow} out or 0"
+                "nothing may enter, as the file has no auxiliary unknowns: leave {inflow} out, or \
+                 set it to 0"
             ));
         }
         if matches!(self.exact, Some(Exact::Characteristics)) {
@@ -217,8 +219,8 @@ impl Case {
         }
     }
 
-    /// Refuses modes of both signs where they have no use; `reduce = false` does without them
-    /// there.
+    /// Refuses modes of both signs where only `l ≥ 0` are supported. If they follow from
+    /// `solver.reduce = false`, `l ≥ 0` are used.
     fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
         let why = if self.warped_field || self.start.is_some() {
             "the warped field is kept by its modes l >= 0"
@@ -229,7 +231,7 @@ impl Case {
         };
         let key = "solver.reduce.modes";
         if file.has(key) {
-            return file.refuse(key, format!("{why}; leave it out, or true"));
+            return file.refuse(key, format!("{why}; leave it out, or set it to true"));
         }
         self.reduce.modes = true;
         Ok(())

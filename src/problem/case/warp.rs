@@ -1,11 +1,13 @@
-//! `[solver.warp]`: everything about the auxiliary variable `p`.
+//! `[solver.warp]`: all settings of the auxiliary variable `p`.
 
 use crate::base::error::Result;
 use crate::problem::case::alpha::Alpha;
 use crate::problem::case::data::LiouvilleField;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, List, NumberOr, Words};
-use crate::problem::limits::{BETAS, CS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER, SIGMAS};
+use crate::problem::limits::{
+    BETAS, CS, LARGEST_NUMBER, LARGEST_SHIFT, MOST_MODES, MOST_ORDER, SIGMAS,
+};
 use serde::{Deserialize, Serialize};
 
 /// Default of `solver.warp.order`.
@@ -13,17 +15,17 @@ pub const DEFAULT_ORDER: usize = 8;
 /// Default of `solver.warp.beta`.
 pub const DEFAULT_BETA: f64 = 0.75;
 
-/// Which profile `g(p)`, with its parameter (see [`crate::schrodingerization::profile`]).
+/// The profile `g(p)` with its parameter (see [`crate::schrodingerization::profile`]).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum ProfileChoice {
-    /// `Designed` or `Gaussian`, whichever takes less work.
+    /// `Designed` or `Gaussian`, whichever is planned to take less work.
     Planned,
     /// A trigonometric polynomial that is `e^{−p}` where it must be, by least squares.
     Designed,
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian {
-        /// `σ > 0`; planned where none is given.
+        /// `σ > 0`; planned if not given.
         #[serde(skip_serializing_if = "Option::is_none")]
         sigma: Option<f64>,
     },
@@ -40,7 +42,7 @@ pub enum ProfileChoice {
     },
     /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
     LowSomma {
-        /// `c > 0`; planned where none is given.
+        /// `c > 0`; planned if not given.
         c: Option<f64>,
     },
     /// The kernel of An, Childs and Lin (arXiv 2312.03916).
@@ -78,12 +80,12 @@ pub enum RecoveryMethod {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Embedding {
-    /// An auxiliary unknown for each row that something enters.
+    /// An auxiliary unknown for each row with inflow.
     #[default]
     Boundary,
     /// An auxiliary unknown for every row (the paper's).
     Full,
-    /// One auxiliary unknown for all.
+    /// One auxiliary unknown for all rows.
     Scalar,
 }
 
@@ -91,7 +93,7 @@ pub enum Embedding {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Delta {
-    /// From the growth it may add.
+    /// Chosen by the plan from the growth that the auxiliary unknowns add.
     Planned,
     /// `max |b|` (the paper's).
     #[serde(rename = "max")]
@@ -104,14 +106,14 @@ pub enum Delta {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shift {
-    /// The bound on the growth, so that `ũ` does not grow.
+    /// The bound on the growth rate, so that `ũ` does not grow.
     Growth,
     /// This number.
     Given(f64),
 }
 
 impl Shift {
-    /// `σ` where the growth is at most `growth`.
+    /// `σ` for a growth rate of at most `growth`.
     pub fn of(self, growth: f64) -> f64 {
         match self {
             Self::Growth => growth,
@@ -120,22 +122,22 @@ impl Shift {
     }
 }
 
-/// `[solver.warp]`: everything about the auxiliary variable `p`.
+/// `[solver.warp]`, checked.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warp {
     /// `profile` and its parameter.
     pub profile: ProfileChoice,
     /// `coefficients`.
     pub coefficients: Coefficients,
-    /// `interval = [L, R]`, by hand.
+    /// `interval = [L, R]`; planned if not given.
     pub interval: Option<[f64; 2]>,
-    /// `points = N_p`, by hand.
+    /// `points = N_p`; planned if not given.
     pub points: Option<usize>,
-    /// `recovery = p◇`, by hand.
+    /// `recovery = p◇`; planned if not given.
     pub recovery: Option<f64>,
     /// `recovery_method`.
     pub recovery_method: RecoveryMethod,
-    /// `weights = "dissipative"`.
+    /// Whether `weights` is `"dissipative"`.
     pub weights: bool,
     /// `inflow`.
     pub inflow: Embedding,
@@ -146,8 +148,8 @@ pub struct Warp {
 }
 
 impl Warp {
-    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points
-    /// are given by hand, as a designed one is no function on the line.
+    /// The profile to plan. `Planned` becomes the Gaussian if a key is given that a designed
+    /// profile does not take, as that one is not a function on the whole line.
     pub fn choice(&self) -> ProfileChoice {
         match (&self.profile, self.by_hand()) {
             (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian { sigma: None },
@@ -155,7 +157,7 @@ impl Warp {
         }
     }
 
-    /// A key that a designed profile does not take, where one is given.
+    /// The first given key that a designed profile does not take.
     pub fn by_hand(&self) -> Option<&'static str> {
         let sampled = self.coefficients == Coefficients::Sampled;
         let keys = [
@@ -166,14 +168,14 @@ impl Warp {
         keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
     }
 
-    /// Refuses embeddings that several fields cannot share: there is one matrix for all.
+    /// Refuses embeddings that several fields cannot share, as there is one matrix for all fields.
     pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[LiouvilleField]) -> Result<()> {
         let key = "solver.warp.inflow";
         if fields.len() > 1 && fields.iter().any(LiouvilleField::varies) {
             return file.refuse(
                 key,
-                "what enters may depend on t where initial.f is given; the unknowns of \
-                 measure-valued data have one value each",
+                "inflow may depend on t only with initial.f; the auxiliary unknowns of \
+                 measure-valued data are constant in time",
             );
         }
         let entering = fields.iter().filter(|f| f.enters()).count();
@@ -181,8 +183,8 @@ impl Warp {
             return file.refuse(
                 key,
                 format!(
-                    "\"scalar\" has one unknown for all rows, and its couplings are one field's; \
-                     {entering} fields have inflow here: \"boundary\" or \"full\""
+                    "\"scalar\" couples one unknown to all rows by the inflow of one field, and \
+                     {entering} fields have inflow here; choose \"boundary\" or \"full\""
                 ),
             );
         }
@@ -190,7 +192,7 @@ impl Warp {
     }
 }
 
-/// `[solver.warp]` as the file has it.
+/// `[solver.warp]` as the file gives it.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct WarpTable {
@@ -234,7 +236,7 @@ enum WeightsKey {
     None,
 }
 
-/// `solver.warp.delta` that is no number.
+/// A word given as `solver.warp.delta`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum DeltaWord {
@@ -245,7 +247,7 @@ impl Words for DeltaWord {
     const ALL: &'static [&'static str] = &["max"];
 }
 
-/// `solver.warp.shift` that is no number.
+/// A word given as `solver.warp.shift`.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ShiftWord {
@@ -257,7 +259,7 @@ impl Words for ShiftWord {
 }
 
 impl WarpTable {
-    /// The settings of a run that takes `time`.
+    /// Checks the settings for a run of duration `time`.
     pub fn check(&self, file: &CaseFile<'_>, time: f64) -> Result<Warp> {
         let interval = self.interval(file)?;
         let warp = Warp {
@@ -275,15 +277,15 @@ impl WarpTable {
         match warp.by_hand() {
             Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
                 &format!("solver.warp.{key}"),
-                "is of profiles that are functions on the line; solver.warp.profile = \
-                 \"designed\" is a series, known on its domain only: \
-                 \"gaussian\", or another, or the key left out",
+                "needs a profile that is a function on the whole line, and solver.warp.profile = \
+                 \"designed\" is a series that is known on its domain only; choose \"gaussian\" or \
+                 another profile, or leave the key out",
             ),
             _ => Ok(warp),
         }
     }
 
-    /// The profile with its own parameter; the others' parameters are refused.
+    /// The profile with its own parameter. Parameters of other profiles are refused.
     fn profile(&self, file: &CaseFile<'_>) -> Result<ProfileChoice> {
         let parameters = [
             ("sigma", "gaussian", ProfileName::Gaussian),
@@ -339,8 +341,8 @@ impl WarpTable {
         };
         if lower >= 0.0 || upper <= 0.0 {
             let message = format!(
-                "[{lower}, {upper}] given; L below and R above 0, where the profile changes, \
-                 expected"
+                "[{lower}, {upper}] given; L below 0 and R above 0 expected, as the profile \
+                 changes at 0"
             );
             return file.refuse(key, message);
         }
@@ -384,23 +386,23 @@ impl WarpTable {
 
     /// `delta`: a number or `"max"`.
     fn delta(&self, file: &CaseFile<'_>) -> Result<Delta> {
-        let least = 1.0 / MOST;
+        let least = 1.0 / LARGEST_NUMBER;
         let message = || {
             format!(
-                "must be above 0, between {least:e} and {MOST:e}; or \"max\" for max |b|; leave \
-                 it out to have it planned"
+                "must be above 0, between {least:e} and {LARGEST_NUMBER:e}; or \"max\" for \
+                 max |b|; leave it out to have it planned"
             )
         };
         match self.delta {
             None => Ok(Delta::Planned),
             Some(NumberOr::Word(DeltaWord::Max)) => Ok(Delta::Largest),
-            Some(NumberOr::Number(delta)) => {
-                file.within("solver.warp.delta", delta, least..=MOST, message).map(Delta::Given)
-            }
+            Some(NumberOr::Number(delta)) => file
+                .within("solver.warp.delta", delta, least..=LARGEST_NUMBER, message)
+                .map(Delta::Given),
         }
     }
 
-    /// `shift`: a number or `"growth"`; 0 where none is given.
+    /// `shift`: a number or `"growth"`; by default 0.
     fn shift(&self, file: &CaseFile<'_>, time: f64) -> Result<Shift> {
         let key = "solver.warp.shift";
         let shift = match self.shift {
@@ -408,14 +410,14 @@ impl WarpTable {
             Some(NumberOr::Word(ShiftWord::Growth)) => return Ok(Shift::Growth),
             Some(NumberOr::Number(shift)) => shift,
         };
-        file.within(key, shift, -MOST..=MOST, || {
-            format!("must be between -{MOST:e} and {MOST:e}")
+        file.within(key, shift, -LARGEST_NUMBER..=LARGEST_NUMBER, || {
+            format!("must be between -{LARGEST_NUMBER:e} and {LARGEST_NUMBER:e}")
         })?;
         let growth = shift * time;
         file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
             format!(
-                "times time.end is {growth:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} \
-                 leaves no digits beyond"
+                "times time.end is {growth:.1}; from -{LARGEST_SHIFT} to {LARGEST_SHIFT} expected, \
+                 as e^{{shift T}} leaves no digits beyond"
             )
         })?;
         Ok(Shift::Given(shift))

@@ -1,45 +1,45 @@
-//! Particles that move along each axis as if it were the only one.
+//! Particles whose motions along the axes are independent of each other.
 //!
-//! Where the slopes and jumps of `V` along each axis depend on the place along that axis alone, so
-//! does the motion. Then particles that agree in `(x_a, v_a)` are followed along axis `a` once, and
-//! points of a rule in many dimensions share a few paths. Where `V` has slopes, which take an event
-//! a cell, that is most of the work.
+//! If the slopes and jumps of `V` along each axis depend on the position along that axis alone, so
+//! does the motion. Then particles that agree in `(x_a, v_a)` are followed along axis `a` only
+//! once, and the points of a quadrature in several dimensions share a few paths. That saves most of
+//! the work where `V` has slopes, as each cell is an event there.
 //!
-//! Such a particle is followed by [`AxisLine`], one number a face and cell, with the rules of
-//! [`Tracer::follow`](super::Tracer::follow); that one is asked where a rule is rare.
+//! [`AxisLine`] follows such a particle by one slope per cell and one jump per face, with the rules
+//! of [`Tracer::follow`](super::Tracer::follow), which takes over in rare situations.
 
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-/// A particle that cannot get further from a face than this fraction of a cell, on either side,
-/// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
+/// A particle that cannot move further from a face than this fraction of a cell, on either side,
+/// rests on it. Its velocity has an error of up to `√(8 · REST · Δx · slope)` then.
 pub(super) const REST: f64 = 1e-12;
-/// Slopes and jumps that differ by this part of the largest are the same but for round-off.
+/// Slopes and jumps that differ by less than this part of the largest are equal up to round-off.
 const SAME: f64 = 1e-11;
-/// Paths that are kept.
+/// Largest number of stored paths.
 const MOST_PATHS: usize = 1 << 18;
 
-/// A path along an axis: the axis, the bits of place, velocity and time.
+/// A path along an axis: the axis, and the bits of position, velocity and time.
 type Path = [u64; 4];
 
-/// The paths that were followed: place and velocity at their ends, none of those that leave the
+/// Paths that were followed, with position and velocity at their end, or `None` if they leave the
 /// box.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AxisPaths(RefCell<HashMap<Path, Option<[f64; 2]>>>);
 
-/// What becomes of a particle.
+/// The end of a particle's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum EndByAxes {
-    /// It is in the box, at a point of phase space.
+    /// The particle is in the box, at this point of phase space.
     Inside([f64; 6]),
-    /// It leaves the box.
+    /// The particle leaves the box.
     Leaves,
 }
 
-/// Whether `V`, which has slopes in more than one dimension, moves particles along each axis as if
-/// it were the only one.
+/// Whether there is more than one dimension, `V` has slopes, and motions along the axes are
+/// independent of each other.
 pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
     let n = space.dimension();
     let ranges: Vec<_> = space.x.iter().map(|axis| 0..axis.cells).collect();
@@ -73,15 +73,15 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
 pub(super) struct LineParticle {
     /// The cell it is in.
     pub cell: usize,
-    /// Its place, in the cell.
+    /// Its position, within the cell.
     pub x: f64,
-    /// Its velocity, the sign that of the way it goes.
+    /// Its velocity in the direction of motion, `direction · v`.
     pub w: f64,
-    /// The time that is left to it.
+    /// The time for which it is still to be followed.
     pub left: f64,
 }
 
-/// What a particle meets that moves along an axis, where that depends on the place along it alone.
+/// Faces, slopes and jumps along an axis on which they depend on the position along it alone.
 #[derive(Clone, Debug)]
 pub(super) struct AxisLine {
     faces: Vec<f64>,
@@ -89,27 +89,30 @@ pub(super) struct AxisLine {
     slopes: Vec<f64>,
     /// `V⁺ − V⁻` by face, the lowest first, zero at the ends.
     jumps: Vec<f64>,
-    /// By cell without a slope: the first and the last of those around it, with no jump between.
+    /// By cell without a slope: the first and the last cell of the run of such cells around it that
+    /// no jump interrupts.
     flat: Vec<[usize; 2]>,
     /// Whether the first cell comes behind the last one.
     is_periodic: bool,
     /// Least and largest velocity.
     box_ends: [f64; 2],
-    /// Particles with a square of the velocity up to this may come to rest at a face.
+    /// A particle with `w²` up to this may come to rest at a face.
     rest: f64,
 }
 
-/// What becomes of a particle at a face.
+/// What a particle does at a face.
 enum AtFace {
+    /// It moves on in the box.
     Goes,
+    /// It leaves the box.
     Leaves,
-    /// The rules for particles in any dimension are needed.
+    /// Only [`Tracer::follow`](super::Tracer::follow) can tell.
     Rare,
 }
 
 impl AxisLine {
-    /// All axes of `space`, with these `faces`; none where a velocity box is without zero.
-    /// Velocities `w` are `direction · v`.
+    /// All axes of `space`, with these `faces`; no axis if a velocity box does not contain zero.
+    /// Velocities are `w = direction · v`.
     pub(super) fn all(
         space: &PhaseSpace,
         potential: &Potential,
@@ -152,9 +155,9 @@ impl AxisLine {
         }
     }
 
-    /// Where a particle is when no time is left, or where and when it leaves the box. None where it
-    /// may come to rest at a face, leaves its velocity box within a cell, or goes around a periodic
-    /// axis; and after `most` faces.
+    /// The particle when no time is left, or when it leaves the box. `None` if it may come to rest
+    /// at a face, leaves its velocity box within a cell, goes around a periodic axis, or meets more
+    /// than `most` faces.
     pub(super) fn follow(
         &self,
         start: LineParticle,
@@ -170,7 +173,7 @@ impl AxisLine {
                 let (lower, upper) = (self.faces[first], self.faces[last + 1]);
                 let ahead = if up { upper - x } else { x - lower };
                 let time = ahead / w.abs();
-                // Also of one that stands still, even on a face.
+                // A particle at rest stays, even on a face.
                 if w == 0.0 || time >= left - round_off {
                     let x = (x + w * left).max(lower).min(upper);
                     return Some(LineParticle { x, left: 0.0, ..particle });
@@ -195,9 +198,9 @@ impl AxisLine {
         None
     }
 
-    /// Moves a particle through cells with slopes as far as a face with a jump, an end of the box,
-    /// a cell without a slope, or the end of its time; it stands in the cell before that face. Says
-    /// whether that can be told.
+    /// Moves a particle through cells with slopes until its time ends, or up to a face with a jump,
+    /// at an end of the box or of a cell without a slope. Its cell is then that before the face.
+    /// Returns false if only [`Tracer::follow`](super::Tracer::follow) can tell.
     fn glide(&self, particle: &mut LineParticle, round_off: f64) -> bool {
         let LineParticle { cell: mut i, mut x, mut w, mut left } = *particle;
         let fastest = |sign: f64| if sign > 0.0 { self.box_ends[1] } else { -self.box_ends[0] };
@@ -243,7 +246,7 @@ impl AxisLine {
         }
     }
 
-    /// Lets a particle go on that has arrived at a face.
+    /// Transmits or reflects a particle that has arrived at a face.
     fn meet(&self, particle: &mut LineParticle, face: usize) -> AtFace {
         let up = particle.w > 0.0;
         particle.x = self.faces[face];
@@ -255,7 +258,7 @@ impl AxisLine {
         if self.jumps[face] == 0.0 {
             return AtFace::Goes;
         }
-        // V here minus V there.
+        // V before the face minus V behind it.
         let rise = if up { -self.jumps[face] } else { self.jumps[face] };
         let square = particle.w * particle.w + 2.0 * rise;
         if square > 0.0 {
@@ -273,8 +276,9 @@ impl AxisLine {
 }
 
 impl AxisPaths {
-    /// What becomes of a particle at `point` after `time` that moves along `axes` axes, each path
-    /// that is not known followed by `follow(axis, [x, v])`: its end, or none if it leaves the box.
+    /// The end of the path from `point` after `time` along the first `axes` axes. Unknown paths are
+    /// followed by `follow(axis, [x, v])`, which returns `[x, v]` at the end, or `None` if the
+    /// particle leaves the box.
     pub(super) fn end(
         &self,
         axes: usize,

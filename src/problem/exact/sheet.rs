@@ -2,25 +2,25 @@
 //! forward in time.
 //!
 //! `f(0) = ρ0(x) Π_a δ(v_a − w_a(x))` lives on the surface `(x, w(x))`, an n-dimensional sheet in
-//! phase space; what enters through the end of the box on axis `a` makes further sheets, with the
-//! time of entry in place of `x_a`, on which the rate `ρ0 |w_a|` takes the place of `ρ0` (what
-//! enters is `φ`'s inflow value, at the velocity `w`). Particles carry the sheets on to the time
-//! `T`, through `V` as the scheme sees it (see [`super`]). Jumps of `V` tear them into branches;
+//! phase space. Inflow through an end of the box on axis `a` makes a further sheet, in which the
+//! time of entry replaces `x_a` as a parameter, and the rate `ρ0 |w_a|` replaces `ρ0`. There `ρ0`
+//! is the inflow value of `φ`, and the velocity is `w`. Particles carry the sheets to the time `T`
+//! through the potential of the scheme (see [`super`]). Jumps of `V` tear sheets into branches;
 //! folds make the velocity multivalued.
 //!
-//! A sheet is cut into boxes in its parameters `q` (`x`, or the time and the others): `ρ0` at its
-//! centre times its volume is a box's mass, and the images of its centre and corners say where the
-//! mass is at `T`: evenly over the box that the differences of opposite sides span, axis by axis.
-//! So mass is kept, caustics are integrable, and the density comes as averages over cells. In one
-//! dimension the images of neighbouring boxes meet end to end; in more, a sheared image is a little
-//! wider than it should be, by less than its own size.
+//! A sheet is cut into boxes in its parameters `q`: `x`, or the time of entry in place of one
+//! `x_a`. The mass of a box is `ρ0` at its centre times its volume. At time `T` it is spread evenly
+//! over a box around the mean image of the corners, whose sides are the extents of the differences
+//! between images of opposite sides. So mass is conserved, caustics are integrable, and the density
+//! is given as averages over cells. In one dimension the images of neighbouring boxes meet end to
+//! end. In more dimensions a sheared image is too wide, by less than its own size.
 //!
-//! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its
-//! image bends or its density changes, until it is as small as `FINEST` says.
+//! A box is halved along an axis whose two ends have different histories (see [`Followed`]), and if
+//! its image bends or its density changes, until it is as small as `FINEST` allows.
 //!
-//! First boxes may be followed in any order and by any rank ([`Sheets`]): what each leaves in a
-//! cell is a [`Deposit`] with its number, and [`SheetSums`](sums::SheetSums) adds deposits in the
-//! order of the numbers.
+//! First boxes, of which no box was halved yet, may be followed in any order and by any rank
+//! ([`Sheets`]). What a box leaves in a cell is a [`Deposit`] with the box's number, and
+//! [`SheetSums`](sums::SheetSums) adds deposits in the order of these numbers.
 
 pub mod sums;
 
@@ -31,23 +31,24 @@ use crate::problem::exact::{Followed, Tracer};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
 
-/// Boxes along each axis of a cell to begin with, by the number of dimensions.
+/// First boxes along each axis of a cell, by the number of dimensions.
 const BOXES: [usize; MAX_DIMENSION] = [16, 4, 2];
-/// First boxes that are followed in a round, which bounds the memory for what they leave.
+/// First boxes that are followed in a round. It bounds the memory for their deposits.
 pub const ROUND: usize = 1 << 15;
-/// The most halvings of a box along each axis: in one dimension breaks are found to round-off.
+/// Most halvings of a box along an axis, by the number of dimensions. In one dimension tears are
+/// located to round-off.
 const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
 /// A box whose image bends by more than this fraction of a cell is halved.
 const BENDING: f64 = 0.01;
-/// A box whose density is not linear by this fraction is halved.
+/// A box whose density deviates from a linear one by more than this fraction is halved.
 const CHANGE: f64 = 0.01;
 /// In more than one dimension, a box whose image is wider than this fraction of a cell is halved.
 const WIDEST: f64 = 0.6;
-/// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one
-/// cell.
+/// Corners are moved inside the box by this fraction of its half-width, so that those on a face are
+/// in the same cell as the box.
 const INSIDE: f64 = 1e-9;
-/// Largest number of particles beyond those of the first boxes. It bounds the work for data that
-/// jump everywhere.
+/// Largest number of particles that halvings may add, by the number of dimensions. It bounds the
+/// work for data that jump everywhere.
 const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
 
 /// A sheet of the initial surface.
@@ -55,9 +56,9 @@ const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
 pub enum InitialSheet {
     /// `(x, w(x))` at time zero.
     Initial,
-    /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis`
-    /// before the end at the lower one, so that in one dimension the sheets join in the order of
-    /// `x`.
+    /// Inflow at an end of axis `axis`. The parameter `q_axis` is the time of entry at the upper
+    /// end, and the time between entry and `T` at the lower end, so that in one dimension the
+    /// sheets join in the order of `x`.
     Entering {
         /// The axis.
         axis: usize,
@@ -75,31 +76,33 @@ struct ParameterBox {
     depth: [i32; MAX_DIMENSION],
 }
 
-/// A particle of a sheet, at the end.
+/// A particle of a sheet at the time `T`.
 #[derive(Clone, Copy)]
 struct Image {
-    /// Mass a unit of parameter volume.
+    /// Mass per unit of parameter volume.
     density: f64,
     followed: Followed,
 }
 
 impl Image {
+    /// Whether both particles took the same branch: the image is continuous between them.
     fn same(&self, other: &Image) -> bool {
         self.followed.history == other.followed.history
-            && self.followed.left.is_some() == other.followed.left.is_some()
+            && self.followed.remaining.is_some() == other.followed.remaining.is_some()
     }
 }
 
-/// The image of a box whose corners all went the centre's way.
+/// The image of a box whose corners all took the branch of the centre.
 struct ImageShape {
     /// Mean of the corners.
     middle: [f64; 6],
-    /// `secants[a]`: from the lower to the upper side along axis `a`.
+    /// `secants[a]`: mean difference of images between the upper and the lower side along axis `a`.
     secants: [[f64; MAX_DIMENSION]; MAX_DIMENSION],
     /// Mean of the corners minus the centre.
     bend: [f64; MAX_DIMENSION],
-    /// Mean density, and that of the corners minus the centre's.
+    /// Mean density of the box.
     density: f64,
+    /// Mean density of the corners minus that of the centre.
     change: f64,
 }
 
@@ -133,7 +136,7 @@ impl ImageShape {
         }
     }
 
-    /// Half the extent along each axis of space.
+    /// Half the extent of the image along each space axis.
     fn half(&self) -> [f64; MAX_DIMENSION] {
         std::array::from_fn(|b| self.secants.iter().map(|s| 0.5 * s[b].abs()).sum())
     }
@@ -146,16 +149,17 @@ pub struct Sheets<'a> {
     velocity: &'a [Expression],
     /// Faces of the cells of each axis.
     faces: Vec<Vec<f64>>,
+    /// Number of particles that halvings may still add.
     budget: usize,
-    /// Particles that were followed in addition to those of the first boxes.
+    /// Number of particles that halvings added.
     used: usize,
     found: FollowedBoxes,
     failure: Option<Error>,
-    /// Number of the first box that is followed.
+    /// Number of the first box that is being followed.
     number: usize,
 }
 
-/// What the boxes that were followed leave, in the order of the boxes.
+/// Mass and curve that the followed boxes leave, in the order of the boxes.
 #[derive(Clone, Debug, Default)]
 pub struct FollowedBoxes {
     /// Mass in cells.
@@ -164,30 +168,30 @@ pub struct FollowedBoxes {
     pub lines: Vec<Line>,
 }
 
-/// Number of particles left to follow, apart from the first boxes.
+/// Number of particles that halvings of boxes may add.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParticleBudget(usize);
 
 impl ParticleBudget {
-    /// Whether boxes of `case` that took `used` particles in all, each followed with the whole
-    /// budget, took what they would one after the other: no halving found the budget spent.
+    /// Whether this budget would not have changed how boxes of `case` were halved that added `used`
+    /// particles in all while each had the whole budget: it was not spent before the last halving.
     pub fn allows(self, case: &Case, used: usize) -> bool {
-        used == 0 || used - a_halving(case.space.dimension()) < self.0
+        used == 0 || used - particles_of_halving(case.space.dimension()) < self.0
     }
 
-    /// What is left after `used` particles.
+    /// The budget that is left after `used` particles.
     pub fn less(self, used: usize) -> Self {
         Self(self.0.saturating_sub(used))
     }
 }
 
-/// The particles that a halving adds.
-fn a_halving(n: usize) -> usize {
+/// The number of particles that one halving adds: centre and corners of two boxes.
+fn particles_of_halving(n: usize) -> usize {
     2 * (1 + (1 << n))
 }
 
-/// Estimated number of points of the curve of a case: those of its first boxes, times 1.5.
-/// Zero in more than one dimension.
+/// Estimated number of points of the curve of a case: 1.5 times the number of first boxes. Zero in
+/// more than one dimension.
 pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {
         return 0;
@@ -198,16 +202,16 @@ pub fn curve_points(case: &Case) -> usize {
     3 * (initial + ends * entering) / 2
 }
 
-/// The first boxes of a sheet: how many, and how wide, along each axis.
+/// Number and width of the first boxes of a sheet along each axis.
 fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
     let axes = &case.space.x;
     let boxes = BOXES[axes.len() - 1];
-    // So many in each element.
+    // The number in each element.
     let boxes = |a: &Axis| boxes * a.nodes.count();
     let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
     let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
     if let InitialSheet::Entering { axis, .. } = sheet {
-        // As many times as the fastest particles cross boxes until the end.
+        // The fastest particles cross one box of space in one interval of entry times.
         let v = &case.space.v[axis];
         let fastest = v.lower.abs().max(v.upper.abs());
         let times = (case.end * fastest / width[axis]).ceil().max(1.0);
@@ -258,8 +262,8 @@ impl<'a> Sheets<'a> {
         ParticleBudget(BUDGET[self.space().dimension() - 1])
     }
 
-    /// Cuts the first boxes `numbers` (row-major) of `sheet` into pieces and follows them, with
-    /// `budget`. Gives what they leave, and how many particles were added to those of the boxes.
+    /// Follows the first boxes `numbers` (row-major) of `sheet`, halved as far as needed within
+    /// `budget`. Returns what they leave, and the number of particles that halvings added.
     ///
     /// # Errors
     /// [`Error::Formula`] where `density` or `velocity` is not finite.
@@ -287,7 +291,7 @@ impl<'a> Sheets<'a> {
         &self.case.space
     }
 
-    /// Box `self.number` of `counts` of `sheet`.
+    /// The first box of number `self.number` of `sheet`, which has `counts` boxes of this `width`.
     fn first_box(&self, sheet: InitialSheet, counts: &[usize], width: &[f64]) -> ParameterBox {
         let n = self.space().dimension();
         let mut piece = ParameterBox {
@@ -302,7 +306,7 @@ impl<'a> Sheets<'a> {
             piece.half[a] = 0.5 * width[a];
             piece.centre[a] = match sheet {
                 InitialSheet::Entering { axis, .. } if axis == a => (k as f64 + 0.5) * width[a],
-                // Counted from the cell's own face, so that sides on faces are there to round-off.
+                // Counted from the face of the element, so that sides lie on faces to round-off.
                 _ => {
                     let axis = &self.space().x[a];
                     let boxes = BOXES[n - 1] * axis.nodes.count();
@@ -314,7 +318,8 @@ impl<'a> Sheets<'a> {
         piece
     }
 
-    /// The value of a formula at a point and a time; the first that is not finite is the error.
+    /// The value of a formula at a point and a time. The first that is not finite becomes the
+    /// error, and 0 is returned for it.
     fn value(&mut self, formula: &Expression, point: &[f64; 6], time: f64) -> f64 {
         let [x, y, z, vx, vy, vz] = *point;
         let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
@@ -326,8 +331,8 @@ impl<'a> Sheets<'a> {
         value
     }
 
-    /// Follows the particle with parameters `q`. What starts outside of the velocity box, or does
-    /// not go inwards where it should enter, is not there.
+    /// Follows the particle with parameters `q`. One that starts outside of the velocity box counts
+    /// as having left; one that should enter but does not move inwards has density zero.
     fn image(&mut self, sheet: InitialSheet, q: &[f64; MAX_DIMENSION]) -> Image {
         let n = self.space().dimension();
         let mut point = [0.0; 6];
@@ -356,19 +361,20 @@ impl<'a> Sheets<'a> {
             }
         };
         let mut followed = if density == 0.0 {
-            // Zero density: the particle need not be traced.
-            Followed { point, left: Some(time), exit: None, history: 0, turns: [0; MAX_DIMENSION] }
+            // A particle without mass need not be traced.
+            let turns = [0; MAX_DIMENSION];
+            Followed { point, remaining: Some(time), exit: None, history: 0, turns }
         } else {
             self.tracer.follow(&point, time)
         };
-        // Periodic axes unrolled, so that no image is cut in two.
+        // Periodic axes are unrolled, so that no image is cut in two.
         for (a, axis) in self.space().x.iter().enumerate() {
             followed.point[a] += f64::from(followed.turns[a]) * (axis.upper - axis.lower);
         }
         Image { density, followed }
     }
 
-    /// Follows a piece, or its halves.
+    /// Follows a box, or its halves.
     fn follow(&mut self, sheet: InitialSheet, piece: ParameterBox) {
         let n = self.space().dimension();
         let centre = self.image(sheet, &piece.centre);
@@ -385,12 +391,12 @@ impl<'a> Sheets<'a> {
         }
         let corners = &*corners;
         let whole = corners.iter().all(|c| c.same(&centre));
-        let stays = centre.followed.left.is_none();
+        let stays = centre.followed.remaining.is_none();
         let shape = (whole && stays).then(|| ImageShape::new(n, &centre, corners));
         let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
-            self.budget = self.budget.saturating_sub(a_halving(n));
-            self.used += a_halving(n);
+            self.budget = self.budget.saturating_sub(particles_of_halving(n));
+            self.used += particles_of_halving(n);
             for sign in [-1.0, 1.0] {
                 let mut part = piece;
                 part.half[a] *= 0.5;
@@ -399,21 +405,21 @@ impl<'a> Sheets<'a> {
                 self.follow(sheet, part);
             }
         } else if stays {
-            // Where the piece is torn or bent in spite of its size, all of it goes where its centre
-            // goes.
+            // A box that is torn or bent in spite of its small size goes as a whole where its
+            // centre goes.
             let shape = shape.filter(|shape| !self.bent(shape));
             self.add(&piece, &centre, corners, shape.as_ref());
         }
     }
 
-    /// Whether an image bends by more than a part of a cell.
+    /// Whether an image bends by more than [`BENDING`] allows.
     fn bent(&self, shape: &ImageShape) -> bool {
         let mut axes = self.space().x.iter().zip(&shape.bend);
         axes.any(|(axis, bend)| bend.abs() > BENDING * mean_width(axis))
     }
 
-    /// Along which axis a piece is to be halved: the first along which its corners went other ways,
-    /// or its image or its density is not linear.
+    /// The axis along which a box should be halved: the first along which its corners took
+    /// different branches, or its image or its density is not linear.
     fn axis_to_halve(
         &self,
         piece: &ParameterBox,
@@ -427,8 +433,7 @@ impl<'a> Sheets<'a> {
             lower.map(move |c| (&corners[c], &corners[c | 1 << a]))
         };
         let torn = |a: usize| edges(a).any(|(lower, upper)| !lower.same(upper));
-        // If the corners agree with each other and not with the centre, they do not identify the
-        // axis.
+        // If the corners agree with each other but not with the centre, no axis is distinguished.
         let whole = corners.iter().all(|c| c.same(centre));
         let astray = !whole && !(0..n).any(torn);
         let rough = |a: usize| {
@@ -443,7 +448,7 @@ impl<'a> Sheets<'a> {
         (0..n).find(|&a| piece.depth[a] < finest && (torn(a) || astray || rough(a)))
     }
 
-    /// Adds a piece to the mass, and in one dimension to the curve.
+    /// Adds the mass of a box, and in one dimension its piece of the curve.
     fn add(
         &mut self,
         piece: &ParameterBox,
@@ -471,8 +476,8 @@ impl<'a> Sheets<'a> {
         }
     }
 
-    /// The line between two points in one dimension, on a periodic axis cut where it goes on at the
-    /// other end.
+    /// The line between two points in one dimension. On a periodic axis it is cut where it
+    /// continues at the other end.
     fn rolled(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
         let axis = &self.space().x[0];
         if !self.space().is_periodic(0) {
@@ -503,7 +508,7 @@ impl<'a> Sheets<'a> {
         lines
     }
 
-    /// Puts mass evenly over the box `middle ± half` of space.
+    /// Spreads mass evenly over the box `middle ± half` of space.
     fn deposit(&mut self, mass: f64, middle: &[f64; 6], half: &[f64; MAX_DIMENSION]) {
         let n = self.space().dimension();
         let overlaps: [Vec<(usize, f64)>; MAX_DIMENSION] = std::array::from_fn(|b| {
@@ -546,7 +551,7 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// The cell that holds `x`; beyond the axis the one at its end.
+    /// The cell that holds `x`; beyond the axis, the cell at its end.
     fn at(&self, x: f64) -> usize {
         let place = ((x - self.axis.lower) / self.axis.width()).floor().max(0.0) as usize;
         let count = self.axis.nodes.count();
@@ -554,8 +559,8 @@ impl Cells<'_> {
         (first..first + count).rfind(|i| self.faces[*i] <= x).unwrap_or(first)
     }
 
-    /// The cells that `[lower, upper]` overlaps, each with its part of the interval; parts sum to
-    /// 1. What sticks out of the axis counts for the cell at its end.
+    /// The cells that `[lower, upper]` overlaps, each with its part of the interval. Parts sum to
+    /// 1, as what lies beyond the axis counts for the cell at its end.
     fn overlap(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
         let (first, last) = (self.at(lower), self.at(upper));
         if first == last {
@@ -571,7 +576,7 @@ impl Cells<'_> {
             .collect()
     }
 
-    /// As [`overlap`](Self::overlap), on a periodic axis, of an interval anywhere: cells may come
+    /// As [`overlap`](Self::overlap), for an interval anywhere on a periodic axis. A cell may occur
     /// more than once.
     fn overlap_around(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
         let axis = self.axis;

@@ -61,7 +61,7 @@ fn spread(case: &Case, count: usize, share: f64) -> Vec<[f64; 6]> {
     (1..=count).map(point).collect()
 }
 
-/// Through `V` as it is linear in each cell of the case.
+/// A tracer whose cells are those of the case, in each of which `V` is linear.
 fn tracer(case: &Case) -> Tracer<'_> {
     Tracer::with_cells(case, 1).expect("V is finite")
 }
@@ -359,12 +359,12 @@ fn paths_along_axes_are_whole_paths() {
             match tracer.end_by_axes(&point, 1.3) {
                 None => assert!(!is_by_axes),
                 Some(EndByAxes::Leaves) => {
-                    assert!(whole.left.is_some(), "{point:?}");
+                    assert!(whole.remaining.is_some(), "{point:?}");
                     assert_eq!(tracer.value(&point, 1.3), 7.0);
                     left += 1;
                 }
                 Some(EndByAxes::Inside(end)) => {
-                    assert!(whole.left.is_none(), "{point:?}");
+                    assert!(whole.remaining.is_none(), "{point:?}");
                     assert!(distance(&whole.point, &end) < 1e-10, "{point:?}: {whole:?} {end:?}");
                     inside += 1;
                 }
@@ -412,7 +412,7 @@ fn lines_are_followed_as_whole_paths() {
     assert!(by_line > 130_000, "{by_line}");
 }
 
-/// How many points of a case are followed by [`AxisLine`]; they and all others end as whole paths.
+/// Number of points of a case that [`AxisLine`] follows. All points end as by whole paths.
 fn lines_against_whole_paths(case: &Case) -> usize {
     let tracer = Tracer::new(case).expect("V is finite");
     let mut whole = tracer.clone();
@@ -528,7 +528,7 @@ fn the_scheme_has_the_same_sources() {
     assert!(seen[0] > 20 && seen[1] > 100, "{seen:?}");
 }
 
-/// Where the particle at `(x, v)` at time 1 was at time 0, of one that was in the box all the time.
+/// The position at time 0 of the particle at `(x, v)` at time 1, which was always in the box.
 fn foot_of(case: &Case, (x, v): (f64, f64)) -> (f64, f64) {
     let foot = tracer(case).foot(&[x, 0.0, 0.0, v, 0.0, 0.0], 1.0);
     assert_eq!(foot.entry, 0.0);
@@ -572,7 +572,7 @@ fn at_rest_and_hardly_moving() {
         let down = telltale((-2.0, 2.0, 8), &[("", "-x")]);
         assert_near(foot_of(&down, (x, 0.0)), (0.5, -1.0));
     }
-    // 833 and a third small oscillations at the kink; as many of a ball that bounces on the wall.
+    // 833 and a third small oscillations at the kink, and as many bounces of a ball on the wall.
     assert_near(foot_of(&kink, (0.0, 3e-4)), (-4e-8, -1e-4));
     assert_near(foot_of(&wall, (0.0, 6e-4)), (1.6e-7, -2e-4));
     // More oscillations than are followed.
@@ -646,11 +646,11 @@ fn around_a_periodic_axis_is_on_and_on() {
                 let mut unrolled = here.point;
                 unrolled[0] += 2.0 * f64::from(here.turns[0]);
                 assert!(distance(&unrolled, &there.point) < 1e-9, "{point:?} {here:?} {there:?}");
-                assert_eq!(here.left.is_some(), there.left.is_some(), "{point:?}");
-                let since = here.left.zip(there.left).map_or(0.0, |(a, b)| (a - b).abs());
+                assert_eq!(here.remaining.is_some(), there.remaining.is_some(), "{point:?}");
+                let since = here.remaining.zip(there.remaining).map_or(0.0, |(a, b)| (a - b).abs());
                 assert!(since < 1e-9, "{point:?} {here:?} {there:?}");
                 turned += usize::from(here.turns[0] != 0);
-                left += usize::from(here.left.is_some());
+                left += usize::from(here.remaining.is_some());
             }
             assert!(turned > 300 && left < 1500, "{turned} {left}");
         }

@@ -1,4 +1,4 @@
-//! The grid on which particles are traced: `V` is linear in each cell, and jumps at faces.
+//! The grid on which particles are traced: `V` is linear in each cell and jumps only at faces.
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
@@ -8,13 +8,13 @@ use crate::problem::potential::{Potential, region_edges};
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
 const EDGE_ON_FACE: f64 = 1e-9;
-/// So many edges across an axis belong to boxes.
+/// Up to this many edges across an axis are taken for sides of boxes, on which faces are placed.
 const FEW_EDGES: usize = 8;
-/// Degree of the elements by which the curvature of `V` is detected.
+/// Degree of the elements with which curvature of `V` is detected.
 const BENT: usize = 2;
 
-/// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes
-/// and jumps.
+/// By space cell, row-major: the number of layers of cells around it that are, like itself, free of
+/// slopes and jumps.
 pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
     let n = space.dimension();
     let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
@@ -52,18 +52,20 @@ pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32>
     distance.iter().map(|d| d.saturating_sub(1)).collect()
 }
 
-/// Cells of space in which a curved potential is traced at most.
+/// Largest number of space cells in which a curved potential is traced.
 pub(super) const MOST_TRACED_CELLS: usize = 1 << 21;
-/// Parts of an element along each axis: at most, ...
+/// Largest number of parts into which an element is cut along an axis.
 const MOST_PARTS: usize = 64;
-/// ... more in one dimension, where edges are on faces then, up to so many cells, ...
+/// In one dimension elements are cut into more parts if edges are on faces then, up to this number
+/// of cells.
 const MOST_CELLS_IN_LINE: usize = 8192;
-/// ... and, of degree 0, no more than give so many along the axis, in up to two dimensions.
+/// For degree 0, in up to two dimensions, curvature of `V` cuts elements into no more parts than
+/// make this number of cells along an axis.
 const ENOUGH_CELLS: usize = 512;
 
-/// The grid on which `V` is traced: linear in each cell, with jumps at faces. Its cells are the
-/// case's elements, cut into parts where `V` is curved in them, as many as `most` cells of space
-/// allow, and where an edge of a region lies inside of one, so that the edge is on a face.
+/// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
+/// two reasons: if `V` is curved in an element, into as many as `most` space cells allow; and if an
+/// edge of a region lies inside of an element, so that it comes to lie on a face.
 pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
@@ -92,7 +94,7 @@ pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     Ok(space)
 }
 
-/// Whether `V` bends within an element.
+/// Whether `V` is curved within an element.
 fn is_curved(case: &Case) -> Result<bool> {
     if case.space.degree() >= BENT {
         return Ok(Potential::whole(case)?.is_curved(&case.space));
@@ -106,8 +108,8 @@ fn is_curved(case: &Case) -> Result<bool> {
 }
 
 /// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on
-/// faces; where there is none, that up to [`MOST_PARTS`] with which they are nearest to faces, of
-/// few edges; many belong to a curve, which no faces follow.
+/// faces. If there is none: for a few edges the number up to [`MOST_PARTS`] with which they are
+/// nearest to faces; for more edges `least`, as these belong to a curve that faces cannot follow.
 fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
     let furthest = |parts: usize| {
         let width = axis.width() / parts as f64;

@@ -14,8 +14,8 @@ const DEEPEST: usize = 50;
 /// Numbers by their names.
 pub type Constants = BTreeMap<String, f64>;
 
-/// The tree of `text`; `names[i]` lists the names under which coordinate `i` may appear, beside
-/// those of `constants`.
+/// The tree of `text`. `names[i]` lists the names of coordinate `i`; names of `constants` may
+/// occur, too.
 ///
 /// # Errors
 /// A sentence that says what is wrong and at which character.
@@ -91,8 +91,7 @@ fn instead(text: &str) -> &'static str {
     }
 }
 
-/// The names that occur in a formula, of constants, variables or functions; none for a text that is
-/// no formula.
+/// The names that occur in a formula; none for a text that is not a formula.
 pub fn words(text: &str) -> Vec<&str> {
     let tokens = tokenize(text).unwrap_or_default();
     tokens.into_iter().map(|token| token.text).filter(|text| is_word(text)).collect()
@@ -105,19 +104,19 @@ pub fn is_word(text: &str) -> bool {
         && !text.starts_with(|c: char| c.is_ascii_digit())
 }
 
-/// Whether `name` means something in every formula.
+/// Whether `name` has a fixed meaning in formulas.
 pub fn is_reserved(name: &str) -> bool {
     ["pi", "if", "else"].contains(&name)
         || FUNCTIONS_OF_ONE.iter().any(|(function, _)| *function == name)
         || FUNCTIONS_OF_TWO.iter().any(|(function, _)| *function == name)
 }
 
-/// Whether names may hold `c`.
+/// Whether names may contain `c`.
 fn is_of_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
 }
 
-/// How many bytes at the beginning of `text` are of a number; 0 where none begins there.
+/// Length in bytes of the number at the beginning of `text`; 0 if there is none.
 fn number_length(text: &str) -> usize {
     let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
     if digits(text.strip_prefix('.').unwrap_or(text)) == 0 {
@@ -166,7 +165,7 @@ impl<'a> Parser<'a> {
         })
     }
 
-    /// The result of `read`, one level of nesting deeper.
+    /// Calls `read` one level of nesting deeper.
     fn nested(
         &mut self,
         read: fn(&mut Self) -> Result<FormulaNode, String>,
@@ -211,7 +210,7 @@ impl<'a> Parser<'a> {
         Ok(if rest.is_empty() { first } else { FormulaNode::Chain(Box::new(first), rest) })
     }
 
-    /// `sign* primary (^ operand)?`
+    /// `sign* primary (^ operand)?`.
     fn operand(&mut self) -> Result<FormulaNode, String> {
         if self.accept("+") {
             return self.nested(Self::operand);
@@ -230,7 +229,8 @@ impl<'a> Parser<'a> {
         Ok(base)
     }
 
-    /// A number, a coordinate, a function of something, or anything in parentheses.
+    /// A number, a coordinate, a constant, a function with its arguments, or an expression in
+    /// parentheses.
     fn primary(&mut self) -> Result<FormulaNode, String> {
         let Some(Token { text, at }) = self.peek() else {
             return Err("it ends where a number, a name or \"(\" is expected".into());

@@ -3,11 +3,11 @@
 use crate::problem::table::Table;
 use std::sync::Arc;
 
-/// Points at which a formula is evaluated together.
+/// Number of points at which a formula is evaluated together.
 pub(super) const LANES: usize = 16;
-/// A number for each of them.
+/// One number for each of these points.
 pub(super) type FormulaLanes = [f64; LANES];
-/// Coordinates of a point of phase space, and time.
+/// Number of coordinates of phase space and time.
 pub(super) const COORDINATES: usize = 7;
 
 /// A function of one number.
@@ -18,7 +18,7 @@ type Unary = fn(f64) -> f64;
 pub(super) struct Binary {
     /// The value of a pair of numbers.
     pub(super) of: fn(f64, f64) -> f64,
-    /// The values of many pairs, into the left ones: the same bits as one pair at a time.
+    /// Replaces the left numbers by the values of many pairs, with the same bits as `of`.
     each: fn(&mut FormulaLanes, &FormulaLanes),
 }
 
@@ -37,11 +37,12 @@ fn each_of(of: impl Fn(f64, f64) -> f64, left: &mut FormulaLanes, right: &Formul
     }
 }
 
-/// What `a if c` yields when `c` is false, until `else` replaces it: a NaN of its own kind, so that
-/// a NaN computed by the formula itself is never hidden.
+/// The value of `a if c` if `c` is false, until `else` replaces it. It is a NaN with bits of its
+/// own, so that `else` does not hide a NaN that the formula computes.
 const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 
-/// The operators between operands with their names, a level of binding a row, the loosest first.
+/// The operators between operands with their names: one row per level of binding, the loosest
+/// first.
 pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
     &[("else", binary!(|a, b| if a.to_bits() == NOTHING { b } else { a }))],
     &[("if", binary!(given))],
@@ -89,21 +90,21 @@ pub(super) const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("atan2", binary!(f64::atan2)),
 ];
 
-/// A comparison or a logical operation; undefined where an operand is.
+/// A comparison or a logical operation; NaN if an operand is NaN.
 #[inline(always)]
 pub(super) fn compare(a: f64, b: f64, holds: impl Fn(f64, f64) -> bool) -> f64 {
     let value = if holds(a, b) { 1.0 } else { 0.0 };
     if a.is_nan() || b.is_nan() { f64::NAN } else { value }
 }
 
-/// `a if c`: no value where `c` does not hold, undefined where `c` is.
+/// `a if c`: [`NOTHING`] if `c` is false, NaN if `c` is undefined.
 #[inline(always)]
 fn given(a: f64, c: f64) -> f64 {
     let value = if c != 0.0 { a } else { f64::from_bits(NOTHING) };
     if c.is_nan() { f64::NAN } else { value }
 }
 
-/// `min` and `max`; undefined where an operand is.
+/// `min` and `max`; NaN if an operand is NaN.
 fn choose(a: f64, b: f64, of: fn(f64, f64) -> f64) -> f64 {
     if a.is_nan() || b.is_nan() {
         return f64::NAN;
@@ -111,7 +112,7 @@ fn choose(a: f64, b: f64, of: fn(f64, f64) -> f64) -> f64 {
     of(a, b)
 }
 
-/// `a^b`; whole powers by multiplication, which is exact where a power of a coordinate is.
+/// `a^b`. Whole powers are products, so that they are exact if representable.
 fn power(a: f64, b: f64) -> f64 {
     if b == 2.0 {
         a * a
@@ -122,7 +123,7 @@ fn power(a: f64, b: f64) -> f64 {
     }
 }
 
-/// [`power`] of many pairs; squares, which are most powers, without a choice for each.
+/// [`power`] of many pairs. Squares, the most common powers, take no branch for each pair.
 fn powers(left: &mut FormulaLanes, right: &FormulaLanes) {
     if right.iter().all(|b| *b == 2.0) {
         each_of(|a, _| a * a, left, right);
@@ -145,10 +146,10 @@ pub(super) enum FormulaNode {
     Function(Unary, Box<FormulaNode>),
     /// The values of a file.
     Table(Arc<Table>),
-    /// Those of a file that was not read, at these coordinates at most: undefined everywhere.
+    /// A file that was not read yet, with the positions of its coordinates: undefined everywhere.
     Unread(Vec<usize>),
-    /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is
-    /// that of the text.
+    /// Operators of one level of binding, from left to right. As they are a list, the tree is only
+    /// as deep as the nesting of the text.
     Chain(Box<FormulaNode>, Vec<(Binary, FormulaNode)>),
 }
 

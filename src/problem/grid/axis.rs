@@ -3,7 +3,7 @@
 use crate::problem::element::Nodes;
 use std::ops::Range;
 
-/// How far inside of an element a point on its face is moved, in half widths.
+/// Distance, in half widths, by which a point on the face of an element is moved inside.
 const INSIDE: f64 = 2e-9;
 
 /// An axis of elements `[lower + e h, lower + (e+1) h]`, `h = (upper − lower)/elements`.
@@ -17,7 +17,7 @@ pub struct Axis {
     pub cells: usize,
     /// The nodes of an element.
     pub nodes: Nodes,
-    /// Which part of the case's axis it is.
+    /// The part of the case's axis that it represents.
     pub part: AxisPart,
 }
 
@@ -27,18 +27,18 @@ pub enum AxisPart {
     /// All of it.
     #[default]
     Whole,
-    /// Some of its elements, with the same bits in their centres and faces.
+    /// Some of its elements, whose centres and faces have the same bits as on the whole axis.
     Window {
         /// Ends of the whole axis.
         ends: [f64; 2],
         /// Number of elements of the whole axis.
         of: usize,
-        /// The one of them that is the first here.
+        /// Number, on the whole axis, of the first element here.
         first: usize,
     },
     /// One cell that represents all elements, whose values are equal.
     Merged {
-        /// How many.
+        /// Number of merged elements.
         of: usize,
         /// Nodes of the merged elements.
         nodes: Nodes,
@@ -56,12 +56,12 @@ impl Axis {
         Self { cells: self.elements() * nodes.count(), nodes, ..self }
     }
 
-    /// The same elements, of degree 0.
+    /// The same elements with degree 0.
     pub fn by_elements(&self) -> Self {
         self.clone().with_nodes(Nodes::default())
     }
 
-    /// The axis that the case gives.
+    /// The axis of the case, before it was reduced.
     pub fn whole(&self) -> Self {
         let new = |ends: [f64; 2], of, nodes| Self::new(ends[0], ends[1], of).with_nodes(nodes);
         match self.part {
@@ -86,7 +86,7 @@ impl Axis {
         }
     }
 
-    /// One cell in the place of all of a whole axis.
+    /// One cell that represents all cells of a whole axis.
     pub fn merged(&self) -> Self {
         Self {
             cells: 1,
@@ -101,14 +101,13 @@ impl Axis {
         self.cells / self.nodes.count()
     }
 
-    /// The element of cell `j` and the cell's number in it; also of cells off the axis.
+    /// The element of cell `j` and the cell's number in it; `j` may lie off the axis.
     pub fn split(&self, j: i64) -> (i64, usize) {
         let count = self.nodes.count() as i64;
         (j.div_euclid(count), j.rem_euclid(count) as usize)
     }
 
-    /// For a cell that represents others, the mean of `v²` over them, not the square of its own
-    /// centre.
+    /// For a merged axis, the mean of `v²` over the cells that were merged.
     pub fn mean_square(&self) -> Option<f64> {
         let AxisPart::Merged { .. } = self.part else { return None };
         let whole = self.whole();
@@ -133,7 +132,8 @@ impl Axis {
         self.first() as usize * self.nodes.count()
     }
 
-    /// Whether element `e` of the whole axis was left out because its values are zero.
+    /// Whether element `e`, counted from the first one here, is on the whole axis but was left out.
+    /// Values there are zero.
     pub fn leaves_out(&self, e: i64) -> bool {
         let AxisPart::Window { of, .. } = self.part else { return false };
         let whole = (0..of as i64).contains(&(e + self.first()));
@@ -162,7 +162,7 @@ impl Axis {
         (upper - lower) / self.elements_of_whole() as f64
     }
 
-    /// Width of cell `j`: its quadrature weight. Of degree 0 that of the element.
+    /// Width of cell `j`: its quadrature weight. For degree 0 it is the width of the element.
     pub fn weight(&self, j: usize) -> f64 {
         match self.nodes.degree {
             0 => self.width(),
@@ -170,7 +170,7 @@ impl Axis {
         }
     }
 
-    /// Width of cell `j` beside the mean width: 1 exactly of degree 0.
+    /// Width of cell `j` relative to the mean width; exactly 1 for degree 0.
     pub fn relative_weight(&self, j: usize) -> f64 {
         match self.nodes.degree {
             0 => 1.0,
@@ -186,8 +186,8 @@ impl Axis {
         (0..self.cells).map(|j| self.weight(j)).collect()
     }
 
-    /// Faces of the cells, one more than there are: sums of the weights, between which the nodes
-    /// lie. The ends of elements are exact.
+    /// Faces of the cells, one more than cells: sums of the weights, between which the nodes lie.
+    /// Faces of elements are exact.
     pub fn cell_faces(&self) -> Vec<f64> {
         let count = self.nodes.count();
         let mut faces = Vec::with_capacity(self.cells + 1);
@@ -211,9 +211,8 @@ impl Axis {
         element * count + nearest
     }
 
-    /// A point `j/denominator` of the way along the axis, in units of elements; mirror images of an
-    /// axis give exact mirror images of its points. `twice` counts half elements: an odd number is
-    /// a centre, an even one a face.
+    /// The point `twice` half elements above the lower end: a face for an even number, a centre for
+    /// an odd one. A mirrored axis has exactly mirrored points.
     fn point(&self, twice: f64) -> f64 {
         let [lower, upper] = self.ends_of_whole();
         let n = 2.0 * self.elements_of_whole() as f64;
@@ -230,15 +229,15 @@ impl Axis {
         self.at(e, self.nodes.reference().nodes[m])
     }
 
-    /// As [`centre`](Self::centre), moved inside the element by a billionth of its width where it
-    /// is on a face.
+    /// As [`centre`](Self::centre). If it is on a face, it is moved inside the element by a
+    /// billionth of the width.
     pub fn inner_centre(&self, j: i64) -> f64 {
         let (e, m) = self.split(j);
         let xi = self.nodes.reference().nodes[m];
         if xi.abs() == 1.0 { self.at(e, xi * (1.0 - INSIDE)) } else { self.centre(j) }
     }
 
-    /// The point `ξ ∈ [−1, 1]` of element `e`; its faces exactly.
+    /// The point `ξ ∈ [−1, 1]` of element `e`. Faces are exact.
     pub fn at(&self, e: i64, xi: f64) -> f64 {
         match xi {
             -1.0 => self.face(e),
@@ -252,8 +251,8 @@ impl Axis {
         self.point(2.0 * e as f64)
     }
 
-    /// How many elements `point` lies above the lower end; the same for a window as for the whole
-    /// axis but for the elements before.
+    /// Distance of `point` from the lower end in widths of elements. For a window it is exactly
+    /// that on the whole axis minus the number of elements before the window.
     pub fn position(&self, point: f64) -> f64 {
         (point - self.ends_of_whole()[0]) / self.width() - self.first() as f64
     }

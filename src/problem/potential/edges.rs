@@ -1,23 +1,24 @@
-//! Where the pieces of `V` end, beside the grid: edges off its faces, and narrow regions.
+//! Edges of the pieces of `V` compared with the grid: edges off the faces, and narrow regions.
 
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, for_each_cell};
 use crate::problem::potential::pieces::{is_one_piece, piece, region, space_point};
 
-/// How many elements wide a region of `V` is where it lies between others.
+/// Width, in elements, of a region of `V` that lies between others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionWidth {
     /// Index of the region.
     pub region: usize,
     /// The space axis along which it is narrowest.
     pub axis: usize,
-    /// Elements across it.
+    /// Number of elements across it.
     pub elements: usize,
 }
 
 /// The widths of the regions that lie between others. A line along an axis crosses a region once or
-/// more; its width on that line is the least of these, and along that axis the most of all lines,
-/// so that a disc is as wide as its diameter. Given is the axis along which that is least.
+/// more often; the width on that line is the least of these. The width along the axis is the
+/// largest on any line, so that a disc is as wide as its diameter. Returned is the least width over
+/// the axes.
 pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
@@ -26,7 +27,7 @@ pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
     }
     let mut regions = Vec::new();
     for_each_cell(&ranges, |i| {
-        // Undefined conditions are an error elsewhere.
+        // Undefined conditions are reported by `Potential::new`.
         regions.push(region(&case.potential, &space_point(&axes, i)).unwrap_or(0));
     });
     let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
@@ -53,10 +54,10 @@ pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
     least.into_iter().flatten().collect()
 }
 
-/// `[region, elements]` of the runs of equal regions on a line, but for those at its ends.
+/// `[region, elements]` of the runs of equal regions on a line, except the runs at its ends.
 fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
     if periodic {
-        // Begun at a change, and closed.
+        // A periodic line has no ends; it is rotated to begin at a change of region.
         let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else { return Vec::new() };
         line.rotate_left(change + 1);
     }
@@ -79,33 +80,32 @@ fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
 pub struct StrayEdge {
     /// Axis along which it was found.
     pub axis: usize,
-    /// Its place.
+    /// Its position along that axis.
     pub at: f64,
-    /// The face the scheme moves it to.
+    /// The face to which the scheme moves it.
     pub face: f64,
 }
 
-/// Largest number of edges off the faces that are collected: a curved edge misses faces in every
-/// cell.
+/// Largest number of edges off the faces that are collected. A curved edge misses the faces in
+/// every cell.
 pub const MOST_STRAY_EDGES: usize = 256;
 
 /// The parts of the regions that the grid does not resolve.
 #[derive(Clone, Debug, Default)]
 pub struct Overlooked {
-    /// Edges inside cells, one a distinct place, [`MOST_STRAY_EDGES`] at most. The scheme treats
-    /// them as lying on the nearest face, a change of the problem by that distance.
+    /// Edges inside cells, one per position, at most [`MOST_STRAY_EDGES`]. The scheme moves them to
+    /// the nearest face, which changes the problem by that distance.
     pub edges: Vec<StrayEdge>,
-    /// Regions, by index, that hold at no cell's centre.
+    /// Indices of the regions that contain no cell's centre.
     pub empty: Vec<usize>,
 }
 
-/// Points along each axis between which edges are looked for at least, by dimension.
+/// Least number of points along each axis between which edges are searched, by dimension.
 const SCANNED: [usize; 3] = [4096, 256, 48];
 
-/// Where along each space axis the piece of `V` changes: the region, or the value of a table that
-/// is constant around its points; `None` for an axis along which it does so at more than some
-/// dozens of places, as a curved edge does. Of pieces narrower than an element those count that are
-/// wider than a few thousandths of the axis in two dimensions, less in one and more in three.
+/// The positions along each space axis at which the piece of `V` changes: the region, or the value
+/// of a table that is constant around its points. `None` for an axis with more than 64 of them, as
+/// of a curved edge. Pieces narrower than the distance of the `SCANNED` points may be missed.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
     let scanned = SCANNED[case.space.dimension() - 1];
@@ -120,7 +120,7 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     if is_one_piece(case) {
         return found;
     }
-    // Undefined conditions are an error elsewhere.
+    // Where a condition is undefined, there is no piece.
     let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
     for_each_cell(&ranges, |i| {
         let centre = space_point(axes, i);
@@ -153,8 +153,8 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     found
 }
 
-/// Looks for edges of regions and of tables along lines through cell centres, and for regions
-/// between the centres.
+/// Searches lines through cell centres for edges of regions and of tables, and finds regions that
+/// contain no centre.
 pub fn overlooked(case: &Case) -> Overlooked {
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let axes = &axes;
@@ -164,7 +164,7 @@ pub fn overlooked(case: &Case) -> Overlooked {
     if is_one_piece(case) {
         return Overlooked::default();
     }
-    // Undefined conditions are an error elsewhere.
+    // Undefined conditions are reported by `Potential::new`.
     let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
     for_each_cell(&ranges, |i| {
         let centre = space_point(axes, i);
@@ -174,7 +174,7 @@ pub fn overlooked(case: &Case) -> Overlooked {
             for side in [0, 1] {
                 let face = axis.face((i[a] + side) as i64);
                 let mut inside = centre[a];
-                // Just inside the face, so that an edge on the face itself is not found.
+                // The search ends just inside the face, so that it does not find an edge on it.
                 let mut outside = face + (centre[a] - face) * 1e-6;
                 let probe = |x: f64| {
                     let mut point = centre;

@@ -1,31 +1,31 @@
-//! Edges of regions that are not along the axes: the scheme follows faces of cells there.
+//! Edges of regions that are oblique to the axes, where the scheme follows a staircase of faces.
 
 use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
 use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
 
-/// Largest number of elements that are examined. Of a larger grid, elements spread over it are.
+/// Largest number of elements that are examined. On a larger grid they are spread evenly.
 const MOST_ELEMENTS: usize = 1 << 18;
 /// Largest number of edges of a region that are collected.
 const MOST_EDGES: usize = 1 << 13;
-/// How far beside a line two more lines are, in elements. Edges of boxes are at no more than two
-/// places on the three.
+/// Distances, in elements, of two more lines beside a line. Edges of boxes have at most two
+/// different positions on the three lines.
 const BESIDE: [f64; 2] = [0.21, 0.43];
-/// Places nearer to each other than this, in elements, are one.
+/// Positions closer than this, in elements, are the same.
 const ONE_PLACE: f64 = 1e-2;
-/// Jumps above this part of the largest `v²/2` of the box are felt.
+/// Jumps below this part of the largest `v²/2` of the box are ignored.
 const FELT: f64 = 1e-3;
 
-/// A place on an edge that is not along the axes.
+/// A point on an edge that is oblique to the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObliqueEdge {
-    /// The region, of the two the one that comes first.
+    /// The region; of the two at the edge, the first in the case file.
     pub region: usize,
-    /// The place.
+    /// The point.
     pub point: [f64; 6],
 }
 
-/// One place a region where `V` jumps at an edge of it that is not along the axes.
+/// For each region, one point at which `V` jumps at an edge that is oblique to the axes.
 pub fn oblique_edges(case: &Case) -> Vec<ObliqueEdge> {
     let n = case.space.dimension();
     let mut found: Vec<Option<[f64; 6]>> = vec![None; case.potential.len()];
@@ -74,8 +74,8 @@ struct Edge<'a> {
 }
 
 impl Edge<'_> {
-    /// The edge on the line along the axis through `centre`, if it is at different places on lines
-    /// beside it.
+    /// The edge on the line along the axis through `centre`, if its position is different on the
+    /// lines beside.
     fn oblique_near(&self, centre: &[f64; 6]) -> Option<[f64; 6]> {
         let own = self.on_line(centre)?;
         let apart = |a: f64, b: f64| (a - b).abs() > ONE_PLACE * self.axes[self.axis].width();
@@ -101,7 +101,7 @@ impl Edge<'_> {
         point
     }
 
-    /// Where the edge is on a line, if the same regions are on its two sides there.
+    /// The position of the edge on a line, if it has the same regions on its two sides there.
     fn on_line(&self, line: &[f64; 6]) -> Option<f64> {
         let at = |place: f64| region(self.regions, &self.point(line, place)).ok();
         let [mut inside, mut outside] = self.ends;
@@ -115,7 +115,7 @@ impl Edge<'_> {
         Some(inside)
     }
 
-    /// How far `V` jumps there.
+    /// Height of the jump of `V` at `point`.
     fn jump(&self, point: &[f64; 6]) -> f64 {
         let [own, other] = self.sides.map(|side| self.regions[side].value.eval(point));
         (own - other).abs()

@@ -4,7 +4,7 @@ use crate::problem::case::{Case, Region};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 
-/// The region a space cell belongs to; or the condition that is undefined there.
+/// The region that holds at a point, or the condition that is undefined there.
 pub(super) fn region<'r>(
     regions: &'r [Region],
     point: &[f64; 6],
@@ -25,11 +25,11 @@ pub(super) fn region<'r>(
 pub(super) struct PotentialPiece {
     /// The region.
     pub(super) region: usize,
-    /// Its value all over the element, where it is a table that is constant around its points.
+    /// For a table that is constant around its points: its value in the whole element.
     pub(super) level: Option<f64>,
 }
 
-/// The piece of the element around `centre`; or the condition that is undefined there.
+/// The piece of the element around `centre`, or the condition that is undefined there.
 pub(super) fn piece<'r>(
     regions: &'r [Region],
     centre: &[f64; 6],
@@ -39,12 +39,12 @@ pub(super) fn piece<'r>(
     Ok(PotentialPiece { region, level: value.is_stepped().then(|| value.eval(centre)) })
 }
 
-/// Whether `V` is of one piece all over the grid.
+/// Whether one formula gives `V` on the whole grid.
 pub(super) fn is_one_piece(case: &Case) -> bool {
     case.potential.len() == 1 && !case.potential[0].value.is_stepped()
 }
 
-/// Centre of space cell `i`, its node, as formulas take it.
+/// Centre of space cell `i`, which is its node, as formulas take it.
 pub(super) fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
     for (a, axis) in axes.iter().enumerate() {
@@ -53,7 +53,7 @@ pub(super) fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     point
 }
 
-/// Centre of the element that holds space cell `i`: of degree 0 that of the cell.
+/// Centre of the element that holds space cell `i`.
 pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
     for (a, axis) in axes.iter().enumerate() {
@@ -62,7 +62,7 @@ pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     point
 }
 
-/// The largest `v²/2` of the box along an axis: what differences of `V` are small beside.
+/// The largest `v²/2` along an axis of the box: the scale of differences of `V`.
 pub(super) fn energy_scale(space: &PhaseSpace) -> f64 {
     let fastest = space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
     fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
@@ -83,9 +83,9 @@ impl ElementLines {
         space_point(&self.axes, element)
     }
 
-    /// All elements, or `most` elements spread over the grid if there are more.
+    /// All elements; if there are more than `most`, that many, spread over the grid.
     pub(super) fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
-        /// The golden section, whose multiples fill `[0, 1)` evenly.
+        /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         let all: usize = self.axes.iter().map(|axis| axis.cells).product();
         let index = move |k: usize| match all <= most {

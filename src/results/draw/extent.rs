@@ -2,10 +2,10 @@
 
 use crate::results::figure::{Layer, Map, Panel, Scale};
 
-/// Values that differ by less, relative to the largest, are one.
+/// Values that differ by less than this, relative to the largest, are equal.
 const ROUND_OFF: f64 = 1e-12;
 
-/// Ends of both axes: as given, or of the data with a margin.
+/// Ends of both axes: those given, or else those of the data with a margin.
 pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
     let places: Vec<[f64; 2]> = panel.layers.iter().flat_map(places).collect();
     let tight = (panel.layers.iter()).any(|layer| matches!(layer, Layer::Map(_)));
@@ -26,7 +26,7 @@ pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
         .unwrap_or_default()
 }
 
-/// Places of a layer that the axes must hold; NaN along an axis where they have none.
+/// Points of a layer that the axes must include; NaN along an axis that they do not determine.
 fn places(layer: &Layer) -> Vec<[f64; 2]> {
     match layer {
         Layer::Line { points, .. } | Layer::Points { points, .. } => points.clone(),
@@ -48,7 +48,8 @@ fn smallest_and_largest(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold(none, |[l, u], v| [l.min(v), u.max(v)])
 }
 
-/// The ends of an axis that shows values from `lower` to `upper`; of none, where `lower > upper`.
+/// The ends of an axis that shows values from `lower` to `upper`; there are no values if `lower` is
+/// above `upper`.
 fn with_margin([lower, upper]: [f64; 2], scale: Scale) -> [f64; 2] {
     match scale {
         Scale::Linear if lower > upper => [0.0, 1.0],
@@ -69,7 +70,8 @@ fn with_margin([lower, upper]: [f64; 2], scale: Scale) -> [f64; 2] {
     }
 }
 
-/// Values at the ends of a map's colours; not the same, so that all of a constant map has a colour.
+/// Values at the ends of a map's colours. They differ even for a constant map, so that it has a
+/// colour.
 pub fn map_range(map: &Map) -> [f64; 2] {
     let finite = map.values.iter().copied().filter(|v| v.is_finite());
     let [lower, upper] = map.range.unwrap_or_else(|| smallest_and_largest(finite));

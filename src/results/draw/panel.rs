@@ -12,11 +12,11 @@ use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
 
-/// Room above a frame in points, for its title.
+/// Room above a frame for its title, in points.
 pub const ABOVE: f64 = 26.0;
-/// Room below it, for its axis.
+/// Room below a frame for its axis, in points.
 pub const BELOW: f64 = 44.0;
-/// Between the axis and what is below.
+/// Gap below the labels of the axis, in points.
 const GAP: f64 = 8.0;
 
 /// Sizes of texts in points.
@@ -25,21 +25,22 @@ const LABEL: f64 = 10.5;
 const SMALL: f64 = 9.5;
 /// Bold letters are wider by this factor.
 pub const BOLD: f64 = 1.12;
-/// Between entries of a legend.
+/// Distance between entries of a legend, in points.
 const LINE: f64 = 15.0;
-/// A legend's sample.
+/// Length of a legend's sample, in points.
 const SAMPLE: f64 = 26.0;
-/// A heat map's colour bar; the bar with its gap and numbers.
+/// Width of a colour bar, in points.
 const BAR: f64 = 12.0;
+/// Width of a colour bar with its gap and numbers, in points.
 const BAR_ROOM: f64 = BAR + 62.0;
-/// Ticks, outwards.
+/// Length of ticks, outwards, in points.
 const TICK: f64 = 3.5;
-/// Grid lines without a label.
+/// Colour of grid lines without a label.
 const LIGHT: RGBColor = RGBColor(240, 240, 240);
-/// The ground of a band.
+/// Colour of a band.
 const BAND: RGBColor = RGBColor(238, 238, 238);
 
-/// A panel with its axes as they are drawn.
+/// A panel with its axes, ready to be drawn.
 pub struct PanelFrame<'a> {
     panel: &'a Panel,
     /// Width and height in points.
@@ -56,6 +57,7 @@ struct LegendEntry<'a> {
     joined: bool,
 }
 
+/// The entry of a layer, if it has one.
 fn entry(layer: &Layer) -> Option<LegendEntry<'_>> {
     let (label, style, joined) = match layer {
         Layer::Line { label, style, .. } => (label, style, true),
@@ -104,7 +106,7 @@ impl<'a> PanelFrame<'a> {
         })
     }
 
-    /// Draws the panel with what stands around it; the area begins at the room left of the frame.
+    /// Draws the panel with title, axes and legend. `area` includes the room left of the frame.
     pub fn draw<DB: DrawingBackend>(&self, area: &Area<DB>) -> Drawn {
         let left = self.room_left();
         self.heading(area, left)?;
@@ -129,7 +131,7 @@ impl<'a> PanelFrame<'a> {
         self.legend(area, beside)
     }
 
-    /// The title; a long one continues in a second, smaller line.
+    /// Draws the title; a long one is broken into two lines of smaller letters.
     fn heading<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
         let title = &self.panel.title;
         let lines = match text::width(title, HEADING) * BOLD <= self.size[0] {
@@ -147,7 +149,7 @@ impl<'a> PanelFrame<'a> {
         Ok(())
     }
 
-    /// Grid, axes, ticks and their labels.
+    /// Draws grid, axes, ticks and their labels.
     fn mesh<DB: DrawingBackend>(
         &self,
         chart: &mut ChartContext<'_, DB, Cartesian2d<Ruler, Ruler>>,
@@ -168,7 +170,7 @@ impl<'a> PanelFrame<'a> {
         mesh.draw().map_err(|e| e.to_string())
     }
 
-    /// Names of the series from `left` points on.
+    /// Draws the names of the series, from `left` points on.
     fn legend<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
         let entries = self.panel.layers.iter().filter_map(entry);
         for (k, entry) in entries.enumerate() {
@@ -189,7 +191,7 @@ pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
     if map.differences { diverging } else { sequential }
 }
 
-/// The colour bar of a map: a chart of its own, as high as the map's.
+/// Draws the colour bar of a map: a chart of its own, as high as that of the map.
 fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     let height = area.dim_in_pixel().1 as i32 - pixels(ABOVE + BELOW);
     let values = Ruler::new(&PlotAxis::linear(""), map_range(map), f64::from(height) / PIXELS);
@@ -238,14 +240,14 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         Self { frame, area, end }
     }
 
-    /// Draws the layers: bands below all else, notes above.
+    /// Draws the layers: first bands, at last notes.
     fn draw(&self) -> Drawn {
         let layers = &self.frame.panel.layers;
         let is_band = |layer: &&Layer| matches!(layer, Layer::Band { .. });
         let (bands, others): (Vec<_>, Vec<_>) = layers.iter().partition(is_band);
         bands.into_iter().chain(others).try_for_each(|layer| self.layer(layer))?;
         self.notes()?;
-        // The other two sides of the frame are the axes.
+        // The axes are the other two sides of the frame.
         let [right, bottom] = self.end.map(|c| c as i32);
         let sides = vec![(0, 0), (right, 0), (right, bottom)];
         put(&self.area, &PathElement::new(sides, INK.stroke_width(2)))
@@ -263,7 +265,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         [self.x(point[0]), self.y(point[1])]
     }
 
-    /// Whether a place is in the frame, but for the width of a line.
+    /// Whether a place is in the frame, up to the width of a line.
     fn holds(&self, place: PixelPoint) -> bool {
         (0..2).all(|c| (-1.0..=self.end[c] + 1.0).contains(&place[c]))
     }
@@ -331,15 +333,15 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         from.map(|x| self.x(x).clamp(0.0, self.end[0]))
     }
 
-    /// The corners of bar `k`, within the frame and not too thin to be seen.
+    /// The corners of bar `k`, within the frame and at least one pixel wide.
     fn bar(&self, k: usize, ends: [f64; 2]) -> [PixelPoint; 2] {
-        // What is no number is at the left end.
+        // NaN is drawn at the left end.
         let [from, to] = ends.map(|x| self.x(x).max(0.0).min(self.end[0]));
         let [high, low] = [0.36, -0.36].map(|half| self.y(k as f64 + half));
         [[from, high], [to.max(from + 1.0), low]]
     }
 
-    /// Whether lines, points and intervals leave a rectangle free, but for the width of a marker.
+    /// Whether lines, points and intervals keep the width of a marker away from a rectangle.
     fn is_free(&self, ground: [PixelPoint; 2]) -> bool {
         const MARKER: f64 = 2.0 * PIXELS;
         let ground = [ground[0].map(|c| c - MARKER), ground[1].map(|c| c + MARKER)];
@@ -359,13 +361,13 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         })
     }
 
-    /// Labels of lines, bands and bars, where they cover no data if there is such a place. Those of
-    /// vertical lines stand one below the other.
+    /// Draws labels of lines, bands and bars, where they cover no data if there is such a place.
+    /// Those of vertical lines are one below the other.
     fn notes(&self) -> Drawn {
         let [right, bottom] = self.end;
         let points = |length: f64| length * PIXELS;
         let mut taken: Vec<[PixelPoint; 2]> = Vec::new();
-        // At the first of the places where it covers no data and no other note.
+        // A note is drawn at the first of `places` where it covers no data and no other note.
         let mut note = |label: &str, places: &[PixelPoint]| {
             let grounds = places.iter().filter(|place| self.holds(**place));
             let grounds: Vec<(&PixelPoint, [PixelPoint; 2])> =
@@ -420,7 +422,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         Ok(())
     }
 
-    /// The cells of a map as one picture, cut off at the frame.
+    /// Draws the cells of a map as one picture, cut off at the frame.
     fn map(&self, map: &Map) -> Drawn {
         let [a, b] = [[map.x[0], map.y[1]], [map.x[1], map.y[0]]].map(|p| self.place(p));
         let [lower, upper] = map_range(map);
@@ -430,7 +432,7 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         if size.contains(&0) || map.values.len() != map.shape[0] * map.shape[1] {
             return Ok(());
         }
-        // The cell below pixel `k`.
+        // The cell that contains the centre of pixel `k`.
         let cell = |c: usize, k: u32| {
             let along = (corner[c] + f64::from(k) + 0.5 - a[c]) / (b[c] - a[c]);
             ((along * map.shape[c] as f64) as usize).min(map.shape[c] - 1)

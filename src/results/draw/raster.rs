@@ -1,4 +1,4 @@
-//! Figures in pixels of few colours, for movies and pages.
+//! Figures as pixels with few colours, for movies and pages.
 
 use crate::base::disk::failure;
 use crate::base::error::Result;
@@ -11,36 +11,37 @@ use plotters::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Shades of grey, and of all maps together.
+/// Number of shades of grey.
 const GREYS: usize = 32;
+/// Number of shades of all maps together.
 const SHADES: usize = 168;
-/// Shades of a line on paper.
+/// Number of shades between a line's colour and paper.
 const BLENDS: usize = 7;
-/// Colours of lines at most; a byte holds the number of every colour, and one more.
+/// Largest number of colours of lines, so that a byte numbers all colours and one more.
 const LINES: usize = 7;
 
 /// Red, green and blue.
 pub type Colour = [u8; 3];
 
-/// A figure in pixels, one a point, row by row.
+/// A figure as pixels, one per point, row by row.
 pub struct Raster {
-    /// Pixels along both axes, even.
+    /// Number of pixels along both axes; both are even.
     pub size: [usize; 2],
-    /// Colours of the points.
+    /// Colours of the pixels.
     pub pixels: Vec<Colour>,
 }
 
 impl Figure {
-    /// In pixels.
+    /// The figure as pixels.
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Output`], where it cannot be drawn.
+    /// [`crate::base::error::Error::Output`], if it cannot be drawn.
     pub fn raster(&self) -> Result<Raster> {
         raster(self).map_err(|e| failure(Path::new(&self.title), &e))
     }
 }
 
-/// Drawn at twice the size, as all figures are, and averaged.
+/// Draws at twice the size, as for all figures, and averages.
 fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
     const _: () = assert!(PIXELS == 2.0);
     let sheet = Sheet::new(figure);
@@ -63,15 +64,16 @@ fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
 /// The colour of a value in [0, 1].
 type Shades = fn(f64) -> RGBColor;
 
-/// The colours of figures that look alike: at most 255.
+/// At most 255 colours that several similar figures share.
 pub struct Palette {
     colours: Vec<Colour>,
-    /// The number of the nearest colour, by colours that were looked for.
+    /// Number of the nearest colour, for colours that were looked up.
     nearest: HashMap<Colour, u8>,
 }
 
 impl Palette {
-    /// Greys, the shades of the figure's maps, and the colours of its lines on paper.
+    /// The palette of a figure: greys, the shades of its maps, and the colours of its lines on
+    /// paper.
     pub fn of(figure: &Figure) -> Self {
         let layers = || figure.panels.iter().flat_map(|panel| &panel.layers);
         let mut lines: Vec<RGBColor> = Vec::new();
@@ -127,7 +129,7 @@ impl Palette {
     /// A picture as PNG.
     ///
     /// # Errors
-    /// Why it cannot be written.
+    /// A sentence that says why it cannot be written.
     pub fn png(&mut self, raster: &Raster) -> std::result::Result<Vec<u8>, String> {
         let mut bytes = Vec::new();
         let [width, height] = raster.size.map(|length| length as u32);
@@ -185,7 +187,7 @@ mod tests {
             let numbers = palette.numbers(&raster);
             assert_eq!(numbers.len(), raster.size[0] * raster.size[1]);
             assert!(raster.size.iter().all(|length| length % 2 == 0));
-            // Where text, lines and maps mix, colours are off; that is a small part.
+            // Colours are wrong only where text, lines and maps mix.
             let far = (numbers.iter().zip(&raster.pixels))
                 .filter(|(k, pixel)| distance(&palette.colours[usize::from(**k)], pixel) > 300)
                 .count();

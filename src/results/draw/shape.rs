@@ -5,10 +5,10 @@ use plotters::coord::Shift;
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 
-/// Pixels of a point: figures are sharp when enlarged twice.
+/// Pixels per point, so that figures are sharp at twice their size.
 pub const PIXELS: f64 = 2.0;
 
-/// Nothing, or why `plotters` could not draw.
+/// Success, or why `plotters` could not draw.
 pub type Drawn = Result<(), String>;
 
 /// A place in pixels from the upper left corner of an area.
@@ -17,7 +17,7 @@ pub type PixelPoint = [f64; 2];
 /// A part of the sheet.
 pub type Area<DB> = DrawingArea<DB, Shift>;
 
-/// Points as whole pixels.
+/// A length in points, as whole pixels.
 pub fn pixels(points: f64) -> i32 {
     (points * PIXELS).round() as i32
 }
@@ -46,10 +46,9 @@ pub fn rectangle<DB: DrawingBackend>(
     put(area, &Rectangle::new(corners.map(rounded), colour.filled()))
 }
 
-/// A line through `places`, in the dashes of `style`.
+/// Draws a line through `places`, with the dashes of `style`.
 ///
-/// It is cut where it turns back on itself: a corner of a bitmap would stick out as far as it is
-/// sharp.
+/// The line is cut at sharp corners, which would stick out in a bitmap.
 pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[PixelPoint], style: &Style) -> Drawn {
     let mut places: Vec<_> = places.iter().copied().map(rounded).collect();
     places.dedup();
@@ -66,7 +65,7 @@ pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[PixelPoint], style: &
     Ok(())
 }
 
-/// An interval about a value, from `ends[0]` to `ends[1]` along the vertical axis.
+/// Draws an interval about a value, from `ends[0]` to `ends[1]` along the vertical axis.
 pub fn interval<DB: DrawingBackend>(
     area: &Area<DB>,
     [x, y]: PixelPoint,
@@ -78,7 +77,7 @@ pub fn interval<DB: DrawingBackend>(
     put(area, &ErrorBar::new_vertical(x, low, y, high, stroke, pixels(3.0) as u32))
 }
 
-/// A picture from the upper left corner, `colour(column, row)` at each of its pixels.
+/// Draws a picture with its upper left corner at `corner`; `colour(column, row)` gives its pixels.
 pub fn picture<DB: DrawingBackend>(
     area: &Area<DB>,
     corner: PixelPoint,
@@ -94,7 +93,7 @@ pub fn picture<DB: DrawingBackend>(
     put(area, &element)
 }
 
-/// A marker.
+/// Draws a marker.
 pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: PixelPoint, style: &Style) -> Drawn {
     const R: f64 = 3.6 * PIXELS;
     let Some(marker) = style.marker else { return Ok(()) };
@@ -148,10 +147,10 @@ fn pieces(places: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
     pieces
 }
 
-/// The pieces of a line in a rectangle, by Liang and Barsky's parameters; broken where a place is
-/// not finite.
+/// The pieces of a line within a rectangle, by the algorithm of Liang and Barsky. The line is
+/// broken at places that are not finite.
 ///
-/// `plotters` would move places outside to the rectangle's edge, which bends the line.
+/// `plotters` would move places outside to the edge of the rectangle, which bends the line.
 pub fn clipped(places: &[PixelPoint], corners: [PixelPoint; 2]) -> Vec<Vec<PixelPoint>> {
     let mut pieces: Vec<Vec<PixelPoint>> = Vec::new();
     let [[left, top], [right, bottom]] = corners;
@@ -200,7 +199,7 @@ mod tests {
         let through = clipped(&[[-5.0, 5.0], [15.0, 5.0]], BOX);
         assert_eq!(through, [[[0.0, 5.0], [10.0, 5.0]]]);
         assert!(clipped(&[[-5.0, -1.0], [15.0, -1.0]], BOX).is_empty());
-        // Out and in again: two pieces; inside, one.
+        // A line that leaves and enters again has two pieces, a line inside has one.
         let out = clipped(&[[5.0, 5.0], [5.0, 15.0], [7.0, 15.0], [7.0, 5.0]], BOX);
         assert_eq!(out, [[[5.0, 5.0], [5.0, 10.0]], [[7.0, 10.0], [7.0, 5.0]]]);
         assert_eq!(clipped(&[[1.0, 1.0], [2.0, 2.0], [3.0, 1.0]], BOX)[0].len(), 3);

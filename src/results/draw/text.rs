@@ -1,4 +1,4 @@
-//! Texts: fonts that are in the program, widths, line breaks.
+//! Texts: fonts, which are part of the program, widths and line breaks.
 
 use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, rectangle, rounded};
 use crate::results::figure::palette::{FAINT, PAPER};
@@ -7,19 +7,19 @@ use plotters::style::register_font;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::sync::Once;
 
-/// Font family of SVG files, for viewers; pixels are drawn with the font in the program.
+/// Font family that SVG files name; PNG files use the font in the program.
 const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
 
 fn register() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        // The fonts are part of the program: they are fonts.
+        // This cannot fail, as the fonts in the program are valid.
         let _ = register_font(FAMILY, FontStyle::Normal, dejavu::sans::regular());
         let _ = register_font(FAMILY, FontStyle::Bold, dejavu::sans::bold());
     });
 }
 
-/// A font of `size` points; `plotters` makes letters `1/1.24` of the size it is given.
+/// A font of `size` points; `plotters` draws letters at `1/1.24` of the size it is given.
 fn font(size: f64, weight: FontStyle) -> FontDesc<'static> {
     register();
     FontDesc::new(FontFamily::Name(FAMILY), 1.24 * PIXELS * size, weight)
@@ -29,7 +29,7 @@ fn anchored(font: FontDesc<'static>, colour: RGBColor) -> TextStyle<'static> {
     TextStyle { font, color: colour.to_backend_color(), pos: Pos::new(HPos::Left, VPos::Center) }
 }
 
-/// Letters of `size` points that begin at their place, centred on it vertically.
+/// Letters of `size` points that begin at a place and are centred on it vertically.
 pub fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Normal), colour)
 }
@@ -39,7 +39,7 @@ pub fn bold(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Bold), colour)
 }
 
-/// A text in one line.
+/// Draws a text in one line.
 pub fn draw<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,
@@ -52,7 +52,7 @@ pub fn draw<DB: DrawingBackend>(
 /// Size of notes in points.
 const NOTE: f64 = 8.5;
 
-/// The ground of a [`note`]: its upper left and its lower right corner.
+/// The background of a [`note`]: its upper left and its lower right corner.
 pub fn ground(text: &str, place: PixelPoint, right: f64) -> [PixelPoint; 2] {
     let wide = PIXELS * width(text, NOTE);
     let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
@@ -60,8 +60,8 @@ pub fn ground(text: &str, place: PixelPoint, right: f64) -> [PixelPoint; 2] {
     [[left - beside, place[1] - half], [left + wide + beside, place[1] + half]]
 }
 
-/// A small text beside `place` on a ground that keeps it legible; further left where it would leave
-/// `right`.
+/// Draws a small text beside `place`, on a background that keeps it legible. It is moved to the
+/// left if it would go beyond `right`.
 pub fn note<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,
@@ -97,8 +97,8 @@ pub fn wrapped(text: &str, size: f64, most: f64) -> Vec<String> {
     lines
 }
 
-/// `text` in lines of at most `most` points, at most `count` of them for each of its own; what does
-/// not fit is cut off, which `…` shows.
+/// `text` in lines of at most `most` points, at most `count` for each line of the text. What does
+/// not fit is replaced by `…`.
 pub fn fitted(text: &str, size: f64, most: f64, count: usize) -> Vec<String> {
     let cut = |line: &str| {
         // No letter is narrower than a tenth of its height.

@@ -1,14 +1,14 @@
-//! Axes as `plotters` draws them: how values become lengths, where ticks are, and their labels.
+//! Axes for `plotters`: the map from values to lengths, ticks and their labels.
 //!
-//! `plotters` has ticks of its own. These are used instead, since its logarithmic axes have no tick
-//! below 2e-16 and none between two powers of ten, and its linear axes no round ones on a length
-//! below 2e-16.
+//! The ticks of `plotters` itself are not used: its logarithmic axes have no tick below 2e-16 and
+//! none between two powers of ten, and its linear axes have no round numbers if they are shorter
+//! than 2e-16.
 
 use crate::results::figure::{PlotAxis, Scale};
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
-/// Points of an axis for each labelled tick.
+/// Distance of labelled ticks, in points.
 const SPACING: f64 = 62.0;
 
 /// An axis between two ends, with its ticks.
@@ -31,7 +31,7 @@ impl Ruler {
         Self { ends, scale: axis.scale, ticks }
     }
 
-    /// Fraction of the axis below `value`; NaN where a logarithmic axis has no place for it.
+    /// Fraction of the axis below `value`; NaN for a value that a logarithmic axis cannot show.
     pub fn fraction(&self, value: f64) -> f64 {
         let [lower, upper] = self.ends;
         match self.scale {
@@ -55,7 +55,7 @@ impl Ranged for Ruler {
         limit.0 + (self.fraction(*value) * f64::from(limit.1 - limit.0)).round() as i32
     }
 
-    /// Ticks with a label as bold points, all as light ones.
+    /// All ticks are light points, those with a label also bold ones.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         let light = hint.weight().allow_light_points();
         let shown = self.ticks.iter().filter(|tick| light || tick.label.is_some());
@@ -74,7 +74,7 @@ impl ValueFormatter<f64> for Ruler {
     }
 }
 
-/// A tick; without a label where there is no room for one.
+/// A tick; it has no label if there is no room for one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
     /// Value at the tick.
@@ -89,7 +89,7 @@ fn named(names: &[String]) -> Vec<Tick> {
     names.iter().enumerate().map(tick).collect()
 }
 
-/// FileAttributes `wanted` ticks of a linear axis, at whole numbers only.
+/// About `wanted` ticks of a linear axis, at whole numbers only.
 fn whole(ends: [f64; 2], wanted: usize) -> Vec<Tick> {
     let most = (ends[1] - ends[0]).clamp(1.0, 100.0) as usize;
     let mut all = linear(ends, wanted.min(most));
@@ -119,7 +119,7 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     const STEPS: [f64; 7] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0];
     let steps = STEPS.map(|m| m * power);
     let wide = steps.iter().position(|step| *step >= 0.999 * rough).unwrap_or(STEPS.len() - 1);
-    // One number alone says nothing of the scale.
+    // A scale needs two numbers.
     let has_two = |step: &&f64| {
         let [first, last] = numbers(**step);
         last > first
@@ -134,8 +134,9 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them
-/// too; where that is one label or none, as on a linear axis.
+/// Ticks at powers of ten, about `wanted` of them labelled. With fewer than two powers, 2 and 5
+/// times a power have labels, too. If that gives fewer than two labels, ticks are those of a linear
+/// axis.
 fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     let (first, last) =
         ((lower.log10() - 1e-9).floor() as i32, (upper.log10() + 1e-9).ceil() as i32);
@@ -186,7 +187,7 @@ fn times_power(factor: i32, exponent: i32) -> String {
     }
 }
 
-/// `value` with the digits that tell multiples of `step` apart.
+/// `value` with as many digits as distinguish multiples of `step`.
 fn number(value: f64, step: f64) -> String {
     let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
     let large = value.abs().max(step);
@@ -219,7 +220,7 @@ mod tests {
             texts.dedup();
             assert_eq!(texts.len(), found.len(), "{found:?}");
         }
-        // The colours of signed data.
+        // Axes of colour bars for values of both signs.
         for most in (1..1000).map(|k| f64::from(k) * 0.01) {
             for wanted in 1..6 {
                 let found = ticks([-most, most], Scale::Linear, wanted);

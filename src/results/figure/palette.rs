@@ -5,11 +5,11 @@ use plotters::style::colors::colormaps::{ColorMap, DerivedColorMap};
 
 /// Text and frames.
 pub const INK: RGBColor = RGBColor(34, 34, 34);
-/// What stands behind the data: theory, borders.
+/// Lines and texts of minor weight: theory, borders, notes.
 pub const FAINT: RGBColor = RGBColor(120, 120, 120);
 /// Grid lines.
 pub const GRID: RGBColor = RGBColor(225, 225, 225);
-/// The ground.
+/// The background.
 pub const PAPER: RGBColor = RGBColor(255, 255, 255);
 
 /// The qualitative palette of Okabe and Ito (2008) without its yellow, which is too light for
@@ -24,7 +24,7 @@ const SERIES: [RGBColor; 7] = [
     RGBColor(204, 121, 167),
 ];
 
-/// Ends of a map from dark blue to light yellow and points between, lightness rising evenly.
+/// Colours of a heat map from dark blue to light yellow; their lightness rises evenly.
 const SEQUENTIAL: [RGBColor; 5] = [
     RGBColor(0, 34, 78),
     RGBColor(63, 77, 107),
@@ -33,10 +33,10 @@ const SEQUENTIAL: [RGBColor; 5] = [
     RGBColor(254, 232, 56),
 ];
 
-/// What is no number in a map: no shade of one, zero and paper included.
+/// NaN in a map: unlike any shade, white included.
 pub const NOTHING: RGBColor = RGBColor(195, 195, 195);
 
-/// Ends of a map of differences, blue below and vermilion above; zero is white.
+/// Colours at the ends of a map of differences: blue below, vermilion above. Zero is white.
 const BELOW: RGBColor = RGBColor(0, 90, 160);
 const ABOVE: RGBColor = RGBColor(200, 80, 0);
 
@@ -47,11 +47,11 @@ pub enum Marker {
     Circle,
     /// Square.
     Square,
-    /// Triangle, its tip up.
+    /// Triangle with its tip up.
     Up,
     /// Diamond.
     Diamond,
-    /// Triangle, its tip down.
+    /// Triangle with its tip down.
     Down,
     /// Diagonal cross.
     Cross,
@@ -69,7 +69,7 @@ const MARKERS: [Marker; 7] = [
     Marker::Plus,
 ];
 
-/// Lengths of dashes and gaps in points; none for a whole line.
+/// Lengths of dashes and gaps in points; `None` for a solid line.
 const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]), Some([13.0, 4.0])];
 
 /// How a series is drawn.
@@ -81,14 +81,14 @@ pub struct Style {
     pub marker: Option<Marker>,
     /// Whether markers are filled.
     pub filled: bool,
-    /// Number of the dash, from 0 (a whole line) to 3.
+    /// Number of the dash, from 0 (a solid line) to 3.
     pub dash: usize,
     /// Width of lines in points.
     pub width: f64,
 }
 
 impl Style {
-    /// Colour and marker number `k`, another pair for each `k` below 49; a whole line.
+    /// Colour and marker number `k`, a different pair for each `k` below 49, and a solid line.
     pub fn of(k: usize) -> Self {
         let n = SERIES.len();
         Self {
@@ -100,12 +100,12 @@ impl Style {
         }
     }
 
-    /// A theory's line: thin, grey and dashed, without markers.
+    /// The style of theory: a thin, grey, dashed line without markers.
     pub fn theory() -> Self {
         Self { colour: FAINT, marker: None, filled: false, dash: 1, width: 1.1 }
     }
 
-    /// With dash number `dash`, of 0 to 3.
+    /// With dash number `dash`, from 0 to 3.
     pub fn dashed(self, dash: usize) -> Self {
         Self { dash, ..self }
     }
@@ -120,7 +120,7 @@ impl Style {
         Self { marker: None, ..self }
     }
 
-    /// Lengths of dashes and gaps in points; none for a whole line.
+    /// Lengths of dashes and gaps in points; `None` for a solid line.
     pub(crate) fn dashes(&self) -> Option<[f64; 2]> {
         DASHES[self.dash % DASHES.len()]
     }
@@ -136,8 +136,7 @@ pub fn sequential(fraction: f64) -> RGBColor {
     along(&SEQUENTIAL, fraction)
 }
 
-/// The same for differences: white halfway along, where zero is, and darker with the distance from
-/// it.
+/// The same for differences: white in the middle, which is zero, and darker away from it.
 pub fn diverging(fraction: f64) -> RGBColor {
     along(&[BELOW, PAPER, ABOVE], fraction)
 }

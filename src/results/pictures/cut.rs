@@ -1,4 +1,4 @@
-//! Where planes cut the axes that they do not run along.
+//! The positions at which a drawn plane cuts the other axes.
 
 use crate::base::checksum::{DatasetBox, indices};
 use crate::base::error::{Error, Result};
@@ -7,25 +7,25 @@ use crate::results::FileResult;
 use crate::results::pictures::jumps::jumps;
 use crate::results::pictures::stored::{Stored, StoredTime};
 
-/// Where planes cut the axes that they do not run along.
+/// The cell of each axis through which planes of other axes are drawn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cut {
-    /// Cell by axis in storage order.
+    /// The cell of each axis, in storage order.
     pub cells: Vec<usize>,
-    /// Whether the data chose it.
+    /// Whether the cells were chosen from the data.
     by_data: bool,
 }
 
-/// Cells of space where the density is at least this part of the largest are as good as that one:
-/// of them the nearest to the middle is taken.
+/// Of the cells whose density is at least this part of the largest one, that nearest to the middle
+/// is taken.
 const DENSE: f64 = 0.9;
 
 impl Cut {
-    /// The default cut: where there is most to be seen at these `times` taken together. Through the
-    /// cell of space with the largest density, and there through the velocity with the largest
-    /// `|f|`, or of measure-valued data the mean velocity. Along axes of space it keeps off cells
-    /// next to a jump of `V`, where `f` may be of either side. Through the middle in one dimension,
-    /// and where the file does not tell.
+    /// The default cut. In more than one dimension it goes through the space cell with the largest
+    /// density, summed over `times`, and there through the velocity with the largest `|f|`, or the
+    /// mean velocity of measure-valued data. It avoids cells next to a jump of `V`, where `f` may
+    /// be that of either side. In one dimension, and if the file lacks data, it goes through the
+    /// middle.
     pub fn usual(run: &Stored, times: &[StoredTime]) -> Self {
         match run.dimension() {
             1 => Self::middle(run),
@@ -63,7 +63,7 @@ impl Cut {
         Ok(cut)
     }
 
-    /// The sentence for planes through a [usual](Self::usual) cut.
+    /// The sentence of a caption about a [usual](Self::usual) cut; empty for other cuts.
     pub fn sentence(&self, run: &Stored) -> &'static str {
         match (self.by_data, run.has("phi")) {
             (false, _) => "",
@@ -78,11 +78,11 @@ impl Cut {
         Self { cells, by_data: false }
     }
 
-    /// As `text` says, `x=0.1,vy=0`; as [usual](Self::usual) at the end along axes that it does not
-    /// name.
+    /// The cut that `text` gives, such as `x=0.1,vy=0`. Along axes that it does not name it is the
+    /// [usual](Self::usual) one at the end of the run.
     ///
     /// # Errors
-    /// [`Error::Input`] where it names no axis of the run, or a place outside of the box.
+    /// [`Error::Input`] if it names an unknown axis, or a position outside of the box.
     pub fn parse(run: &Stored, text: &str) -> Result<Self> {
         let wrong = |why: String| Error::Input(format!("--slice {text}: {why}"));
         let names = run.names();
@@ -94,7 +94,7 @@ impl Cut {
         let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))
-                .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, as x=0.1")))?;
+                .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, such as x=0.1")))?;
             let a = (names.iter().position(|n| *n == name.trim())).ok_or_else(|| {
                 wrong(format!("\"{}\" is no axis; {} are", name.trim(), names.join(", ")))
             })?;
@@ -117,7 +117,7 @@ impl Cut {
         Ok(cut)
     }
 
-    /// Where it lies along the axes other than `plane`, in words.
+    /// The positions on those of `axes` that are not in `plane`, as text: `y = 0.1, vy = 0`.
     pub fn place(&self, run: &Stored, plane: [usize; 2], axes: std::ops::Range<usize>) -> String {
         let others = axes.filter(|a| !plane.contains(a));
         let at = |a: usize| {
@@ -128,8 +128,9 @@ impl Cut {
     }
 }
 
-/// The index of each axis of the cell with the largest density of those that are `allowed`, of as
-/// good ones the nearest to the middle, of two of those the upper one.
+/// The indices of the cell with the largest density among those that are `allowed`. Of cells with
+/// almost that density ([`DENSE`]) the nearest to the middle is taken, and of two of these the
+/// upper one.
 fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> bool) -> Vec<usize> {
     let cells = || {
         (density.iter().enumerate())
@@ -137,7 +138,7 @@ fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> boo
             .filter(|(cell, _)| allowed(cell))
     };
     let largest = cells().fold(0.0, |largest: f64, (_, value)| largest.max(value));
-    // In parts of the axes' lengths.
+    // Squared distance from the middle, relative to the lengths of the axes.
     let away = |cell: &[usize]| -> f64 {
         let parts = cell.iter().zip(lengths).map(|(i, n)| {
             let part = (*i as f64 - (*n / 2) as f64) / *n as f64;
@@ -151,7 +152,7 @@ fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> boo
     nearest.map_or_else(|| lengths.iter().map(|n| n / 2).collect(), |(_, cell)| cell)
 }
 
-/// The velocity cell in the space cell `at` with the largest `|f|` at these times together; of
+/// The velocity cell with the largest `|f|`, summed over `times`, in the space cell `at`; for
 /// measure-valued data that of the mean velocity at the end.
 fn fastest(run: &Stored, times: &[StoredTime], at: &[usize]) -> FileResult<Vec<usize>> {
     let n = run.dimension();

@@ -1,7 +1,7 @@
-//! Phase space and density at all times at which a run has fields: the frames of a movie.
+//! The frames of a movie: phase space and density at all times at which a run has fields.
 //!
-//! Ends of axes and colours are those of all frames together, which are therefore read twice. The
-//! frames differ in the time in their title only, and have one size.
+//! All frames share ends of axes and colours, so they are read twice. They have the same size, and
+//! their titles differ only in the time.
 
 use crate::base::text::short;
 use crate::problem::grid::MAX_DIMENSION;
@@ -9,7 +9,7 @@ use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::jumps::{borders, closing, jumps};
+use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{ValueSpread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
@@ -20,7 +20,7 @@ pub struct Film<'a> {
     run: &'a Stored,
     cut: Cut,
     times: Vec<StoredTime>,
-    /// Why there is no exact density, where the case names an exact solution.
+    /// Why there is no exact density, if the case names an exact solution.
     pub without_exact: Option<String>,
     scales: FrameRanges,
     scene: JumpLines,
@@ -34,10 +34,10 @@ struct JumpLines {
     borders: Vec<Vec<[f64; 2]>>,
 }
 
-/// The values of all frames.
+/// The ranges of values of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct FrameRanges {
-    /// By plane of phase space: where planes cut the others, fields may be far smaller.
+    /// By plane of phase space, as fields may be far smaller on one plane than on another.
     fields: [ValueSpread; MAX_DIMENSION],
     density: ValueSpread,
 }
@@ -48,7 +48,7 @@ impl<'a> Film<'a> {
     /// # Errors
     /// What the files lack.
     pub fn new(run: &'a Stored, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
-        // An older program wrote none, or none before the end.
+        // Older versions wrote no exact density, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
         let known = run.case.as_ref().is_ok_and(|case| case.exact.is_some());
@@ -64,7 +64,7 @@ impl<'a> Film<'a> {
         let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };
         let mut scales = FrameRanges::default();
         for k in 0..film.count() {
-            scales.hold(&film.frame(k)?, n);
+            scales.include(&film.frame(k)?, n);
         }
         film.scales = scales;
         Ok(film)
@@ -80,7 +80,7 @@ impl<'a> Film<'a> {
         self.times[k].time
     }
 
-    /// Whether the exact density of all times is there.
+    /// Whether the file has the exact density at all times.
     fn has_exact(&self) -> bool {
         self.run.has("density_exact") && self.without_exact.is_none()
     }
@@ -98,7 +98,7 @@ impl<'a> Film<'a> {
         }
         for (a, faces) in self.scene.faces.iter().enumerate() {
             panels.push(self.field(at, a)?.verticals(faces));
-            caption += &closing(run, a, faces);
+            caption += &note_on_ends(run, a, faces);
         }
         caption += self.cut.sentence(run);
         let maps = self.scales.fields[..n].iter().chain((n > 1).then_some(&self.scales.density));
@@ -112,8 +112,8 @@ impl<'a> Film<'a> {
         Ok(Figure::new(title, panels).columns(columns).frame(300.0, 260.0).caption(caption))
     }
 
-    /// The field on the plane (x_a, v_a): `f`, or of measure-valued data `φ`, in one dimension as
-    /// `φ δ(ψ)` or where `ψ` is zero.
+    /// The field on the plane (x_a, v_a): `f`. For measure-valued data it is `φ`, but in one
+    /// dimension `φ δ(ψ)`, or the zeros of `ψ` of elements.
     fn field(&self, at: StoredTime, a: usize) -> FileResult<Panel> {
         let (run, n) = (self.run, self.run.dimension());
         let plane = [a, n + a];
@@ -142,7 +142,7 @@ impl<'a> Film<'a> {
         map(self.run, axes, title, plane, values.range(0.0))
     }
 
-    /// In one dimension the density over `x`, with the exact one.
+    /// The density over `x` in one dimension, with the exact one.
     fn density_line(&self, at: StoredTime) -> FileResult<Panel> {
         let mut axis = PlotAxis::linear("density");
         if let Some([lower, upper]) = self.scales.density.ends {
@@ -161,8 +161,8 @@ impl<'a> Film<'a> {
         Ok(panel.line(label, Style::of(0).plain(), points).verticals(&self.scene.faces[0]))
     }
 
-    /// In more dimensions the density on every plane of two space axes, then the exact ones: in two
-    /// beside it, in three a row of each, so that the exact one is below.
+    /// The density on every plane of two space axes in more than one dimension, then the exact
+    /// ones. In three dimensions each of them is a row, with the exact one below.
     fn density_maps(&self, at: StoredTime) -> FileResult<Vec<Panel>> {
         let run = self.run;
         let mut panels = Vec::new();
@@ -184,17 +184,17 @@ impl<'a> Film<'a> {
 }
 
 impl FrameRanges {
-    /// Makes room for a frame whose first `fields` panels show fields.
-    fn hold(&mut self, frame: &Figure, fields: usize) {
+    /// Widens the ranges to include a frame whose first `fields` panels show fields.
+    fn include(&mut self, frame: &Figure, fields: usize) {
         for (k, panel) in frame.panels.iter().enumerate() {
             let scale = if k < fields { &mut self.fields[k] } else { &mut self.density };
             let maps = panel.layers.iter().any(|layer| matches!(layer, Layer::Map(_)));
             for layer in &panel.layers {
                 match layer {
-                    Layer::Map(map) => scale.hold(map.values.iter().copied()),
-                    // Lines over maps are borders.
+                    Layer::Map(map) => scale.include(map.values.iter().copied()),
+                    // Lines over maps are borders of regions.
                     Layer::Line { points, .. } if !maps => {
-                        scale.hold(points.iter().map(|point| point[1]));
+                        scale.include(points.iter().map(|point| point[1]));
                     }
                     _ => {}
                 }
@@ -226,7 +226,7 @@ mod tests {
             let density =
                 panel().map(map(vec![density])).line("", Style::theory(), borders.clone());
             let panels = vec![panel().map(map(vec![field, 0.0])), density];
-            scales.hold(&Figure::new("", panels), 1);
+            scales.include(&Figure::new("", panels), 1);
         }
         assert_eq!(scales.fields.map(|field| field.ends), [Some([-1.0, 3.0]), None, None]);
         assert_eq!(scales.density.ends, Some([1.0, 7.0]));

@@ -1,4 +1,4 @@
-//! What changed with time, and what took the time of the run.
+//! Quantities over time, and the seconds of the steps of a run.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::text::short;
@@ -12,11 +12,11 @@ use crate::results::pictures::stored::Stored;
 /// Most times whose densities are drawn.
 const TIMES: usize = 6;
 
-/// Part of a quantity that its axis covers at least: a smaller change looks small.
+/// Least part of a quantity that its axis covers, so that a smaller change looks small.
 const LEAST_CHANGE: f64 = 0.01;
 
-/// Mass and energies over time and, in one dimension, the density at some of the times; nothing
-/// where there were no output times.
+/// Mass and energies over time and, in one dimension, the density at some of the times; `None`
+/// without output times.
 ///
 /// # Errors
 /// What the files lack.
@@ -51,8 +51,8 @@ fn mass(runs: &Runs<'_>) -> FileResult<Panel> {
     Ok(steady("mass", lines))
 }
 
-/// Kinetic, potential and total energy of each run, of the one beside it dashed and hollow; kinetic
-/// energy alone where `V` is not finite.
+/// Kinetic, potential and total energy of each run, dashed and hollow for the second run; only
+/// kinetic energy if `V` is not finite.
 fn energies(runs: &Runs<'_>) -> FileResult<Panel> {
     let mut lines = Vec::new();
     for (k, (run, name)) in runs.each().filter(|(run, _)| run.has("history")).enumerate() {
@@ -78,7 +78,7 @@ fn energies(runs: &Runs<'_>) -> FileResult<Panel> {
     Ok(steady("energy", lines))
 }
 
-/// Lines over time on an axis that covers [`LEAST_CHANGE`] of the largest value at least.
+/// Lines over time on an axis that covers at least [`LEAST_CHANGE`] of the largest value.
 fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
     let mut panel = Panel::new(what, PlotAxis::linear("t"), PlotAxis::linear(what));
     for (label, style, points) in lines {
@@ -92,7 +92,7 @@ fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
     panel
 }
 
-/// The density at some of the output times, evenly chosen, the last one among them.
+/// The density at some of the output times, evenly chosen and including the last one.
 fn densities(run: &Stored) -> FileResult<Panel> {
     let times = run.list("axis/time")?;
     let x = run.axis(0);
@@ -116,8 +116,8 @@ const STEPS: [&str; 12] = [
     "observables", "readout", "write",
 ];
 
-/// The steps with their seconds, in the order of the run; those that are not known by name last,
-/// those that took none left out.
+/// The steps with their seconds, in the order of the run. Unknown steps come last, and steps that
+/// took no time are left out.
 pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
     let others = run.seconds.iter().filter(|(s, _)| !STEPS.contains(&s.as_str()));
@@ -125,7 +125,7 @@ pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     all.filter(|(_, t)| *t > 0.0).collect()
 }
 
-/// Seconds by step, one after the other.
+/// The seconds of each step as bars, one after the other.
 ///
 /// # Errors
 /// What the files lack.
@@ -135,7 +135,7 @@ pub fn time(run: &Stored) -> FileResult<Figure> {
         return Err("there are no seconds in summary.json, nor /timings in result.h5".to_owned());
     }
     let mut now = 0.0;
-    // The first is uppermost.
+    // The first step is uppermost.
     let mut bars: Vec<([f64; 2], String)> = (steps.iter())
         .map(|(_, seconds)| {
             let from = now;
@@ -145,7 +145,7 @@ pub fn time(run: &Stored) -> FileResult<Figure> {
         .collect();
     bars.reverse();
     let names = steps.iter().rev().map(|(s, _)| (*s).to_owned()).collect();
-    // Room for what stands at the end of the longest bars.
+    // Room for the labels at the ends of the longest bars.
     let seconds = PlotAxis::linear("seconds").within(0.0, 1.2 * now.max(f64::MIN_POSITIVE));
     let panel = Panel::new("", seconds, PlotAxis::named("", names))
         .with(Layer::Bars { style: Style::of(0).plain(), bars });

@@ -1,11 +1,11 @@
-//! Where `V` jumps, in a picture.
+//! The positions at which `V` jumps, for pictures.
 
 use crate::problem::potential::Potential;
 use crate::results::pictures::stored::Stored;
 
-/// Faces at which `V` jumps along space axis `a`, on the line through `cut`, a cell of each axis
-/// (as of [`Cut`](crate::results::pictures::cut::Cut)); none where the case is not understood. The
-/// closing face of a periodic axis is there twice, at both ends.
+/// Faces at which `V` jumps along space axis `a`, on the line through the cells of a
+/// [`Cut`](crate::results::pictures::cut::Cut); empty if the case is unknown. The end of a periodic
+/// axis is listed twice, at both ends.
 pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
     let Ok(case) = &run.case else { return Vec::new() };
     let n = run.dimension();
@@ -14,7 +14,7 @@ pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
     let Ok(potential) = Potential::new(case, &ranges) else { return Vec::new() };
     let mut cell = cut[..n].to_vec();
     let mut found = Vec::new();
-    // Below the first cell there is a jump only where the axis closes.
+    // Below the first cell there is a jump only on a periodic axis.
     for i in ranges[a].clone() {
         cell[a] = i;
         if potential.jump_below(&cell, a) != 0.0 {
@@ -28,20 +28,20 @@ pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
     found.into_iter().map(|i| axis.face(axis.split(i as i64).0)).collect()
 }
 
-/// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their
-/// lines.
-pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
+/// A sentence of a caption if `V` jumps at the ends of the periodic axis `a`, where the frame hides
+/// the line.
+pub fn note_on_ends(run: &Stored, a: usize, jumps: &[f64]) -> String {
     match jumps.contains(&run.axis(a).lower) {
-        true => format!(" V jumps too where {} closes, at its ends.", run.names()[a]),
+        true => format!(" V also jumps at the ends of {}, which is periodic.", run.names()[a]),
         false => String::new(),
     }
 }
 
-/// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.
+/// Borders in a plane of two space axes at which `V` jumps, as pieces of lines with NaN between.
 pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> {
     /// With more cells the search for borders takes seconds.
     const MOST: usize = 1 << 22;
-    // V jumps between elements; it is kept at the first cell of each.
+    // V jumps between elements, and jumps are stored at the first cell of each element.
     let lengths = plane.map(|a| run.axis(a).elements());
     let nodes = plane.map(|a| run.axis(a).nodes.count());
     let Ok(case) = &run.case else { return Vec::new() };
@@ -63,7 +63,8 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> 
                 let face = |a: usize, k: usize| run.axis(a).face(k as i64);
                 [face(plane[0], i + di), face(plane[1], j + dj)]
             };
-            // Below the first cell there is a jump only where the axis closes: at both ends.
+            // Below the first cell there is a jump only on a periodic axis; it is drawn at both
+            // ends.
             if potential.jump_below(&cell, plane[0]) != 0.0 {
                 points.extend([corner(0, 0), corner(0, 1), [f64::NAN; 2]]);
                 if i == 0 {

@@ -1,23 +1,23 @@
-//! Planes of a run as maps.
+//! Planes of a run as heat maps.
 
 use crate::base::text::short;
 use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::stored::{Plane, Stored};
 
-/// The part of the larger end that the smaller one has where values are of both signs, and not
-/// only beside zero by the errors of a scheme.
+/// Values count as being of both signs if the end nearer to zero has at least this part of the
+/// magnitude of the other one; otherwise the errors of a scheme may explain its sign.
 const SIGNED: f64 = 0.1;
 
-/// The part of all that is there that may lie below zero in what should not: undershoots of a
-/// scheme, drawn as zero.
+/// The part of a positive quantity's integral up to which negative values are undershoots of a
+/// scheme, which are drawn as zero.
 const UNDERSHOOT: f64 = 0.05;
 
-/// The values of a quantity that should not lie below zero, as `f` and the density.
+/// The values of a quantity that should be positive, such as `f` and the density.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ValueSpread {
-    /// Smallest and largest of those that are finite.
+    /// Smallest and largest finite value.
     pub ends: Option<[f64; 2]>,
-    /// The sum of those below zero, and of all, without signs.
+    /// Sums of magnitudes: of values below zero, and of all.
     sums: [f64; 2],
 }
 
@@ -25,12 +25,12 @@ impl ValueSpread {
     /// The spread of the values of planes.
     pub fn of<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Self {
         let mut spread = Self::default();
-        planes.into_iter().for_each(|plane| spread.hold(plane.values.iter().copied()));
+        planes.into_iter().for_each(|plane| spread.include(plane.values.iter().copied()));
         spread
     }
 
-    /// With more values.
-    pub fn hold(&mut self, values: impl Iterator<Item = f64>) {
+    /// Adds more values.
+    pub fn include(&mut self, values: impl Iterator<Item = f64>) {
         for value in values.filter(|value| value.is_finite()) {
             let [lower, upper] = self.ends.unwrap_or([value; 2]);
             self.ends = Some([lower.min(value), upper.max(value)]);
@@ -39,16 +39,16 @@ impl ValueSpread {
         }
     }
 
-    /// The smallest value, where there are undershoots: seldom enough that they are not part of the
-    /// quantity, and larger than round-off.
+    /// The smallest value if there are undershoots: negative values that are few enough not to be
+    /// part of the quantity, and larger than round-off.
     pub fn undershoot(&self) -> Option<f64> {
         let [lower, upper] = self.ends?;
         let few = self.sums[0] <= UNDERSHOOT * self.sums[1];
         (few && lower < -ROUND_OFF * upper).then_some(lower)
     }
 
-    /// What colours stand for, where values are as large as `scale`: from zero on where there are
-    /// undershoots, else as [`range`] says.
+    /// The range of values that colours represent: from zero on if there are undershoots, else that
+    /// of [`range`] for values as large as `scale`.
     pub fn range(&self, scale: f64) -> Option<[f64; 2]> {
         let [lower, upper] = self.ends?;
         match self.undershoot() {
@@ -58,21 +58,21 @@ impl ValueSpread {
     }
 }
 
-/// The sentence for values down to `lowest` that are drawn as zero.
+/// The sentence of a caption about values down to `lowest` that are drawn as zero.
 pub fn undershoots(lowest: Option<f64>) -> String {
     lowest.map_or(String::new(), |lowest| {
         format!(" Undershoots down to {} have the colour of 0.", short(lowest))
     })
 }
 
-/// The range about zero of values of both signs.
+/// A range symmetric about zero, if the values are of both signs.
 fn about_zero([lower, upper]: [f64; 2]) -> Option<[f64; 2]> {
     let most = upper.max(-lower);
     (upper.min(-lower) > SIGNED * most).then_some([-most, most])
 }
 
 /// A panel with a plane of a run over its axes number `axes`. Values of both signs have the colours
-/// of differences, zero in the middle.
+/// of differences, with zero in the middle.
 pub fn map(
     run: &Stored,
     axes: [usize; 2],
@@ -94,9 +94,15 @@ pub fn map(
     })
 }
 
-/// The same with a difference of values as large as `scale`: zero is in the middle, and round-off
-/// looks like zero.
-pub fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale: f64) -> Panel {
+/// The same for a difference of values as large as `scale`: zero is in the middle of the colours,
+/// and round-off looks like zero.
+pub fn difference_map(
+    run: &Stored,
+    axes: [usize; 2],
+    title: String,
+    plane: Plane,
+    scale: f64,
+) -> Panel {
     let most = largest([&plane]).max(ROUND_OFF * scale);
     let range = (most > 0.0).then_some([-most, most]);
     let mut panel = map(run, axes, title, plane, range);
@@ -108,7 +114,7 @@ pub fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale:
     panel
 }
 
-/// Largest finite value, without signs.
+/// Largest magnitude of finite values.
 pub fn largest<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> f64 {
     let all = planes.into_iter().flat_map(|p| &p.values);
     all.filter(|v| v.is_finite()).fold(0.0, |most, v| v.abs().max(most))
@@ -122,8 +128,8 @@ pub fn difference(a: &Plane, b: &Plane) -> Plane {
     Plane { shape: a.shape, values: a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect() }
 }
 
-/// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a
-/// tolerance only, so that a constant looks constant.
+/// Smallest and largest finite value. If they differ by round-off of `scale` or very little, the
+/// range is widened, so that a constant looks constant.
 pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
     /// Relative difference of values that can be distinguished.
     const SEEN: f64 = 1e-3;

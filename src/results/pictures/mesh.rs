@@ -3,12 +3,13 @@
 use crate::matrix::elements::apply_in_elements;
 use crate::problem::grid::Axis;
 
-/// Points that are drawn for each node of an element, at least.
+/// Least number of points that are drawn for each node of an element.
 const POINTS_A_NODE: usize = 2;
-/// Points along an axis that few elements have together.
+/// Least number of points along an axis with elements of a degree above 0.
 const SMOOTH: usize = 128;
 
-/// Equal parts of the elements of an axis, and what is drawn in each. Of degree 0 the cells.
+/// Equal parts of the elements of an axis, and the weights of nodes in each. For degree 0 the parts
+/// are the cells.
 pub struct FineMesh {
     /// Elements of the axis.
     elements: usize,
@@ -17,13 +18,13 @@ pub struct FineMesh {
 }
 
 impl FineMesh {
-    /// Of `axis`, with about `most` parts in all at most, but one an element at least, for the
-    /// polynomials through the nodes.
+    /// A mesh of `axis` for polynomials through the nodes, with about `most` parts at most, but at
+    /// least one per element.
     pub fn new(axis: &Axis, most: usize) -> Self {
         Self::with(axis, most, |xi| axis.nodes.reference().values_at(xi))
     }
 
-    /// The same for averages over the cells.
+    /// The same for averages over cells.
     pub fn of_averages(axis: &Axis, most: usize) -> Self {
         Self::with(axis, most, |xi| {
             let element = axis.nodes.reference();
@@ -38,7 +39,7 @@ impl FineMesh {
         })
     }
 
-    /// With the weights `values_at(ξ)` of the nodes at a point of the reference element.
+    /// The same with the weights `values_at(ξ)` of nodes at a point of the reference element.
     fn with(axis: &Axis, most: usize, values_at: impl Fn(f64) -> Vec<f64>) -> Self {
         let (nodes, element) = (axis.nodes.count(), axis.nodes.reference());
         let parts = match axis.nodes.degree {
@@ -56,30 +57,30 @@ impl FineMesh {
         Self { elements: axis.elements(), matrix }
     }
 
-    /// Parts of the whole axis.
+    /// Number of parts of the whole axis.
     pub fn len(&self) -> usize {
         self.elements * self.matrix.len()
     }
 
-    /// Nodes of an element.
+    /// Number of nodes of an element.
     pub fn nodes(&self) -> usize {
         self.matrix[0].len()
     }
 
-    /// Elements of the axis.
+    /// Number of elements of the axis.
     pub fn elements(&self) -> usize {
         self.elements
     }
 }
 
-/// What is drawn of the nodal `values` on the first `elements` elements of the first mesh and all
-/// of the second, the second axis fastest.
+/// The values on the parts of two meshes, from nodal `values` on `elements` elements of the first
+/// one and all of the second. The second axis runs fastest.
 pub fn drawn(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
     let [first, second] = meshes;
     apply_in_elements(values, &[(elements, &first.matrix), (second.elements, &second.matrix)])
 }
 
-/// Values at the nodes of `axis` as points of a line: of degree 0 the values, else the polynomial
+/// Values at the nodes of `axis` as points of a line: for degree 0 the values, else the polynomial
 /// of each element from face to face.
 pub fn line(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
     if axis.nodes.degree == 0 {
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
     use crate::problem::element::Nodes;
 
-    /// What is drawn of a polynomial of the degree of the elements is that polynomial.
+    /// A polynomial of the degree of the elements is drawn exactly.
     #[test]
     fn polynomials_are_drawn_as_they_are() {
         let f = |x: f64, v: f64| 1.0 - x + 2.0 * x * x * v - v * v;

@@ -6,36 +6,36 @@ use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::jumps::{borders, closing, jumps};
+use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{
-    ValueSpread, apart, difference, largest, map, range, undershoots,
+    ValueSpread, difference, difference_map, largest, map, range, undershoots,
 };
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Stored};
 
-/// The density below which a mean velocity is meaningless, by round-off or by the error of the
-/// density; `largest` is the largest density that is drawn.
+/// The density below which a mean velocity is meaningless due to round-off or the error of the
+/// density; `largest` is the largest drawn density.
 fn least_density(run: &Stored, largest: f64) -> f64 {
     /// Part of the largest that is round-off.
     const ROUND_OFF: f64 = 1e-10;
     let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
     let estimate = number("error_estimate").unwrap_or(0.0).min(1.0);
-    // The mean of all of space, where what is seen holds nothing.
+    // The mean over all of space, in case the drawn part is empty.
     let volume: f64 = (run.space.x.iter()).map(|a| a.upper - a.lower).product();
     let mean = number("mass").map_or(0.0, |mass| (mass / volume).abs());
     largest.max(mean) * estimate.max(ROUND_OFF)
 }
 
-/// Whether mean velocities are drawn as momentum over density: of elements the ratio of two
-/// polynomials is drawn, not one through the nodes' ratios.
+/// Whether mean velocities are drawn as momentum over density. For elements the ratio of two
+/// polynomials is drawn, not a polynomial through the ratios at nodes.
 fn draws_ratio(run: &Stored) -> bool {
     run.space.degree() > 0 && !run.has_averaged_moments()
 }
 
-/// Mean velocities along axis `a` from `values`, momenta where [`draws_ratio`]: NaN beyond the
-/// velocities of the box, where the density is an oscillation, and where the `density` is round-off
-/// over round-off.
+/// Turns `values` into mean velocities along axis `a`; they are momenta if [`draws_ratio`]. The
+/// result is NaN beyond the velocities of the box, where the density is an oscillation of a
+/// polynomial, and where the `density` is meaningless.
 fn to_velocities<'a>(
     run: &Stored,
     a: usize,
@@ -56,11 +56,12 @@ fn to_velocities<'a>(
     }
 }
 
-/// Ends of the names of datasets: of computed moments, and of exact ones.
+/// End of the names of datasets with computed moments.
 const COMPUTED: &str = "";
+/// End of the names of datasets with exact moments.
 const EXACT: &str = "_exact";
 
-/// The moment `name` of a run in one dimension as points; velocities where there is something.
+/// The moment `name` of a run in one dimension as points; velocities are NaN in vacuum.
 fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| Ok::<_, String>(run.line(&run.list(&format!("{name}{whose}"))?));
     if name != "velocity" {
@@ -72,21 +73,21 @@ fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     Ok(points)
 }
 
-/// In one dimension: each as lines over `x`, with the exact ones and the branches of a velocity
-/// that has several.
+/// In one dimension: all moments as lines over `x`, with the exact ones, and with the branches of a
+/// multivalued velocity.
 ///
 /// # Errors
 /// What the files lack.
 pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let run = runs.run;
-    // An older program wrote other ones.
+    // Results of older versions, whose exact moments were others, have no momentum_exact.
     let exact = run.has("momentum_exact");
     let faces = jumps(run, 0, &Cut::middle(run).cells);
     let mut panels = Vec::new();
     for (name, label) in
         [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
     {
-        // One panel has the legend.
+        // Only one panel has a legend.
         let named = |text: &str| {
             if name == "velocity" { text.to_owned() } else { String::new() }
         };
@@ -96,7 +97,8 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         {
             panel = panel.line("exact, by branch", Style::theory(), curve);
         }
-        // Points, and below the lines, so that all are seen where they agree.
+        // The second run is drawn as points below the lines, so that all are visible where they
+        // agree.
         if let Some(beside) = runs.beside {
             let points = listed(beside, name, COMPUTED)?;
             panel = panel.points(named(&runs.names[1]), Style::of(1).hollow(), points);
@@ -118,9 +120,9 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         .columns(3)
         .frame(320.0, 240.0)
         .caption(format!(
-            "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
+            "Density ∫f dv, momentum ∫v f dv, and their ratio except in vacuum.{what}{}{}",
             if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
-            closing(run, 0, &faces)
+            note_on_ends(run, 0, &faces)
         )))
 }
 
@@ -129,7 +131,7 @@ pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
     (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
 }
 
-/// The title of a panel in a plane through a cut.
+/// The title of a panel with a plane through a cut.
 pub(crate) fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     let place = cut.place(run, plane, 0..run.dimension());
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
@@ -142,11 +144,11 @@ struct MomentMap<'a> {
     name: &'a str,
     /// Component of a vector.
     component: Option<usize>,
-    /// What stands above the maps.
+    /// Its name in titles.
     label: &'a str,
 }
 
-/// A moment on a plane; velocities where there is something.
+/// A moment on a plane; velocities are NaN in vacuum.
 fn moment(
     run: &Stored,
     shown: MomentMap<'_>,
@@ -178,7 +180,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
     let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
-    // What is there has the velocities of the box.
+    // Mean velocities are as large as the velocities of the box.
     let scale = match component {
         Some(a) => {
             let axis = run.axis(run.dimension() + a);
@@ -213,12 +215,12 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
         let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
-        panels.push(bordered(apart(run, plane, title, field, scale)));
+        panels.push(bordered(difference_map(run, plane, title, field, scale)));
     }
     Ok((panels, lowest))
 }
 
-/// In more dimensions: the density on every plane of two space axes.
+/// In more than one dimension: the density on every plane of two space axes.
 ///
 /// # Errors
 /// What the files lack.
@@ -233,7 +235,7 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     Ok(figure(runs.run, "Density", rows, cut, &caption))
 }
 
-/// In more dimensions: each component of the mean velocity, on the same planes.
+/// In more than one dimension: each component of the mean velocity on the same planes.
 ///
 /// # Errors
 /// What the files lack.
@@ -249,20 +251,20 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
         })
         .collect();
     let mut rows = rows?;
-    alike(&mut rows);
-    let caption = "Momentum over density; grey where there is nothing.";
+    share_signed_colours(&mut rows);
+    let caption = "Momentum over density; grey in vacuum.";
     Ok(figure(runs.run, "Mean velocity", rows, cut, caption))
 }
 
-/// Gives all components the colours of values of both signs where one of them has these.
-fn alike(rows: &mut [Vec<Panel>]) {
+/// Gives all components the colours of values of both signs if one of them has these.
+fn share_signed_colours(rows: &mut [Vec<Panel>]) {
     fn maps(panels: &mut [Panel]) -> impl Iterator<Item = &mut Map> {
         panels.iter_mut().flat_map(|panel| &mut panel.layers).filter_map(|layer| match layer {
             Layer::Map(map) => Some(map),
             _ => None,
         })
     }
-    // The first map of a row is no difference.
+    // The first map of a row never shows a difference.
     let signed = |row: &mut Vec<Panel>| maps(row).next().is_some_and(|map| map.differences);
     if !rows.iter_mut().any(signed) {
         return;
@@ -274,7 +276,7 @@ fn alike(rows: &mut [Vec<Panel>]) {
     }
 }
 
-/// Rows of maps; short ones side by side.
+/// A figure with rows of maps; short rows are put side by side.
 fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &str) -> Figure {
     let width = rows.first().map_or(1, Vec::len);
     let columns = match width {
@@ -288,7 +290,7 @@ fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &
         caption += " Dashed: where V jumps.";
     }
     for a in 0..run.dimension() {
-        caption += &closing(run, a, &jumps(run, a, &cut.cells));
+        caption += &note_on_ends(run, a, &jumps(run, a, &cut.cells));
     }
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)

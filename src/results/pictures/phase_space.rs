@@ -7,14 +7,14 @@ use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Panel};
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::jumps::{closing, jumps};
+use crate::results::pictures::jumps::{jumps, note_on_ends};
 use crate::results::pictures::maps::{
-    ValueSpread, apart, difference, largest, map, range, undershoots,
+    ValueSpread, difference, difference_map, largest, map, range, undershoots,
 };
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{FINEST, Plane, Stored, StoredTime};
 
-/// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
+/// A row of maps for every plane: the exact field, the computed ones, and their differences; for
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///
 /// # Errors
@@ -29,7 +29,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
         if !faces.is_empty() && lines.is_empty() {
             " Vertical lines: where V jumps.".clone_into(&mut lines);
         }
-        lines += &closing(run, a, &faces);
+        lines += &note_on_ends(run, a, &faces);
         let plane = [a, n + a];
         let mut row = match run.has("phi") {
             true => level_sets(runs, plane, cut)?,
@@ -55,10 +55,10 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     lines += cut.sentence(run);
     lines += &undershoots(lowest);
     if run.case.is_err() {
-        lines += " The case file is not understood by this program: jumps of V are not shown.";
+        lines += " This program cannot read the case file: jumps of V are not shown.";
     }
     if (0..2 * n).any(|a| run.axis(a).elements() > FINEST) {
-        lines += " Finer grids than can be shown are averaged.";
+        lines += " Grids that are too fine to be shown are averaged.";
     }
     Ok(Figure::new(format!("{} at t = {}", run.title(), short(run.time)), panels)
         .columns(columns)
@@ -85,7 +85,8 @@ fn values_shown(run: &Stored) -> &'static str {
     }
 }
 
-/// `f`, the exact one, and differences; with the lowest of the values that are drawn as zero.
+/// Maps of the exact `f`, the computed ones and differences, and the lowest of the values that are
+/// drawn as zero.
 fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Panel>, Option<f64>)> {
     let run = runs.run;
     let at = &cut.cells[..];
@@ -97,28 +98,29 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Pane
     let spread = ValueSpread::of(computed.iter().chain(&exact));
     let shared = spread.range(scale);
     let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
-    let apart = |title: String, field: Plane| apart(run, plane, title, field, scale);
+    let difference_map =
+        |title: String, field: Plane| difference_map(run, plane, title, field, scale);
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     panels.extend(exact.iter().map(|e| show("exact".to_owned(), e)));
-    // The one that it is compared with comes first, as in the paper.
+    // The second run comes first, as the reference does in the paper.
     for (field, name) in computed.iter().zip(&names).rev() {
         panels.push(show((*name).to_owned(), field));
     }
     if let Some(exact) = &exact {
         for (field, name) in computed.iter().zip(&names).rev() {
-            panels.push(apart(format!("{name} − exact"), difference(field, exact)));
+            panels.push(difference_map(format!("{name} − exact"), difference(field, exact)));
         }
     }
     if let [field, other] = &computed[..] {
         let title = format!("{} − {}", names[0], names[1]);
-        panels.push(apart(title, difference(field, other)));
+        panels.push(difference_map(title, difference(field, other)));
     }
     Ok((panels, spread.undershoot()))
 }
 
-/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ
-/// from those of the run beside.
+/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and their differences
+/// from those of the second run.
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();
@@ -157,7 +159,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
         if let Some(beside) = runs.beside {
             let other = difference(&field, &beside.plane(name, component.as_slice(), plane, at)?);
             let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
-            differences.push(apart(run, plane, title, other, largest([&field])));
+            differences.push(difference_map(run, plane, title, other, largest([&field])));
         }
         let shared = range([&field], 0.0);
         let title = format!("{label}, {}", runs.names[0]);
@@ -167,7 +169,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
     Ok(panels)
 }
 
-/// `φ δ_ω(ψ)` over phase space of one dimension, line by line as moments are taken.
+/// `φ δ_ω(ψ)` over the phase space of one dimension, computed line by line as for moments.
 pub(crate) fn concentrated(run: &Stored, time: StoredTime) -> FileResult<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
@@ -183,8 +185,7 @@ pub(crate) fn concentrated(run: &Stored, time: StoredTime) -> FileResult<Plane> 
     Ok(Plane { shape: [nx, nv], values })
 }
 
-/// Where the level set of elements is zero in one dimension: the points that the moments are taken
-/// at.
+/// The zeros of the level set of elements in one dimension, at which moments are taken.
 pub(crate) fn surface(run: &Stored, time: StoredTime) -> FileResult<Vec<[f64; 2]>> {
     let (x, nv) = (run.axis(0), run.axis(1).cells);
     let mut points = Vec::new();

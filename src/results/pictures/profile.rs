@@ -11,22 +11,22 @@ use num_complex::Complex64;
 use serde_json::Value;
 use std::f64::consts::TAU;
 
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 800;
-/// Most points that stand for modes one by one.
+/// Up to this number of modes, each has a marker.
 const DISTINCT: usize = 200;
 /// Most modes of a curve; of more modes, every k-th is shown.
 const MOST: usize = 2000;
-/// Part of the domain of dependence that is shown beyond its ends.
+/// Margin beyond the ends of the domain of dependence, relative to its length.
 const BEYOND: f64 = 0.04;
-/// Points in p closer than this are one.
+/// Points in p closer than this are the same.
 const SAME: f64 = 1e-9;
 
-/// What the plan says of the modes; none where the run has none.
+/// What the plan says about the modes.
 struct PlannedModes {
     series: Series,
     readings: Vec<Reading>,
-    /// `[λ⁺T, λ⁻T]`, as guaranteed.
+    /// Guaranteed bounds on `[λ⁺T, λ⁻T]`.
     reach: [f64; 2],
     tolerance: f64,
     interval: [f64; 2],
@@ -107,7 +107,7 @@ impl PlannedModes {
             .with(Layer::Band { label: String::new(), from: self.domain() });
         for (k, reading) in self.readings.iter().enumerate().rev() {
             let read = self.read(reading, &along);
-            // A part that decays by e^{−s} is read off at p◇ + s.
+            // A part that decays by e^{−s} is drawn at p◇ + s.
             let points = (along.iter().zip(read))
                 .map(|(s, read)| [self.point() + s, (read - (-s).exp()).abs()])
                 .collect();
@@ -120,7 +120,7 @@ impl PlannedModes {
         panel.horizontal("tolerance of the state", self.tolerance)
     }
 
-    /// With a vertical line at each reading.
+    /// The panel with a vertical line at each reading.
     fn marked(&self, mut panel: Panel) -> Panel {
         for (k, reading) in self.readings.iter().enumerate() {
             panel = panel.vertical(["p◇", "second reading"][k.min(1)], reading.point);
@@ -133,8 +133,8 @@ impl PlannedModes {
         self.series.factor(l) * reading.of_wave(self.series.wavenumber(l))
     }
 
-    /// What `reading` makes of the part of the state at `s` in the spectrum of `−ST`, where it
-    /// should be `e^{−s}`.
+    /// The factor by which `reading` multiplies the part of the state at each `s` in the spectrum
+    /// of `−ST`. It should be `e^{−s}`.
     fn read(&self, reading: &Reading, places: &[f64]) -> Vec<f64> {
         let weights: Vec<Complex64> =
             (0..self.series.modes()).map(|l| self.weight(reading, l)).collect();
@@ -144,7 +144,7 @@ impl PlannedModes {
 
 /// `Re Σ_l weight_l e^{2πi l p/P}`.
 fn sum(weights: &[Complex64], period: f64, p: f64) -> f64 {
-    /// Terms whose waves are products of one another.
+    /// Number of terms whose waves are computed by multiplication.
     const TOGETHER: usize = 64;
     let turn = |l: f64| Complex64::from_polar(1.0, TAU * (l * (p / period)).fract());
     let step = turn(1.0);
@@ -159,14 +159,14 @@ fn sum(weights: &[Complex64], period: f64, p: f64) -> f64 {
     total
 }
 
-/// So many places from one end to the other, both among them.
+/// [`POINTS`] places from one end to the other, both included.
 fn places([from, to]: [f64; 2]) -> Vec<f64> {
     let part = |k: usize| k as f64 / (POINTS - 1) as f64;
     (0..POINTS).map(|k| from + part(k) * (to - from)).collect()
 }
 
-/// `g(p)` over its interval, and its difference to `e^{−p}` where the field is read; nothing for
-/// runs without modes.
+/// `g(p)` over its interval, and its difference from `e^{−p}` where the field is read; `None` for a
+/// run without modes.
 ///
 /// # Errors
 /// What the files lack.
@@ -191,7 +191,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
     Ok(Some(Figure::new("Profile in p", panels.into()).caption(caption)))
 }
 
-/// Weight and applications of every mode; nothing for runs without modes.
+/// Weight and applications of every mode; `None` for a run without modes.
 ///
 /// # Errors
 /// What the files lack.
@@ -224,7 +224,7 @@ pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
     ))))
 }
 
-/// The field read at other points; nothing where that was not asked for.
+/// The field read at other points; `None` without `output.plateau`.
 ///
 /// # Errors
 /// What the files lack.
@@ -239,7 +239,7 @@ pub fn plateau(run: &Stored) -> FileResult<Option<Figure>> {
     let tolerance = run.plan["tolerance"].as_f64();
     let point = run.plan["warp"]["readings"][0]["point"].as_f64();
     let mut distances = over(&distance);
-    // What is read at p◇ is its own distance away: round-off.
+    // The distance at p◇ itself is round-off.
     for place in &mut distances {
         if point.is_some_and(|point| (place[0] - point).abs() <= SAME * point.abs().max(1.0)) {
             place[1] = f64::NAN;

@@ -7,12 +7,12 @@ use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::stored::Stored;
 use std::collections::BTreeSet;
 
-/// An estimate whose bound exceeds this many times the largest value is left out: it is useless,
+/// An estimate whose bound exceeds this multiple of the largest value is left out, as it is useless
 /// and would hide the others.
 const LARGEST_BOUND: f64 = 10.0;
 
-/// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was
-/// read out.
+/// Estimates and their bounds beside the recovered values, by observable; `None` without
+/// `[readout]`.
 ///
 /// # Errors
 /// What the files lack.
@@ -30,7 +30,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
         0 => String::new(),
         hidden => format!(
             " Left out: {hidden} estimates that may be off by more than {LARGEST_BOUND} times the \
-             largest value (where all are zero, that there could be)."
+             largest value (if all are zero, the largest possible value)."
         ),
     };
     let caption = "What a quantum computer would measure, with bounds. Those of density and \
@@ -93,7 +93,8 @@ impl ReadoutColumns {
         })
     }
 
-    /// Values and estimates of one observable by cell. Counts those that are left out.
+    /// Values and estimates of one observable by cell. Adds the number of estimates that are left
+    /// out to `hidden`.
     fn panel(&self, observable: u64, hidden: &mut usize) -> Panel {
         let of_kind = |r: &usize| self.observable[*r] as u64 == observable;
         let rows: Vec<usize> = (0..self.cell.len()).filter(of_kind).collect();
@@ -104,7 +105,7 @@ impl ReadoutColumns {
             1..=3 => format!("momentum along {}", along(1)),
             _ => format!("mean velocity along {}", along(4)),
         };
-        // The density has every estimator, and the legend.
+        // Only the panel of the density, which has every estimator, has a legend.
         let label = |text: &str| {
             if observable == 0 { text.to_owned() } else { String::new() }
         };
@@ -131,7 +132,7 @@ impl ReadoutColumns {
         panel
     }
 
-    /// Where the cell of a row stands on the axis.
+    /// Position of the cell of a row on the axis.
     fn place(&self, row: usize) -> Option<f64> {
         let place = self.cells.iter().position(|c| *c == self.cell[row] as u64)?;
         Some(place as f64)
@@ -149,7 +150,7 @@ impl ReadoutColumns {
         Some(([at, estimate], [estimate - bound, estimate + bound]))
     }
 
-    /// The largest value in `rows`; where they are round-off, the largest that the box allows.
+    /// The largest value in `rows`; if all are round-off, the largest that the box allows.
     fn largest(&self, observable: u64, rows: &[usize]) -> f64 {
         let found = rows.iter().fold(0.0f64, |most, &r| most.max(self.value[r].abs()));
         let possible = self.possible(observable);

@@ -1,19 +1,19 @@
-//! The runs of a picture: one, or two beside each other.
+//! The runs of a picture: one, or two side by side.
 
 use crate::results::pictures::stored::Stored;
 
-/// A run and the one it is compared with, with their names.
+/// A run and the one with which it is compared, with their names.
 pub struct Runs<'a> {
     /// The run.
     pub run: &'a Stored,
-    /// The one beside it.
+    /// The second run, if any.
     pub beside: Option<&'a Stored>,
-    /// What they are called.
+    /// Names of both.
     pub names: [String; 2],
 }
 
 impl<'a> Runs<'a> {
-    /// A run and the one it is compared with, named after their methods or, where those are the
+    /// A run and the one with which it is compared, named after their methods or, if these are the
     /// same, after their directories.
     pub fn new(run: &'a Stored, beside: Option<&'a Stored>) -> Self {
         let method = |run: &Stored| match run.plan["method"].as_str() {
@@ -34,7 +34,7 @@ impl<'a> Runs<'a> {
         Self { run, beside, names }
     }
 
-    /// The run, then the one beside it, each with its name.
+    /// The run, then the second one, each with its name.
     pub fn each(&self) -> impl Iterator<Item = (&'a Stored, &str)> {
         let both = [Some(self.run), self.beside];
         (both.into_iter().zip(&self.names)).filter_map(|(run, name)| Some((run?, name.as_str())))

@@ -1,4 +1,4 @@
-//! A finished run as its files tell it: datasets of `result.h5`, planes of them, attributes.
+//! A finished run, read from its files: datasets of `result.h5`, planes of these, attributes.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::disk;
@@ -18,16 +18,16 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Most cells of a map along an axis; finer grids are averaged.
+/// Most cells of a map along an axis. Finer grids are averaged.
 pub(crate) const FINEST: usize = 512;
 
-/// `result.h5`, open for reading, with the values that are needed at once.
+/// `result.h5`, open for reading, with those values that are always needed.
 pub struct Stored {
-    /// Where it is.
+    /// The directory of the run.
     pub directory: PathBuf,
     /// The grid.
     pub space: PhaseSpace,
-    /// The case as this program understands it; why it does not, otherwise.
+    /// The case, or why this program cannot read it.
     pub case: FileResult<Case>,
     /// The case file as it was read.
     pub text: String,
@@ -39,9 +39,9 @@ pub struct Stored {
     pub provenance: BTreeMap<String, String>,
     /// Time of the fields.
     pub time: f64,
-    /// `summary.json`; why it cannot be read.
+    /// `summary.json`, or why it cannot be read.
     pub summary: FileResult<Value>,
-    /// Seconds by step: of the summary, which knows all of them, or of the file.
+    /// Seconds by step, from the summary, which has all steps, or else from the file.
     pub seconds: BTreeMap<String, f64>,
     file: File,
 }
@@ -51,12 +51,12 @@ pub struct Stored {
 pub struct StoredTime {
     /// The time.
     pub time: f64,
-    /// Index in `/axis/field_time`; none at the end.
+    /// Index in `/axis/field_time`; `None` for the end.
     early: Option<usize>,
 }
 
 impl StoredTime {
-    /// The dataset that has the field `name` then.
+    /// The dataset that has the field `name` at this time.
     fn dataset(&self, name: &str) -> String {
         match self.early {
             Some(_) => format!("history/{name}"),
@@ -65,13 +65,13 @@ impl StoredTime {
     }
 }
 
-/// A dataset over two axes, on equal parts of the elements, averaged where those are more than
+/// A dataset over two axes, on equal parts of the elements; averaged if these are more than
 /// `FINEST`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {
-    /// Parts along both.
+    /// Number of parts along both axes.
     pub shape: [usize; 2],
-    /// A value for each, the second axis fastest.
+    /// A value for each part, the second axis fastest.
     pub values: Vec<f64>,
 }
 
@@ -151,20 +151,20 @@ impl Stored {
         if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
     }
 
-    /// The axis number `a` of a panel that shows it whole.
+    /// The axis of a panel that shows all of axis number `a`.
     pub fn drawn_axis(&self, a: usize) -> figure::PlotAxis {
         let Axis { lower, upper, .. } = *self.axis(a);
         figure::PlotAxis::linear(self.names()[a]).within(lower, upper)
     }
 
-    /// Title of the case, in one line; its file where it has none.
+    /// Title of the case in one line, or else the name of its file.
     pub fn title(&self) -> String {
         let of = |key: &str| self.provenance.get(key).filter(|t| !t.is_empty());
         let title = of("title").or_else(|| of("case_file")).map_or("", String::as_str);
         title.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
-    /// Whether there is such a dataset.
+    /// Whether the file has this dataset.
     pub fn has(&self, name: &str) -> bool {
         exists(&self.file, name)
     }
@@ -176,13 +176,13 @@ impl Stored {
         self.file.dataset(name).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// A dataset, whole.
+    /// All values of a dataset.
     pub fn list(&self, name: &str) -> FileResult<Vec<f64>> {
         let dataset = self.dataset(name)?;
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// Whether moments are averages over the cells of elements and no polynomials: those of
+    /// Whether moments of elements are averages over cells and not polynomials, as for
     /// measure-valued data.
     pub fn has_averaged_moments(&self) -> bool {
         self.space.degree() > 0 && self.has("phi")
@@ -215,7 +215,7 @@ impl Stored {
         Ok(early.chain([self.end()]).collect())
     }
 
-    /// A box of a field at a time, row-major; `ranges` are those that it has at the end.
+    /// A box of a field at a time, row-major; `ranges` are over the axes of the field at the end.
     pub fn field_slab(
         &self,
         at: StoredTime,
@@ -238,7 +238,7 @@ impl Stored {
         self.plane(&at.dataset(name), at.early.as_slice(), plane, cells)
     }
 
-    /// A scalar moment, as `density`, at a time, of all of space.
+    /// A scalar moment, such as `density`, at a time, over all of space.
     pub fn moment(&self, at: StoredTime, name: &str) -> FileResult<Vec<f64>> {
         match self.moment_time(at)? {
             None => self.list(name),
@@ -264,7 +264,7 @@ impl Stored {
         }
     }
 
-    /// The index of a time in `/axis/time`; none of the end.
+    /// The index of a time in `/axis/time`; `None` for the end.
     fn moment_time(&self, at: StoredTime) -> FileResult<Option<usize>> {
         if at.early.is_none() {
             return Ok(None);
@@ -279,9 +279,9 @@ impl Stored {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// A dataset over the axes from `first` on, on the plane of axes `plane` (the lower first)
-    /// through the cells `at` of the others; `first` are the indices before those of the axes.
-    /// Only that plane is read, some rows at a time. What is no number has no part in averages.
+    /// A dataset on the plane of the axes `plane` (the lower first), through the cells `at` of the
+    /// other axes; `first` gives its indices before those of the axes. Only that plane is read,
+    /// some rows at a time. Averages ignore NaN.
     pub fn plane(
         &self,
         name: &str,
@@ -303,7 +303,7 @@ impl Stored {
             return Err(format!("/{name} of result.h5 has {} dimensions", dataset.ndim()));
         }
         let mut values = Vec::with_capacity(shape[0] * shape[1]);
-        // Lines of the map that fit into a piece, at least one.
+        // Number of lines of the map that fit into a piece, at least one.
         let (ends, column) = (ends(fine[0], shape[0]), ends(fine[1], shape[1]));
         let parts = fine[0] / meshes[0].elements();
         let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
@@ -337,21 +337,21 @@ impl Stored {
     }
 }
 
-/// From where to where each of `parts` parts of `cells` cells goes.
+/// The first and the end of the cells of each of `parts` parts of `cells` cells.
 fn ends(cells: usize, parts: usize) -> Vec<[usize; 2]> {
     let end = |k: usize| k * cells / parts.max(1);
     (0..parts).map(|k| [end(k), end(k + 1)]).collect()
 }
 
-/// The mean of those that are finite; NaN where there are none.
+/// The mean of the finite values; NaN if there are none.
 fn average(values: impl Iterator<Item = f64>) -> f64 {
     let finite = values.filter(|v| v.is_finite());
     let (sum, count) = finite.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
     sum / count as f64
 }
 
-/// The grid of a case as a result has it that has these cells: an axis along which nothing varies
-/// may have one.
+/// The grid of a case as a result with the grid `found` stores it: a merged axis has one cell.
+/// `None` if the grids do not match.
 fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
     let axes = |whole: &[Axis], found: &[Axis]| -> Option<Vec<Axis>> {
         let same = |(whole, found): (&Axis, &Axis)| match found.cells {
@@ -367,7 +367,7 @@ fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
     Some(PhaseSpace { x: axes(&whole.x, &found.x)?, v: axes(&whole.v, &found.v)?, ..whole.clone() })
 }
 
-/// The grid from the centres of its cells, where the case is not understood.
+/// The grid of a file from the centres of its cells, without the case.
 fn grid(file: &File) -> FileResult<PhaseSpace> {
     let axis = |name: &str| -> FileResult<Axis> {
         let dataset =
@@ -380,7 +380,7 @@ fn grid(file: &File) -> FileResult<PhaseSpace> {
             return Err(format!("/axis/{name}: is empty"));
         };
         let width = match centres.len() {
-            // Of a single cell the width is not there.
+            // The file does not give the width of a single cell.
             1 => 1.0,
             n => (last - first) / (n - 1) as f64,
         };
@@ -402,7 +402,8 @@ fn grid(file: &File) -> FileResult<PhaseSpace> {
     Ok(PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] })
 }
 
-/// Whether there is such a dataset: a link whose group is missing is an error of its own.
+/// Whether there is such a dataset. Each group of its path is checked first, as HDF5 reports a
+/// missing group as an error.
 fn exists(file: &File, name: &str) -> bool {
     let mut path = String::new();
     name.split('/').all(|part| {
@@ -411,7 +412,7 @@ fn exists(file: &File, name: &str) -> bool {
     })
 }
 
-/// Refuses fields whose shape is not that of the axes.
+/// Refuses datasets whose shape does not match the axes.
 fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
     let (cells, n) = (space.shape(), space.dimension());
     let after = |first: usize, rest: &[usize]| -> Vec<usize> {
@@ -443,7 +444,7 @@ fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
     Ok(())
 }
 
-/// The axis of elements that a dataset's attributes describe; none of degree 0.
+/// The axis of elements that the attributes of a dataset describe; `None` for degree 0.
 fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
     let number = |key: &str| number(dataset, key).ok();
     let (degree, elements) = (number("degree")? as usize, number("elements")? as usize);
@@ -463,7 +464,7 @@ fn summary(directory: &Path) -> FileResult<Value> {
     serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// `/timings`, where the file has them.
+/// `/timings`; empty if the file has none.
 fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
     if !file.link_exists("timings") {
         return Ok(BTreeMap::new());
@@ -478,7 +479,7 @@ fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
         .collect()
 }
 
-/// An attribute as text, whether it is one or a number.
+/// An attribute as text; it may be a text or a number.
 fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
     text_attribute(at, name).or_else(|_| number(at, name).map(|x| x.to_string()))
 }

@@ -4,7 +4,7 @@ use crate::base::text::short;
 use maud::{Markup, PreEscaped, Render, html};
 use serde_json::{Map, Value};
 
-/// A text in HTML: escaped, without the control characters that no document may hold.
+/// A text in HTML: escaped, and without control characters, which HTML forbids.
 pub struct Text<'a>(pub &'a str);
 
 impl Render for Text<'_> {
@@ -34,8 +34,8 @@ pub fn shown(value: &Value) -> Markup {
     }
 }
 
-/// A number of the quantum side with its label, which says what it rests on; else each key with
-/// its value.
+/// A quantum cost as its value and its label, which says how it was obtained; any other object as
+/// its keys and values.
 fn object(map: &Map<String, Value>) -> Markup {
     match map.get("label") {
         Some(label) => html! {
@@ -54,12 +54,12 @@ fn joined(parts: impl Iterator<Item = Markup>, between: &str) -> Markup {
     PreEscaped(parts.join(between))
 }
 
-/// Rows of a table: a label and a value. What is not known has no row.
+/// Rows of a table, each with a label and a value. Unknown values have no row.
 #[derive(Default)]
 pub struct ReportRows(Vec<(String, Markup)>);
 
 impl ReportRows {
-    /// A row for each key of `values` that is not null, with its label.
+    /// Adds a row for each of `keys` whose value is not null, with its label.
     pub fn values(&mut self, keys: &[(&str, &str)], values: &Value) {
         for (key, label) in keys {
             if !values[key].is_null() {
@@ -68,7 +68,7 @@ impl ReportRows {
         }
     }
 
-    /// A row of text, where there is any.
+    /// Adds a row of text, unless the text is missing or empty.
     pub fn text(&mut self, label: &str, text: Option<String>) {
         if let Some(text) = text.filter(|text| !text.is_empty()) {
             self.0.push((label.to_owned(), html! { (Text(&text)) }));
@@ -97,7 +97,7 @@ mod tests {
     fn markup_in_texts_is_escaped() {
         let text = Text("<b a=\"1\" c='2'>&\u{1}\n").render().into_string();
         assert_eq!(text, "&lt;b a=&quot;1&quot; c='2'&gt;&amp;\u{fffd}\n");
-        // Attributes stand between double quotes, so that a single one ends none.
+        // Attributes are in double quotes, so a single quote does not end them.
         let attribute = html! { p title=(Text("' onclick='")) {} }.into_string();
         assert_eq!(attribute, "<p title=\"' onclick='\"></p>");
         let value = shown(&serde_json::json!({ "<k>": ["<v>"] })).into_string();

@@ -1,4 +1,4 @@
-//! The numbers of a plan that matter to a reader, with words and units, out of `/plan` of
+//! The numbers of a plan that matter to a reader, with labels and units, from `/plan` of
 //! `result.h5`.
 
 use crate::base::text::{rounded, short};
@@ -6,7 +6,7 @@ use crate::results::report::html::ReportRows;
 use maud::Markup;
 use serde_json::Value;
 
-/// What is so in the scene, by the keys of `bounds`.
+/// Properties of the scene: keys of `bounds` and their texts.
 const SCENE: [(&str, &str); 3] =
     [("jumps", "V jumps"), ("inflow", "something may enter"), ("weighted", "dissipative weights")];
 
@@ -44,16 +44,16 @@ fn problem(rows: &mut ReportRows, plan: &Value) {
         Some(counts.join(" × "))
     };
     let (shape, unknowns) = (counts("shape"), number(&plan["cells"]));
-    // Of cells, elements are the same; results of before have none.
+    // For degree 0 elements are cells. Results of older versions do not list elements.
     let elements = counts("elements").filter(|elements| shape.as_ref() != Some(elements));
     let grid = shape.zip(unknowns).map(|(shape, unknowns)| match elements {
         Some(elements) => format!("{elements} elements with {unknowns} unknowns"),
         None => format!("{shape} = {unknowns} cells"),
     });
-    rows.text("grid that is computed on", grid);
+    rows.text("computed grid", grid);
     rows.text("fields", number(&plan["fields"]));
     rows.text("method", word(&plan["method"]));
-    rows.text("rows at jumps of V", word(&plan["interface"]));
+    rows.text("interface law at jumps of V", word(&plan["interface"]));
     rows.text("length T of the run", number(&plan["time"]));
     let holds = |key: &str| plan["bounds"][key].as_bool() == Some(true);
     let scene = SCENE.into_iter().filter(|(key, _)| holds(key));

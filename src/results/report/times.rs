@@ -1,7 +1,7 @@
-//! Phase space and density at several times, one of which is seen: a slider without a script.
+//! Phase space and density at several times, of which one is shown: a slider without a script.
 //!
-//! Every time is a radio button followed by its picture. The pictures lie on each other, and the
-//! style sheet shows the one whose button is on; the buttons are the track below.
+//! Every time is a radio button followed by its picture. The pictures are stacked, and the style
+//! sheet shows the one whose button is checked. The buttons form the track below.
 
 use crate::base::text::short;
 use crate::results::FileResult;
@@ -13,17 +13,17 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-/// Most pictures of a page: at some tens of KiB each, one or two MiB.
+/// Most pictures of a page: one or two MiB, at some tens of KiB each.
 const MOST_TIMES: usize = 24;
-/// Labels below the track at most.
+/// Most labels below the track.
 const MOST_LABELS: usize = 7;
 
 /// The pictures.
 pub struct Times {
     frames: Vec<TimePicture>,
-    /// How many times are stored.
+    /// Number of times that the run stores.
     stored: usize,
-    /// Why there is no exact density, where the case names an exact solution.
+    /// Why there is no exact density, if the case names an exact solution.
     without_exact: Option<String>,
 }
 
@@ -35,8 +35,8 @@ struct TimePicture {
 }
 
 impl Times {
-    /// The times of a run that has fields at several, through `cut` or the usual one; none of
-    /// another run.
+    /// The pictures of a run, through `cut` or else the usual cut; `None` for a run with fields at
+    /// one time only.
     ///
     /// # Errors
     /// What the files lack.
@@ -59,7 +59,7 @@ impl Times {
         Ok(Some(Self { frames, stored: all.len(), without_exact: film.without_exact }))
     }
 
-    /// The slider, at the end.
+    /// The slider, set to the end of the run.
     pub fn html(&self) -> Markup {
         let count = self.frames.len();
         let labels = spread(count, MOST_LABELS);
@@ -96,7 +96,7 @@ impl Times {
     }
 }
 
-/// At most `most` of `count` numbers from 0 on in equal steps, and the last, which may be nearer.
+/// At most `most` of the numbers from 0 to `count - 1`, in equal steps except for the last one.
 fn spread(count: usize, most: usize) -> Vec<usize> {
     let last = count - 1;
     let step = last.div_ceil((most - 1).max(1)).max(1);

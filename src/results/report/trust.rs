@@ -1,4 +1,4 @@
-//! Whether a result can be trusted: the first thing on the page.
+//! Whether a result can be trusted: the first section of the page.
 
 use crate::base::text::{OF_ALGORITHM, OF_GRID, percent, sentence, short};
 use crate::results::ledger::Ledger;
@@ -19,21 +19,22 @@ enum Mark {
     Unknown,
 }
 
-/// A finding: one of the things that the trust in a result rests on.
+/// A finding on which the trust in a result depends.
 struct Finding {
     what: String,
     mark: Mark,
-    /// The number, or a word.
+    /// A number, or a word.
     value: String,
-    /// What it means.
+    /// Its meaning.
     text: String,
 }
 
-/// The error of the algorithm, that of the grid, and mass and energy, with a verdict above.
+/// The findings on the error of the algorithm, that of the grid, and mass and energy, with a
+/// verdict as heading.
 pub fn trust(summary: &Value, classical: bool) -> Markup {
     let accuracy = Accuracy::deserialize(&summary["accuracy"]).ok();
     let ledger = ledger_of(summary);
-    // None in results of older versions.
+    // Results of older versions have no such key.
     let missed = Missed::deserialize(&summary["missed"]).ok();
     let findings = [
         match classical {
@@ -73,7 +74,7 @@ impl Mark {
         }
     }
 
-    /// A sign that is seen without colours.
+    /// A sign that can be distinguished without colours.
     fn sign(self) -> &'static str {
         match self {
             Self::Good => "✓",
@@ -96,7 +97,7 @@ fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'stati
     }
 }
 
-/// What is known of the error of a classical run's time steps.
+/// The finding on the error of a classical run's time steps.
 fn steps(summary: &Value) -> Finding {
     let (value, text) = match summary["error_semidiscrete"].as_f64() {
         Some(error) => (short(error), "relative l2, measured: of the time steps"),
@@ -108,7 +109,7 @@ fn steps(summary: &Value) -> Finding {
     Finding { what: sentence(OF_ALGORITHM), mark: Mark::Unknown, value, text: text.to_owned() }
 }
 
-/// The distance to the exact solution of the scheme's equations.
+/// The finding on the distance to the exact solution of the scheme's equations.
 fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let asked = summary["tolerance"].as_f64();
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
@@ -133,12 +134,12 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
     Finding { what: sentence(OF_ALGORITHM), mark, value: short(error), text }
 }
 
-/// The distance of the scheme's equations to the problem.
+/// The finding on the distance between the solutions of the scheme's equations and of the problem.
 fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let what = sentence(OF_GRID);
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
-        let text = "neither measured nor estimated; a run on twice the cells shows it";
+        let text = "neither measured nor estimated; a run on twice as many cells would show it";
         let value = "not known".to_owned();
         return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
     };
@@ -170,7 +171,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     Finding { what, mark, value: errors, text }
 }
 
-/// The ledger of a run to its end.
+/// The ledger of a finished run.
 fn ledger_of(summary: &Value) -> Option<Ledger> {
     Ledger::deserialize(&summary["ledger"]).ok().filter(|ledger| ledger.mass.end.is_some())
 }
@@ -180,11 +181,11 @@ pub fn main_warning(summary: &Value) -> Option<String> {
     ledger_of(summary)?.doubts().into_iter().next()
 }
 
-/// Whether mass and energy are where they should be.
+/// The finding on the balance of mass and energy.
 fn conservation(ledger: Option<&Ledger>) -> Finding {
     let what = "Mass and energy".to_owned();
     let Some(ledger) = ledger else {
-        let (value, text) = ("not known".to_owned(), "the ledger was not kept".to_owned());
+        let (value, text) = ("not known".to_owned(), "there is no ledger".to_owned());
         return Finding { what, mark: Mark::Unknown, value, text };
     };
     let warnings = ledger.doubts();
@@ -261,7 +262,7 @@ mod tests {
         }
     }
 
-    /// A run that goes on meets its tolerance by its own error; the inherited error is shown.
+    /// A continued run is judged by its own error; the inherited error is shown.
     #[test]
     fn inherited_errors_are_reported_and_are_no_miss() {
         let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };

@@ -1,4 +1,4 @@
-//! The file with a warped field that a run starts from (`initial.warped`).
+//! The file with the warped field from which a run starts (`initial.warped`).
 
 use crate::base::checksum::{self, DatasetBox};
 use crate::base::error::{Error, Result};
@@ -20,13 +20,13 @@ use num_complex::Complex64;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
-/// Largest difference of a point of a file's axis to that of the case, as a part of the axis: other
-/// programs may write single precision. [`OF_A_STEP`] bounds it, too.
+/// Largest difference of a point of a file's axis from that of the case, relative to the axis, as
+/// other programs may write single precision. [`OF_A_STEP`] bounds it, too.
 const SAME: f64 = 1e-6;
-/// Largest such difference as a part of the axis's step.
+/// Largest such difference relative to the step of the axis.
 const OF_A_STEP: f64 = 0.05;
 
-/// Largest `|p|`: several times that of the largest spectrum that is planned.
+/// Largest `|p|`: several times that for the largest spectrum that can be planned.
 const FURTHEST: f64 = 1e7;
 
 /// Properties of the field that was read, over all ranks.
@@ -36,10 +36,10 @@ pub struct ReadField {
     pub checksum: u64,
     /// The largest magnitude in it.
     pub largest: f64,
-    /// How far `e^p w` is from flat, as a part of its largest value: the largest
+    /// How far `e^p w` is from flat, relative to its largest value: the largest
     /// `e^{p◇} |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with
-    /// `u = e^p w` at the point next to `p◇`; places are the points of the file, and those half a
-    /// step between them, where the trigonometric interpolant is taken. So far may `f` be off.
+    /// `u = e^p w` at the point next to `p◇`. Places are the points of the file, and the middles
+    /// between them, where the trigonometric interpolant is taken. It bounds the error of `f`.
     pub unevenness: f64,
 }
 
@@ -48,7 +48,7 @@ pub struct ReadField {
 pub struct Domain {
     /// `p◇`.
     pub point: f64,
-    /// `[p◇ − λ⁺T, p◇ + λ⁻T]`, and the width of the reading.
+    /// `[p◇ − λ⁺T, p◇ + λ⁻T]`; the width of the reading is added to the upper end.
     pub ends: [f64; 2],
 }
 
@@ -61,19 +61,21 @@ impl Domain {
     }
 }
 
-/// A [`Domain`] as the points of a file see it, and the places half a step after them: the run
-/// evolves the trigonometric interpolant, which may ring between points that are flat.
+/// The flatness of a field on a [`Domain`]: at the points of a file and at the middles between
+/// them, as the run evolves the trigonometric interpolant, which may oscillate between flat points.
 struct Flatness {
-    /// Places are `L + kh/2`, with the step `h`: even ones are points of the file, odd ones lie
-    /// between. The first place of the domain.
+    /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
+    /// ones are points of the file, odd ones lie between.
     first: usize,
-    /// `e^{p◇}` of the domain, and `e^{−p}` of its places.
+    /// `e^{p◇}`.
     amplification: f64,
+    /// `e^{−p}` at the places of the domain.
     decay: Vec<f64>,
-    /// The point next to `p◇`, by its place.
+    /// Number of the place of the point next to `p◇`.
     reference: usize,
-    /// The largest distance and the largest `u` so far.
+    /// The largest distance so far.
     distance: f64,
+    /// The largest `|u|` so far.
     largest: f64,
 }
 
@@ -82,7 +84,7 @@ impl Flatness {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
         let last = 2 * points - 1;
         let place = |p: f64| ((p - interval[0]) / half).clamp(0.0, last as f64);
-        // The point next to p◇ and the place between two points next to p◇: always.
+        // The point next to p◇ and the next middle always belong to the domain.
         let reference = 2 * ((0.5 * place(domain.point)).round() as usize).min(points - 1);
         let between = 2 * ((0.5 * place(domain.point)).floor() as usize) + 1;
         let slack = 1e-9;
@@ -99,8 +101,8 @@ impl Flatness {
         }
     }
 
-    /// Takes in a cell: its values at all points, and half a step after each.
-    fn look(&mut self, values: &[f64], between: &[f64]) {
+    /// Adds a cell: its values at all points, and half a step after each.
+    fn add(&mut self, values: &[f64], between: &[f64]) {
         let u = values[self.reference / 2] / self.decay[self.reference - self.first];
         self.largest = self.largest.max(u.abs());
         for (k, decay) in (self.first..).zip(&self.decay) {
@@ -123,7 +125,7 @@ impl Between {
         Self { transform, line: vec![0.0; points] }
     }
 
-    /// Half a step after each point, from the modes of a cell.
+    /// Values half a step after each point, from the modes of a cell.
     fn values(&mut self, modes: &[Complex64], scale: f64) -> &[f64] {
         self.transform.to_values(modes, scale, &mut self.line);
         &self.line
@@ -133,9 +135,9 @@ impl Between {
 /// A file with a warped field, and its points in `p`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpedFile {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
-    /// `[L, R]`: the first point, and one period further.
+    /// `[L, R]`: the first point, and the first point plus one period.
     pub interval: [f64; 2],
     /// `N_p`.
     pub points: usize,
@@ -146,14 +148,14 @@ impl WarpedFile {
     /// `key` is the file, line and key that names it. Collective over `world`.
     ///
     /// # Errors
-    /// [`Error::Input`], saying what is wrong with it.
+    /// [`Error::Input`], which says what is wrong with it.
     pub fn new(world: &Group, path: &Path, case: &Case, key: &str) -> Result<Self> {
         let wrong = |what: &dyn std::fmt::Display| {
             Error::Input(format!("{key} = \"{}\": {what}", path.display()))
         };
-        // One rank looks at it as any program would.
+        // One rank reads the file without MPI.
         let found = if world.rank() == 0 {
-            look(path, &case.space).map_err(|e| wrong(&e))
+            checked_points(path, &case.space).map_err(|e| wrong(&e))
         } else {
             Ok(([f64::NEG_INFINITY; 2], 0))
         };
@@ -162,12 +164,12 @@ impl WarpedFile {
         Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`, and looks at it where it
-    /// has to be flat. Collective over the world.
+    /// Reads the field into the modes `kept` for the factors of `series`, and measures how flat it
+    /// is on `domain`. Collective over the world.
     ///
     /// # Errors
-    /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or
-    /// infinity.
+    /// [`Error::Input`] if the file cannot be read, has changed since it was written, or holds NaN
+    /// or infinity.
     pub fn read(
         &self,
         spread: &Spread<'_>,
@@ -181,7 +183,7 @@ impl WarpedFile {
         let opened = open(world, &self.path);
         let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
         let read = self.read_from(&file, spread, series, kept, domain);
-        // All ranks have the same outcome, so that all close it, as must be.
+        // All ranks have the same outcome, so all close the file, which is collective.
         let closed = ManuallyDrop::into_inner(file).close();
         world.agree(closed.map_err(|e| wrong(&e)))?;
         read
@@ -228,12 +230,12 @@ impl WarpedFile {
             for (cell, (modes, values)) in own.zip(lines) {
                 let weight = spread.pi[cell].sqrt();
                 transform.to_modes(values, weight, modes);
-                flatness.look(values, between.values(modes, 1.0 / weight));
+                flatness.add(values, between.values(modes, 1.0 / weight));
             }
             transpose.to_modes(&all, cells, kept.values_mut(), rows);
             Ok(())
         })?;
-        // Files of other programs carry none.
+        // Files of other programs have no checksum.
         let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
         let sum = world.sum_modulo(sum);
         let (scale, distance) = (world.max(flatness.largest), world.max(flatness.distance));
@@ -248,8 +250,8 @@ impl WarpedFile {
     }
 }
 
-/// The first of the `values` of a slab with so many `points` a cell that is NaN or infinite, in
-/// words.
+/// A text about the first of the `values` that is NaN or infinite; each cell of the slab has
+/// `points` values.
 fn not_finite(values: &[f64], points: usize, slab: &DatasetBox) -> Option<String> {
     let place = values.iter().position(|w| !w.is_finite())?;
     let (cell, j) = (place / points, place % points);
@@ -257,12 +259,12 @@ fn not_finite(values: &[f64], points: usize, slab: &DatasetBox) -> Option<String
     Some(format!("/w is {} at {at}", values[place]))
 }
 
-/// Largest accepted error of a point of an axis with that many steps.
+/// Largest accepted error of a point of an axis with `count` steps.
 fn allowed(step: f64, count: usize) -> f64 {
     step * (SAME * count as f64).min(OF_A_STEP)
 }
 
-/// The largest distance of two numbers, infinite where one is none, and which two they are.
+/// The largest distance of corresponding numbers, infinite if one is NaN, and their index.
 fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
     let off = |(a, b): (&f64, &f64)| match (a - b).abs() {
         off if off.is_nan() => f64::INFINITY,
@@ -273,7 +275,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 }
 
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
-fn look(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
+fn checked_points(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
     let file = untrusted::open_given(path, Inspection::Start)?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());
@@ -328,7 +330,7 @@ fn same_centres(name: &str, found: &[f64], expected: &Axis) -> FileResult<()> {
     }
 }
 
-/// `[L, R]` and `N_p` of the points `p` of a field of so many.
+/// `[L, R]` and `N_p` of the axis `p` of a field with `points` points.
 fn period(p: &[f64], points: usize) -> FileResult<([f64; 2], usize)> {
     if p.len() != points {
         return Err(format!("/axis/p holds {} points, /w {points}", p.len()));

@@ -1,5 +1,5 @@
-//! Modes of a field spread over the ranks, and the rounds in which ranks get all modes of some
-//! cells.
+//! Modes of a field that are spread over the ranks, and the rounds in which each rank gets all
+//! modes of some cells.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
@@ -16,7 +16,7 @@ use std::ops::Range;
 /// Name of the axis in `p`.
 pub const POINTS: &str = "p";
 
-/// Where the modes of a field are.
+/// The distribution of the modes of a field.
 pub struct Spread<'a> {
     /// The process mesh.
     pub communicator: &'a Communicator,
@@ -26,15 +26,15 @@ pub struct Spread<'a> {
     pub block: &'a Block,
     /// `modes[g]`: the modes that rank `g` of the mode groups keeps, ascending.
     pub modes: &'a [Vec<usize>],
-    /// `π` of the block's cells: kept are the modes of `√π w`.
+    /// `π` of the block's cells; the stored modes are those of `√π w`.
     pub pi: &'a [f64],
-    /// Bytes of a rank's buffers, if those of one cell are not more:
+    /// Bytes of a rank's buffers, or those of one cell if these are more:
     /// [`crate::plan::memory::BUFFERS`].
     pub buffers: u64,
 }
 
 impl Spread<'_> {
-    /// Cells of a rank in a round.
+    /// Largest number of cells of a rank in a round.
     pub fn cells_at_once(&self, points: usize) -> usize {
         let all = self.modes.iter().map(|modes| modes.len() as u64);
         let (count, most) = (all.clone().sum(), all.max().unwrap_or(0));
@@ -43,9 +43,9 @@ impl Spread<'_> {
         cells_at_once(self.buffers, bytes, self.block.cells() as u64, groups) as usize
     }
 
-    /// Calls `visit` with the cells that each rank of the mode groups has in a round and this
-    /// rank's slab of them in the grid, round after round, until all ranks of the world are
-    /// through; those that are through before have no cells. Collective if `visit` is.
+    /// Calls `visit` in each round with the cells of each rank of the mode groups, and with this
+    /// rank's slab of the grid. There are as many rounds as the slowest rank of the world needs;
+    /// ranks that finish earlier have no cells in the last ones. Collective if `visit` is.
     pub fn rounds(
         &self,
         most: usize,
@@ -82,13 +82,13 @@ impl Spread<'_> {
         Ok(())
     }
 
-    /// The transposition between all cells of a mode and all modes of a cell, for a round.
+    /// The transposition between all cells of a mode and all modes of a cell, in a round.
     pub fn transpose(&self, transform: &Transform) -> Transpose<'_> {
         let most = self.cells_at_once(transform.points());
         Transpose::new(&self.communicator.modes, self.modes.to_vec(), most)
     }
 
-    /// Room for all modes of the cells of a round.
+    /// A buffer for all modes of the cells of a round.
     pub fn modes_of_a_round(&self, transform: &Transform) -> Vec<Complex64> {
         vec![Complex64::ZERO; self.cells_at_once(transform.points()) * transform.modes()]
     }
@@ -114,7 +114,7 @@ impl Spread<'_> {
     }
 }
 
-/// A slab of cells with all points.
+/// A slab of cells with all points in `p`.
 pub fn with_points(slab: &DatasetBox, points: usize) -> DatasetBox {
     let mut slab = slab.clone();
     slab.start.push(0);

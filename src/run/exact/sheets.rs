@@ -1,12 +1,12 @@
-//! The exact moments of measure-valued data, followed by all ranks together.
+//! The exact moments of measure-valued data, computed by all ranks together.
 //!
-//! First boxes of a sheet go around the ranks one by one, in rounds that bound the memory. A rank
-//! sends every [`Deposit`] to the rank whose share holds the cell, which adds them in the order of
-//! the boxes' numbers: the order on one rank, so that the bits are those of one rank.
+//! The boxes of a sheet are dealt to the ranks one by one, in rounds that bound the memory. A rank
+//! sends every [`Deposit`] to the rank whose share holds the cell. That rank adds deposits in the
+//! order of the boxes' numbers, as a single rank would, so that the bits are the same.
 //!
-//! Every rank follows all boxes of a round, and keeps what lies on its share, in two cases: the
-//! budget of particles runs out in it, as a box may use what those before it left; or a formula is
-//! not finite, as the error is that of the first box.
+//! In two cases every rank follows all boxes of a round, and keeps the deposits on its share. The
+//! budget of particles may run out: a box may use what those before it left. Or a formula is not
+//! finite: the error is that of the first box.
 
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
@@ -16,7 +16,7 @@ use crate::problem::exact::sheet::{FollowedBoxes, InitialSheet, ParticleBudget, 
 use crate::problem::grid::{PhaseSpace, for_each_cell};
 use std::ops::Range;
 
-/// Numbers of a line in a message.
+/// Number of words of a line in a message.
 const LINE: usize = 7;
 
 /// The exact moments of `case` at its end time on the space cells of `share`, one range an x-axis;
@@ -24,7 +24,7 @@ const LINE: usize = 7;
 /// space cells. Collective.
 ///
 /// # Errors
-/// Where `V`, `density` or `velocity` is not finite.
+/// If `V`, `density` or `velocity` is not finite.
 pub fn exact_moments(
     group: &Group,
     case: &Case,
@@ -48,7 +48,7 @@ pub fn exact_moments(
     Ok(Some(sums.finish(largest)))
 }
 
-/// Which rank has which space cell.
+/// The rank of each space cell.
 struct Owners {
     rank: usize,
     /// By cell, row-major.
@@ -84,8 +84,8 @@ struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// What the boxes leave on this rank's share, and all lines, in the order of the boxes; and the
-    /// budget that is left. Collective.
+    /// The deposits of the boxes on this rank's share and all lines, in the order of the boxes, and
+    /// the budget that is left. Collective.
     fn follow(
         &self,
         sheets: &mut Sheets<'_>,
@@ -107,7 +107,8 @@ impl Round<'_> {
         Ok((found, budget.less(used)))
     }
 
-    /// `found` by all ranks, as [`follow`](Self::follow) returns it.
+    /// Sends the boxes `found` by each rank, and returns them as [`follow`](Self::follow) does.
+    /// Collective.
     fn exchanged(&self, found: FollowedBoxes, owners: &Owners) -> FollowedBoxes {
         let group = self.group;
         let n = self.case.space.dimension();
@@ -121,7 +122,7 @@ impl Round<'_> {
         let received = group.exchanged(&messages);
         let deposits = received.iter().flat_map(|words| words.chunks(3 + n).map(deposit_of));
         let mut deposits: Vec<Deposit> = deposits.collect();
-        // Stable: those of one box keep their order.
+        // The sort is stable: deposits of one box keep their order.
         deposits.sort_by_key(|deposit| deposit.number);
         let mut lines = Vec::new();
         if n == 1 {

@@ -18,15 +18,12 @@ impl<'a> ExactValues<'a> {
     /// The solution of `case` that `exact` names. Collective.
     ///
     /// # Errors
-    /// Where `V` is not finite.
+    /// If `V` is not finite.
     pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
         world.agree(Self::on_one_rank(case, exact))
     }
 
     /// As [`new`](Self::new), on this rank alone.
-    ///
-    /// # Errors
-    /// Where `V` is not finite.
     fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
         Ok(match exact {
             Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),

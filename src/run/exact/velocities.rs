@@ -1,22 +1,23 @@
 //! Integrals of the exact solution over the velocities.
 //!
-//! Where particles pass jumps of `V`, the exact solution jumps along the velocities, and slow ones
-//! leave filaments that are far narrower than an element. A rule of fixed points, however many an
-//! element has, is wrong by as much as the run it is compared with. So the velocity box is cut into
-//! panels, and panels are halved where two rules differ, the worst first:
+//! If particles pass jumps of `V`, the exact solution jumps along the velocities, and slow
+//! particles leave filaments far narrower than an element. A rule with fixed points in each element
+//! has errors like those of the run that is compared. So the velocity box is cut into panels, and
+//! panels in which two rules differ are halved, the worst first:
 //!
 //! ```text
 //! ∫ f dv over a panel      Boole's rule along each axis, 5 equal steps
 //! error along an axis      |Boole − Simpson| on each line along it, summed with Boole's weights
-//! error of the panel       the sum of its axes; halved across the axis that has most of it
-//! error of the integral    (Σ error²)^½ over the panels, whose errors have any sign
+//! error of the panel       the sum over its axes; halved across the axis with the largest error
+//! error of the integral    (Σ error²)^½ over the panels, as their errors have either sign
 //! ```
 //!
-//! Both rules share their points, so that the error costs nothing, and halves share theirs with the
-//! whole. The difference is not zero wherever a jump lies between two points.
+//! Both rules use the same points, so that the error costs nothing, and halves reuse points of the
+//! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
-//! Where `V` has one formula and the data are smooth, the velocities of the grid are as good, and
-//! fewer. In two and three dimensions they are taken, if some integrals say so.
+//! If `V` has one formula and the data are smooth, sums over the velocities of the grid are as
+//! accurate with fewer points. In two and three dimensions they are used if they agree with
+//! integrals by panels at some places.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::matrix::observables::MOMENTS;
@@ -35,23 +36,23 @@ const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
 /// Limits on the cost of integrals, for a dimension of space.
 struct Effort {
-    /// Panels along an axis to begin with, ...
+    /// Least number of panels along an axis to begin with, ...
     panels: usize,
-    /// ... where `V` has one formula, so that nothing is torn: at least so many.
+    /// ... and the same if `V` has one formula, so that the solution does not jump.
     few_panels: usize,
     /// Panels are halved until the error is below this part of the largest density.
     tolerance: f64,
-    /// An integral may take so many points, and twice those that it begins with.
+    /// Points that an integral may take, if that is more than twice those that it begins with.
     most: usize,
-    /// All integrals together may take so many.
+    /// Points that all integrals together may take.
     together: usize,
-    /// Places along an axis at which the largest density is looked for, ...
+    /// Places along an axis at which the largest density is searched, ...
     places: usize,
-    /// ... and at which the velocities of the grid are tried.
+    /// ... and at which sums over the velocities of the grid are compared.
     trials: usize,
 }
 
-/// By dimension of space.
+/// Limits by dimension of space.
 const EFFORTS: [Effort; MAX_DIMENSION] = [
     Effort {
         panels: 64,
@@ -81,40 +82,41 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         trials: 2,
     },
 ];
-/// Panels have so many cells of velocity along an axis, or fewer; ...
+/// Most velocity cells of a panel along an axis; ...
 const CELLS: usize = 4;
-/// ... where `V` has one formula, so many.
+/// ... and the same if `V` has one formula.
 const MANY_CELLS: usize = 8;
-/// All integrals together may take so many points a cell of phase space, if that is more.
+/// Points a cell of phase space that all integrals together may take, if that is more than
+/// [`Effort::together`].
 const POINTS_PER_CELL: usize = 3;
-/// Points along an axis of a cell of degree 0 over which moments are averaged, where that is within
-/// these bounds.
+/// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
+/// it.
 const ACROSS: usize = 2;
-/// The integrals by which the velocities of the grid are tried have this part of the tolerance, ...
+/// The integrals that sums over the grid are compared with have this part of the tolerance, ...
 const TRIAL_TOLERANCE: f64 = 0.01;
-/// ... and so many times the points.
+/// ... and this many times the points.
 const TRIAL_POINTS: usize = 10;
-/// Of the panels' errors, those are halved together that are not below this part of the largest.
+/// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
 
 /// An integral over the velocities at a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Integral {
-    /// Density, momentum, kinetic energy, as [`MOMENTS`] has them.
+    /// Density, momentum and kinetic energy, in the order of [`MOMENTS`].
     pub moments: [f64; MOMENTS],
     /// An estimate of the density's error.
     pub error: f64,
 }
 
 /// A part of the velocity box.
-struct Panel {
+struct VelocityPanel {
     lower: [f64; MAX_DIMENSION],
     width: [f64; MAX_DIMENSION],
     /// `f` at its points, the last axis fastest.
     values: Vec<f64>,
     /// The error of the integral over it.
     error: f64,
-    /// The axis that has most of it.
+    /// The axis with the largest part of it.
     axis: usize,
 }
 
@@ -122,7 +124,7 @@ struct Panel {
 struct GridRule {
     /// Velocities and weights.
     points: Vec<([f64; MAX_DIMENSION], f64)>,
-    /// The largest error of a density that was found.
+    /// The largest error of a density in the comparison.
     error: f64,
 }
 
@@ -135,11 +137,11 @@ pub struct VelocityIntegrals<'a> {
     panels: Vec<usize>,
     /// Boole's weights at the points of a panel.
     weights: Vec<f64>,
-    /// The error that a density may have.
+    /// The allowed error of a density.
     tolerance: f64,
     /// Points that an integral may take.
     most: usize,
-    /// The velocities of the grid, if sums over them are exact enough.
+    /// The velocities of the grid, if sums over them are accurate enough.
     grid_rule: Option<GridRule>,
 }
 
@@ -154,7 +156,7 @@ fn panels_of(case: &Case) -> Vec<usize> {
     case.space.v.iter().map(panels).collect()
 }
 
-/// Points of `panels` side by side.
+/// Number of points of a box of `panels` panels along each axis; neighbours share points.
 fn points_of(panels: &[usize]) -> usize {
     panels.iter().map(|n| (POINTS - 1) * n + 1).product()
 }
@@ -166,7 +168,7 @@ fn allowance(case: &Case) -> usize {
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
-fn across(case: &Case) -> usize {
+fn points_across(case: &Case) -> usize {
     let space = &case.space;
     let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
     let places = space.space_cells().saturating_mul(ACROSS.pow(cells));
@@ -184,13 +186,13 @@ fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64)
 /// Number of points that the averages over the cells of `case` begin with, as a float: it may
 /// exceed every integer.
 pub fn first_points(case: &Case) -> f64 {
-    let places = case.space.x.iter().map(|axis| (across(case) * axis.cells) as f64);
+    let places = case.space.x.iter().map(|axis| (points_across(case) * axis.cells) as f64);
     places.product::<f64>() * points_of(&panels_of(case)) as f64
 }
 
 impl<'a> VelocityIntegrals<'a> {
-    /// Of the exact solution of `case` at `time`, at so many `places` of space on all ranks.
-    /// Collective over `world` (the largest density).
+    /// Integrals of the exact solution of `case` at `time`, for `places` places of space on all
+    /// ranks. Collective over `world`, as the largest density is needed.
     pub fn new(
         world: &Group,
         values_of: &'a ExactValues<'a>,
@@ -218,13 +220,13 @@ impl<'a> VelocityIntegrals<'a> {
         };
         integrals.tolerance = effort.tolerance * integrals.largest(world, effort.places);
         if case.potential.len() == 1 && effort.trials > 0 {
-            integrals.grid_rule = integrals.tried(world, effort.trials);
+            integrals.grid_rule = integrals.accepted_grid_rule(world, effort.trials);
         }
         integrals
     }
 
     /// The velocities of the grid, if the densities by them are within the tolerance. Collective.
-    fn tried(&self, world: &Group, most: usize) -> Option<GridRule> {
+    fn accepted_grid_rule(&self, world: &Group, most: usize) -> Option<GridRule> {
         let axes = &self.space.v;
         let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells).collect();
         let mut points = Vec::new();
@@ -252,12 +254,12 @@ impl<'a> VelocityIntegrals<'a> {
         (error <= self.tolerance).then_some(GridRule { error, ..rule })
     }
 
-    /// The largest error of a density by sums over the velocities of the grid, if these are used.
+    /// The largest error of a density by sums over the velocities of the grid, if they are used.
     pub fn grid_error(&self) -> Option<f64> {
         self.grid_rule.as_ref().map(|rule| rule.error)
     }
 
-    /// The same at the nodes of the grid, or averaged over cells. Collective over `world`.
+    /// As [`new`](Self::new), for the nodes of the grid or averages over its cells. Collective.
     pub fn on_grid(
         world: &Group,
         values_of: &'a ExactValues<'a>,
@@ -296,9 +298,10 @@ impl<'a> VelocityIntegrals<'a> {
         world.max(places[mine].iter().map(value).fold(0.0, f64::max))
     }
 
-    /// At the cells of space `cells`: of degree 0 averaged over the cell, at its node otherwise.
+    /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
+    /// node.
     pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<Integral> {
-        let rule = gauss_legendre(across(case));
+        let rule = gauss_legendre(points_across(case));
         // Points across a cell and their weights, by axis.
         let along = |axis: &Axis, j: usize| -> Vec<[f64; 2]> {
             match axis.nodes.degree {
@@ -332,7 +335,7 @@ impl<'a> VelocityIntegrals<'a> {
         cells.iter().map(average).collect()
     }
 
-    /// At a place of space.
+    /// The integral at a place of space.
     pub fn at(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
         match &self.grid_rule {
             Some(rule) => self.by_rule(rule, place),
@@ -340,7 +343,7 @@ impl<'a> VelocityIntegrals<'a> {
         }
     }
 
-    /// At a place, by the velocities of the grid.
+    /// The integral at a place by the velocities of the grid.
     fn by_rule(&self, rule: &GridRule, place: &[f64; MAX_DIMENSION]) -> Integral {
         let points: Vec<[f64; 6]> =
             rule.points.iter().map(|(velocity, _)| Self::point(place, *velocity)).collect();
@@ -352,21 +355,21 @@ impl<'a> VelocityIntegrals<'a> {
         Integral { moments, error: rule.error }
     }
 
-    /// At a place, by subdivision.
+    /// The integral at a place by subdivision of panels.
     fn by_panels(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
         let mut panels = self.first_panels(place);
         let mut left = self.most.saturating_sub(points_of(&self.panels));
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
         loop {
             let error = panels.iter().map(|panel| panel.error * panel.error).sum::<f64>().sqrt();
-            // Not of panels that hold what is not a number.
+            // Panels with NaN do not count, as `max` ignores it.
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
-            let may = left / new_points;
-            if error <= self.tolerance || error.is_nan() || may == 0 {
+            let allowed = left / new_points;
+            if error <= self.tolerance || error.is_nan() || allowed == 0 {
                 return self.integral(&panels, error);
             }
             let (mut open, mut k) = (Vec::new(), 0);
-            while k < panels.len() && open.len() < may {
+            while k < panels.len() && open.len() < allowed {
                 match panels[k].error >= NEAR_LARGEST * largest {
                     true => open.push(panels.swap_remove(k)),
                     false => k += 1,
@@ -377,8 +380,8 @@ impl<'a> VelocityIntegrals<'a> {
         }
     }
 
-    /// The sums over `panels`.
-    fn integral(&self, panels: &[Panel], error: f64) -> Integral {
+    /// The integral over `panels`.
+    fn integral(&self, panels: &[VelocityPanel], error: f64) -> Integral {
         let n = self.space.dimension();
         let mut moments = [0.0; MOMENTS];
         for panel in panels {
@@ -392,18 +395,18 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// `∫ |f| dv` over a panel.
-    fn size(&self, panel: &Panel) -> f64 {
+    fn size(&self, panel: &VelocityPanel) -> f64 {
         let volume: f64 = panel.width[..self.space.dimension()].iter().product();
         panel.values.iter().zip(&self.weights).map(|(f, weight)| volume * weight * f.abs()).sum()
     }
 
-    /// Points of a panel from one to the next along an axis.
+    /// Distance in `values` between neighbouring points of a panel along an axis.
     fn stride(&self, axis: usize) -> usize {
         POINTS.pow((self.space.dimension() - 1 - axis) as u32)
     }
 
     /// The velocity at point `k` of a panel.
-    fn velocity(&self, panel: &Panel, k: usize) -> [f64; MAX_DIMENSION] {
+    fn velocity(&self, panel: &VelocityPanel, k: usize) -> [f64; MAX_DIMENSION] {
         let mut velocity = [0.0; MAX_DIMENSION];
         for (a, v) in velocity.iter_mut().enumerate().take(self.space.dimension()) {
             let step = (k / self.stride(a) % POINTS) as f64 / (POINTS - 1) as f64;
@@ -418,8 +421,8 @@ impl<'a> VelocityIntegrals<'a> {
         [x, y, z, u, v, w]
     }
 
-    /// The velocity box in equal panels, which share the points of their sides.
-    fn first_panels(&self, place: &[f64; MAX_DIMENSION]) -> Vec<Panel> {
+    /// The velocity box in equal panels; neighbours share the points of their common sides.
+    fn first_panels(&self, place: &[f64; MAX_DIMENSION]) -> Vec<VelocityPanel> {
         let axes = &self.space.v;
         let counts: Vec<usize> = self.panels.iter().map(|n| (POINTS - 1) * n + 1).collect();
         let mut points = Vec::with_capacity(points_of(&self.panels));
@@ -456,7 +459,7 @@ impl<'a> VelocityIntegrals<'a> {
         lower: [f64; MAX_DIMENSION],
         width: [f64; MAX_DIMENSION],
         values: Vec<f64>,
-    ) -> Panel {
+    ) -> VelocityPanel {
         let n = self.space.dimension();
         let volume: f64 = width[..n].iter().product();
         let mut errors = [0.0; MAX_DIMENSION];
@@ -470,20 +473,25 @@ impl<'a> VelocityIntegrals<'a> {
             }
         }
         let axis = (1..n).fold(0, |most, a| if errors[a] > errors[most] { a } else { most });
-        Panel { lower, width, values, error: errors.iter().sum(), axis }
+        VelocityPanel { lower, width, values, error: errors.iter().sum(), axis }
     }
 
     /// The halves of `panels` at `place`, each across its axis.
-    fn halves(&self, place: &[f64; MAX_DIMENSION], panels: &[Panel]) -> Vec<Panel> {
-        let whole = |panel: &Panel| {
+    fn halves(&self, place: &[f64; MAX_DIMENSION], panels: &[VelocityPanel]) -> Vec<VelocityPanel> {
+        let whole = |panel: &VelocityPanel| {
             let (mut lower, mut width) = (panel.lower, panel.width);
             width[panel.axis] *= 0.5;
             lower[panel.axis] += width[panel.axis];
-            [panel.lower, lower].map(|lower| Panel { lower, width, values: vec![], ..*panel })
+            [panel.lower, lower].map(|lower| VelocityPanel {
+                lower,
+                width,
+                values: vec![],
+                ..*panel
+            })
         };
-        let step = |panel: &Panel, k: usize| k / self.stride(panel.axis) % POINTS;
-        let is_new = |panel: &Panel, k: usize| step(panel, k) % 2 == 1;
-        let halves: Vec<[Panel; 2]> = panels.iter().map(whole).collect();
+        let step = |panel: &VelocityPanel, k: usize| k / self.stride(panel.axis) % POINTS;
+        let is_new = |panel: &VelocityPanel, k: usize| step(panel, k) % 2 == 1;
+        let halves: Vec<[VelocityPanel; 2]> = panels.iter().map(whole).collect();
         let mut points = Vec::new();
         for half in halves.iter().flatten() {
             let new = (0..self.weights.len()).filter(|&k| is_new(half, k));

@@ -1,4 +1,4 @@
-//! Particles of the initial data, and of what enters, at points of a quasi-random sequence.
+//! Particles of the initial data and of the inflow, at points of a quasi-random sequence.
 //!
 //! Replicate `r` of a source has the points `frac(s_r + k α)`, `k = 1, 2, …`, with
 //! `α_i = φ^{−i}`, `φ^{d+1} = φ + 1` (M. Roberts, "The unreasonable effectiveness of quasirandom
@@ -10,19 +10,20 @@ use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Most coordinates of a point: those of phase space; of the end of an axis, time is one of them.
-const MOST: usize = 2 * MAX_DIMENSION;
+/// Most coordinates of a point: those of phase space. For an end of an axis, time replaces that
+/// axis.
+const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
 
 /// An end of an axis, of the `2n`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisEnd {
-    /// Space first.
+    /// Index of the axis, space first.
     pub axis: usize,
     /// Whether it is the upper one.
     pub upper: bool,
 }
 
-/// Where particles come from.
+/// The origin of particles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParticleSource {
     /// The initial data.
@@ -36,15 +37,15 @@ pub enum ParticleSource {
 pub struct Particle {
     /// `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
-    /// How long it is followed.
+    /// Time over which it is followed.
     pub time: f64,
-    /// Mass of the particle, times the number of points.
+    /// Its mass times the number of points of its source.
     pub mass: f64,
     /// Whether its velocity is in the velocity box.
     pub inside: bool,
 }
 
-/// A box in phase space, ends by axis of the `2n`.
+/// A box in phase space, by its ends along the `2n` axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampleBox {
     /// Lower ends.
@@ -54,8 +55,8 @@ pub struct SampleBox {
 }
 
 impl SampleBox {
-    /// The whole of `space`; velocities beyond by the `margin`, a fraction of the width, on each
-    /// side.
+    /// The whole of `space`, with the velocities extended on each side by the fraction `margin` of
+    /// their width.
     pub fn whole(space: &PhaseSpace, margin: f64) -> Self {
         let n = space.dimension();
         let part = |a: usize| if a < n { 0.0 } else { margin };
@@ -66,7 +67,7 @@ impl SampleBox {
         }
     }
 
-    /// `∏ (upper − lower)` over the axes that `counts` says yes to.
+    /// `∏ (upper − lower)` over the axes for which `counts` is true.
     fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
         let width = |a: usize| self.upper[a] - self.lower[a];
         (0..self.lower.len()).filter(|a| counts(*a)).map(width).product()
@@ -80,7 +81,7 @@ pub struct SampleSequence {
 }
 
 impl SampleSequence {
-    /// The sequence of replicate `number` of a source in so many dimensions.
+    /// The sequence of replicate `number` of a source in `dimensions` dimensions.
     pub fn new(dimensions: usize, number: usize) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(number as u64);
         // 53 bits, in [0, 1).
@@ -96,8 +97,8 @@ impl SampleSequence {
     }
 
     /// Point `k` in the unit cube.
-    fn point(&self, k: usize) -> [f64; MOST] {
-        let mut point = [0.0; MOST];
+    fn point(&self, k: usize) -> [f64; MOST_DIMENSIONS] {
+        let mut point = [0.0; MOST_DIMENSIONS];
         for (x, (shift, step)) in point.iter_mut().zip(self.shift.iter().zip(&self.step)) {
             *x = (shift + (k + 1) as f64 * step).fract();
         }
@@ -105,13 +106,13 @@ impl SampleSequence {
     }
 }
 
-/// The source of particles of a case.
+/// Draws the particles of a case.
 pub struct Drawer<'a> {
     /// The case.
     pub case: &'a Case,
-    /// Where initial data are looked for; of measure-valued data the space of it.
+    /// The box in which initial data are drawn; of measure-valued data only its space counts.
     pub within: SampleBox,
-    /// The speed at which a slope of `V` pushes velocities, by point and space axis.
+    /// The acceleration `−∂V/∂x_a` at a point along space axis `a`.
     pub force: &'a dyn Fn(&[f64; 6], usize) -> f64,
 }
 
@@ -121,13 +122,13 @@ impl Drawer<'_> {
         matches!(self.case.data, Data::Measure { .. })
     }
 
-    /// Coordinates of a point of any source.
+    /// Number of coordinates of a point of any source.
     pub fn dimensions(&self) -> usize {
         let n = self.case.space.dimension();
         if self.is_measure() { n } else { 2 * n }
     }
 
-    /// The particles of these `numbers` of the sequence, but for those where nothing is.
+    /// The particles at the points `numbers` of the sequence, without those of zero mass.
     pub fn draw(
         &self,
         source: ParticleSource,
@@ -143,9 +144,9 @@ impl Drawer<'_> {
         }
     }
 
-    /// A point of phase space from the coordinates along `axes` (of the `2n`) in the unit cube; the
-    /// velocities of measure-valued data are those of its formulas.
-    fn place(&self, bounds: &SampleBox, unit: &[f64; MOST]) -> [f64; 6] {
+    /// The point of phase space at the coordinates `unit` of the unit cube, within `bounds`. For
+    /// measure-valued data it has no velocity yet.
+    fn point_in(&self, bounds: &SampleBox, unit: &[f64; MOST_DIMENSIONS]) -> [f64; 6] {
         let n = self.case.space.dimension();
         let mut point = [0.0; 6];
         for a in 0..self.dimensions() {
@@ -155,9 +156,9 @@ impl Drawer<'_> {
         point
     }
 
-    /// Gives measure-valued data at `point` their velocity; whether the point is in the velocity
-    /// box.
-    fn settle(&self, point: &mut [f64; 6]) -> bool {
+    /// Sets the velocity of measure-valued data at `point`. Returns whether the velocity is in the
+    /// velocity box.
+    fn set_velocity(&self, point: &mut [f64; 6]) -> bool {
         if let Data::Measure { velocity, .. } = &self.case.data {
             for (a, formula) in velocity.iter().enumerate() {
                 point[3 + a] = formula.eval(&point[..]);
@@ -167,13 +168,13 @@ impl Drawer<'_> {
         axes.all(|(a, v)| (v.lower..=v.upper).contains(&point[3 + a]))
     }
 
-    fn initial(&self, units: impl Iterator<Item = [f64; MOST]>) -> Vec<Particle> {
-        let settled = |unit| {
-            let mut point = self.place(&self.within, &unit);
-            let inside = self.settle(&mut point);
+    fn initial(&self, units: impl Iterator<Item = [f64; MOST_DIMENSIONS]>) -> Vec<Particle> {
+        let with_velocity = |unit| {
+            let mut point = self.point_in(&self.within, &unit);
+            let inside = self.set_velocity(&mut point);
             (point, inside)
         };
-        let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = units.map(settled).unzip();
+        let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = units.map(with_velocity).unzip();
         let n = self.case.space.dimension();
         let volume = self.within.volume(|a| a < n || !self.is_measure());
         let time = self.case.end;
@@ -184,16 +185,16 @@ impl Drawer<'_> {
         values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
 
-    /// A particle that enters through an end: its coordinate along the axis is the time.
-    fn entering(&self, end: AxisEnd, unit: &[f64; MOST]) -> Option<Particle> {
+    /// A particle that enters through an end. Its coordinate along that axis is the time.
+    fn entering(&self, end: AxisEnd, unit: &[f64; MOST_DIMENSIONS]) -> Option<Particle> {
         let (space, n) = (&self.case.space, self.case.space.dimension());
         let whole = SampleBox::whole(space, 0.0);
-        let mut point = self.place(&whole, unit);
+        let mut point = self.point_in(&whole, unit);
         let now = unit[end.axis] * self.case.end;
         let slot = if end.axis < n { end.axis } else { 3 + end.axis - n };
         let ends = if end.upper { &whole.upper } else { &whole.lower };
         point[slot] = ends[end.axis];
-        let inside = self.settle(&mut point);
+        let inside = self.set_velocity(&mut point);
         let speed = match end.axis < n {
             true => point[3 + end.axis],
             false => (self.force)(&point, end.axis - n),
@@ -209,13 +210,13 @@ impl Drawer<'_> {
     }
 }
 
-/// The particle, if it has a mass; formulas that are not finite are refused elsewhere.
+/// The particle, if its mass is not zero. Values that are not finite are refused elsewhere.
 fn keep(particle: Particle) -> Option<Particle> {
     (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
 }
 
-/// Systematic resampling: `many` particles of equal `|mass|`, whose sum is that of `particles`.
-/// They keep the signs.
+/// Systematic resampling: `many` particles with equal `|mass|`, and the same sum of `|mass|` as
+/// `particles`. They keep their signs.
 pub fn resampled(particles: &[Particle], many: usize) -> Vec<Particle> {
     let all: f64 = particles.iter().map(|p| p.mass.abs()).sum();
     let share = all / many as f64;
@@ -235,7 +236,7 @@ mod tests {
 
     #[test]
     fn sequences_fill_the_cube_evenly() {
-        for dimensions in 1..=MOST {
+        for dimensions in 1..=MOST_DIMENSIONS {
             let sequence = SampleSequence::new(dimensions, 3);
             let count = 4096;
             for axis in 0..dimensions {

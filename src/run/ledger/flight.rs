@@ -10,16 +10,16 @@ use std::collections::HashMap;
 
 /// Sums over particles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tally {
+pub struct ParticleTally {
     /// Mass.
     pub mass: f64,
-    /// Amount of it.
+    /// Sum of `|mass|`.
     pub absolute: f64,
-    /// Mass outside of the velocity box from the start.
+    /// Mass outside the velocity box from the start.
     pub outside: f64,
     /// Mass that the `hat` interface adds.
     pub interface: f64,
-    /// `½ v_a²` times the amount of mass, by axis.
+    /// `½ v_a² |mass|`, by axis.
     pub energy: [f64; MAX_DIMENSION],
     /// Outflow, by [`end_index`].
     pub outflow: [f64; ENDS],
@@ -27,17 +27,17 @@ pub struct Tally {
     pub at_jumps: [f64; ENDS],
 }
 
-/// Ends of the `2n` axes at most.
+/// Most ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
-/// Numbers of a tally.
+/// Number of numbers in a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
 
-/// Number of an end of an axis.
+/// Index of an end of an axis.
 pub fn end_index(end: AxisEnd) -> usize {
     2 * end.axis + usize::from(end.upper)
 }
 
-impl Tally {
+impl ParticleTally {
     /// The numbers of the tally, in the order of its fields.
     pub fn numbers(&self) -> [f64; NUMBERS] {
         let mut all = [0.0; NUMBERS];
@@ -47,7 +47,7 @@ impl Tally {
         all
     }
 
-    /// The tally of such numbers.
+    /// The tally with these numbers.
     pub fn from_numbers(all: &[f64; NUMBERS]) -> Self {
         let mut tally = Self::default();
         [tally.mass, tally.absolute, tally.outside, tally.interface] =
@@ -58,7 +58,7 @@ impl Tally {
     }
 }
 
-/// Follows particles.
+/// Follows particles through the exact flow.
 pub struct Flight<'a> {
     /// The exact flow, forward in time.
     pub tracer: Tracer<'a>,
@@ -66,16 +66,16 @@ pub struct Flight<'a> {
 }
 
 impl<'a> Flight<'a> {
-    /// Particles of `case`, whose tracer goes forward.
+    /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: Tracer<'a>) -> Self {
         let hat = case.interface == Interface::Hat && !case.is_galerkin();
         Self { tracer, gains: hat.then(|| Gains { case, known: HashMap::new() }) }
     }
 
-    /// Follows a particle with the part `share` of its mass.
-    pub fn follow(&mut self, tally: &mut Tally, particle: &Particle, share: f64) {
+    /// Follows a particle with the fraction `share` of its mass.
+    pub fn follow(&mut self, tally: &mut ParticleTally, particle: &Particle, share: f64) {
         let mass = share * particle.mass;
-        // The product of the factors at all jumps met, and at all but the last.
+        // The product of the factors at all jumps so far, and the same without the last.
         let (mut factor, mut before) = (1.0, 1.0);
         let gains = &mut self.gains;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
@@ -86,7 +86,7 @@ impl<'a> Flight<'a> {
             let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
             if exit.at_jump {
                 tally.at_jumps[end] += mass;
-                // Where it goes is no cell of the grid: nothing is added to it.
+                // Its new velocity is not on the grid, so the last jump adds no mass to it.
                 factor = before;
             } else {
                 tally.outflow[end] += mass;
@@ -96,8 +96,8 @@ impl<'a> Flight<'a> {
     }
 }
 
-impl Tally {
-    /// Adds a particle, before it moves, with the part `share` of its mass.
+impl ParticleTally {
+    /// Adds a particle, before it moves, with the fraction `share` of its mass.
     pub fn add(&mut self, particle: &Particle, share: f64) {
         let mass = share * particle.mass;
         self.absolute += mass.abs();
@@ -112,11 +112,11 @@ impl Tally {
     }
 }
 
-/// The mass that the law `hat` creates or destroys at jumps: a cell's column of the scheme does not
-/// add up to the outflow of the cell.
+/// The mass that the law `hat` creates or destroys at jumps, where a cell's column of the scheme
+/// does not sum to the outflow of the cell.
 struct Gains<'a> {
     case: &'a Case,
-    /// A factor for each velocity cell, by axis and bits of the rise.
+    /// A factor for each velocity cell, by axis and by the bits of the rise.
     known: HashMap<(usize, u64), Vec<f64>>,
 }
 
@@ -131,8 +131,8 @@ impl Gains<'_> {
     }
 }
 
-/// `Σ_j |ξ_j| w_jk / |ξ_k|` over the cells `j` that take from cell `k` before a face behind which
-/// `V` is lower by `rise`, by `k`: across the face, and back from it.
+/// For each velocity cell `k` in front of a face behind which `V` is lower by `rise`: the factor
+/// `Σ_j |ξ_j| w_jk / |ξ_k|` over the cells `j` that receive from it, across the face and reflected.
 fn factors(axis: &Axis, interface: Interface, rise: f64) -> Vec<f64> {
     let mut given = vec![0.0; axis.cells];
     let mut list = Vec::new();
@@ -162,13 +162,12 @@ mod tests {
     fn numbers_are_those_of_the_tally() {
         let mut numbers = [0.0; NUMBERS];
         numbers.iter_mut().enumerate().for_each(|(k, x)| *x = k as f64);
-        let tally = Tally::from_numbers(&numbers);
+        let tally = ParticleTally::from_numbers(&numbers);
         assert_eq!((tally.interface, tally.energy[0]), (3.0, 4.0));
         assert_eq!(tally.numbers(), numbers);
     }
 
-    /// The conservative law keeps mass, but for what it takes beyond the grid; the hat law does not
-    /// keep it.
+    /// The conservative law conserves mass away from the ends of the grid; the hat law does not.
     #[test]
     fn factors_are_one_where_mass_is_kept() {
         let axis = Axis::new(-1.5, 1.5, 64);

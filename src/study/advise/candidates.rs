@@ -23,7 +23,7 @@ use crate::study::trial::final_fields_only;
 
 /// Largest part of the accuracy that the error of Schrödingerization may take.
 const SCHRODINGERIZATION: f64 = 0.1;
-/// Largest part of the budget that a run by modes on the coarse grid of a tolerance trial may take.
+/// Largest part of the budget that a run by modes may take on the grid where tolerances are tried.
 const FOR_MODES: f64 = 0.05;
 /// Part of the budget up to which tolerances are tried on that grid.
 const FOR_TOLERANCES: f64 = 0.8;
@@ -33,9 +33,9 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// Grids of more elements of space than this are not searched for regions of `V` without a cell.
 const MOST_SEARCHED: usize = 1 << 17;
-/// Largest number of cells of which a plan is made.
+/// Largest number of cells for which a plan is made.
 const MOST_CELLS: f64 = 1e11;
-/// Bytes of memory a cell, of runs by modes and of classical runs, for grids that are not planned.
+/// Bytes a cell of runs by modes and of classical runs, for grids without a plan.
 const BYTES: [f64; 2] = [340.0, 70.0];
 
 /// A tolerance of Schrödingerization, tried on a coarse grid.
@@ -103,7 +103,7 @@ impl Study<'_> {
         })
     }
 
-    /// The plan of `target`; none if it cannot be run, and then its `entry` says why. Collective.
+    /// The plan of `target`; none if it cannot be run, for the reason put into `entry`. Collective.
     fn plan(&self, entry: &mut SetupReport, target: &Case) -> Option<Plan> {
         if entry.refused.is_some() {
             return None;
@@ -126,7 +126,7 @@ impl Study<'_> {
             entry.refused = Some(why);
             return None;
         }
-        match planning::plan(self.world, target, &Resources::here(self.world)) {
+        match self.planned(target) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
                 entry.computed_cells = plan.cells as f64;
@@ -144,7 +144,12 @@ impl Study<'_> {
         }
     }
 
-    /// Adds `scheme` without Schrödingerization. Collective.
+    /// The plan of `case` on all ranks. Collective.
+    fn planned(&self, case: &Case) -> Result<Plan> {
+        planning::plan(self.world, case, &Resources::here(self.world))
+    }
+
+    /// Adds the classical set-up of `scheme`. Collective.
     pub(super) fn add_classical(
         &mut self,
         scheme: SchemeChoice,
@@ -161,9 +166,13 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The grid on which tolerances are tried: the finest one but the last of the search on which a
-    /// run by modes takes a small part of the budget. Collective.
-    fn coarse(&self, scheme: SchemeChoice, reached: &ReachedGrid) -> Result<Vec<usize>> {
+    /// The grid on which tolerances are tried: of all grids of the search but the last, the finest
+    /// one on which a run by modes takes a small part of the budget. Collective.
+    fn grid_for_tolerance(
+        &self,
+        scheme: SchemeChoice,
+        reached: &ReachedGrid,
+    ) -> Result<Vec<usize>> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
         for level in reached.levels.iter().rev().skip(1) {
             let base = &self.trials.degree_case(scheme).base;
@@ -188,15 +197,15 @@ impl Study<'_> {
         let reference = self.trials.run(scheme, coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
         let guaranteed = matches!(self.case.data, Data::Density);
-        // Level sets enter the density through a delta function as wide as a cell, without a bound:
-        // begin at a tenth of what the field may have, and try it.
+        // Level sets enter the density through a delta function as wide as a cell, without a bound.
+        // So begin with a tenth of the allowed error, and measure.
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut measured = None;
         let mut target = scheme.schrodingerized(&self.trials.degree_case(scheme).base, coarse);
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = planning::plan(self.world, &target, &Resources::here(self.world))?;
+            let plan = self.planned(&target)?;
             let updates = mode_updates(&target, &plan);
             if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
                 break;
@@ -212,13 +221,13 @@ impl Study<'_> {
         Ok(ToleranceTrial { tolerance, measured, bound })
     }
 
-    /// Adds `scheme` by Schrödingerization. Collective.
+    /// Adds the set-up of `scheme` by Schrödingerization. Collective.
     pub(super) fn add_schrodingerized(
         &mut self,
         scheme: SchemeChoice,
         reached: &ReachedGrid,
     ) -> Result<()> {
-        let coarse = self.coarse(scheme, reached)?;
+        let coarse = self.grid_for_tolerance(scheme, reached)?;
         let found = match self.tolerance(scheme, &coarse) {
             Ok(found) => found,
             Err(error) => {
@@ -285,8 +294,8 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// Tries other fluxes between elements: for the set-up of least work by each method, unless its
-    /// grid is extrapolated, on grids near its own. Collective.
+    /// Tries other fluxes between elements for the set-up of least work by each method, on grids
+    /// near its own, unless that grid is extrapolated. Collective.
     pub(super) fn try_fluxes(&mut self, found: &[(SchemeChoice, ReachedGrid)]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
@@ -328,8 +337,8 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The error of the case as its file has it: of the discretisation by its own `scheme`, and of
-    /// its solver; none if it cannot be estimated. Collective.
+    /// The error of the case as its file has it: that of the discretisation by its own `scheme` on
+    /// its own grid, and that of its solver. None if it cannot be estimated. Collective.
     pub(super) fn given(
         &mut self,
         scheme: SchemeChoice,
@@ -363,9 +372,9 @@ impl Study<'_> {
         Ok(Some(GivenCase { degree: scheme.degree, shape, error, known, parts }))
     }
 
-    /// The error of the density by the time step of the case's implicit propagator, on the grid
-    /// `start`, whose semi-discrete `density` is given. It is nearly all of the solver's error.
-    /// Collective.
+    /// The error of the density due to the time step of the case's implicit propagator, on the grid
+    /// `start`, where `density` is the semi-discrete one. It is nearly the whole error of the
+    /// solver. Collective.
     fn error_of_step(
         &mut self,
         scheme: SchemeChoice,
@@ -374,8 +383,7 @@ impl Study<'_> {
     ) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
-        let updates = planning::plan(self.world, &own, &Resources::here(self.world))
-            .map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
+        let updates = self.planned(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
         if !self.trials.budget.allows(updates, 1.0) {
             return None;
         }
@@ -385,12 +393,12 @@ impl Study<'_> {
 }
 
 /// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than
-/// [`MOST_SEARCHED`] elements of space are not searched: regions between their cells are tiny.
+/// [`MOST_SEARCHED`] elements of space are not searched: only tiny regions could vanish there.
 fn vanished_region(target: &Case) -> Option<String> {
     if target.space.by_elements().space_cells() > MOST_SEARCHED {
         return None;
     }
     let region = overlooked(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
-    Some(format!("potential.{region} is not there on {grid}: its where holds at no cell's centre"))
+    Some(format!("potential.{region} vanishes on {grid}: its where holds at no cell's centre"))
 }

@@ -11,11 +11,11 @@ use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
-/// The density of a trial on all of space. It is averaged over equal cells; along an axis an
-/// element has as many of them as nodes. Collective.
+/// The density of a trial on all of space, averaged over equal cells. Along an axis an element has
+/// as many of these cells as nodes. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] where it is zero everywhere, or not finite.
+/// [`Error::Input`] if it is zero everywhere, or not finite.
 pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Vec<f64>> {
     let mut density = vec![0.0; space.space_cells()];
     let mut mine = trial.moments.density.iter();
@@ -64,7 +64,7 @@ fn refuse_zero(density: &[f64], space: &PhaseSpace) -> Result<()> {
     )))
 }
 
-/// `Σ |a − b| / Σ |b|`.
+/// The relative L1 distance `Σ |a − b| / Σ |b|`.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
     let size: f64 = b.iter().map(|b| b.abs()).sum();
@@ -96,10 +96,10 @@ pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64])
     (box_volume * square).sqrt() / mass
 }
 
-/// [`averaged_density`], refused if it is zero. Collective.
+/// [`averaged_density`] of the exact solution. Collective.
 ///
 /// # Errors
-/// As there; [`Error::Input`] where the density is zero everywhere.
+/// As [`averaged_density`]; [`Error::Input`] if the density is zero everywhere, or not finite.
 pub fn exact_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     let density = averaged_density(group, case, exact)?;
     refuse_zero(&density, &case.space)?;

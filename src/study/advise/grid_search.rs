@@ -15,7 +15,7 @@ const MOST_LEVELS: usize = 12;
 const MOST_CANDIDATES: usize = 4;
 /// Largest factor by which space is refined against velocities, or velocities against space.
 const MOST_STRETCH: f64 = 4.0;
-/// Cheap grids are tried up to this number even if fewer reach the accuracy: they show the order.
+/// Cheap grids are tried up to this number even if one reaches the accuracy: they show the order.
 const ENOUGH_LEVELS: usize = 5;
 /// A grid is cheap if its trial takes at most this part of the scheme's share of the budget.
 const CHEAP: f64 = 0.02;
@@ -54,21 +54,21 @@ pub struct ReachedGrid {
     pub shape: Vec<usize>,
     /// Relative L1 error of the density on it.
     pub error: f64,
-    /// The evidence for that error.
+    /// The evidence for the error.
     pub known: Evidence,
     /// The order that `levels` show.
     pub order: Order,
     /// The sequence of grids.
     pub levels: Vec<Level>,
     /// The part of the error that is due to space, between 0 and 1; the rest is due to velocity. It
-    /// is measured by the changes on grids that are twice as fine along the axes of one of them;
-    /// none if the budget does not hold these grids, or nothing changes.
+    /// follows from the changes on two grids, one twice as fine in space and one in velocity. None
+    /// if the budget does not hold these grids, or nothing changes.
     pub part_of_space: Option<f64>,
 }
 
 impl ReachedGrid {
-    /// The error on another grid, extrapolated by the order: the parts of space and velocity each
-    /// by the elements along their own axes. None if no grid was tried.
+    /// The error on another grid, extrapolated by the order. The parts of space and velocity each
+    /// scale with the elements along their own axes. None if no grid was tried.
     pub fn extrapolated(&self, shape: &[usize]) -> Option<DensityError> {
         let level = self.levels.last()?;
         // The finest grid that was tried.
@@ -161,8 +161,8 @@ pub fn coarsest_grid(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<ReachedG
     GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.coarsest_grid()
 }
 
-/// A grid near `known`, which another flux of the same scheme needs, that meets the accuracy with
-/// the goal's flux. Order and levels are those of `known`. None if the budget does not hold the
+/// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux of
+/// the same scheme. Order and levels are those of `known`. None if the budget does not hold the
 /// trials that show it. Collective.
 ///
 /// # Errors
@@ -176,8 +176,8 @@ pub fn grid_near(
     GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.grid_near(known)
 }
 
-/// The error of `scheme` on `shape`, without an exact solution by a grid twice as fine; none if the
-/// trials do not fit into this part of the budget. Collective.
+/// The error of `scheme` on `shape`, estimated from a grid twice as fine if there is no exact
+/// solution; none if the trials do not fit into this part of the budget. Collective.
 ///
 /// # Errors
 /// As [`Trials::run`].
@@ -206,8 +206,8 @@ pub fn error_on(
 /// `part`.
 ///
 /// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
-/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = k + 1` is assumed of degree `k`, and
-/// the ratio is rounded towards 1, as parts on coarse grids are not those on fine ones.
+/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. For degree `k`, `q = k + 1` is assumed. The factor is a
+/// power of two, rounded towards 1, as the parts on coarse grids are not those on fine ones.
 fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
     let n = dimension as f64;
     let ratio = part / (1.0 - part).max(1e-6) * n / (n + 1.0);
@@ -237,7 +237,7 @@ impl GridSearch<'_, '_> {
             }
             None => start.to_vec(),
         };
-        let sequence = self.climb(first)?;
+        let sequence = self.sequence_from(first)?;
         let mut result = ReachedGrid {
             shape: sequence.shapes[0].clone(),
             error: f64::NAN,
@@ -256,7 +256,7 @@ impl GridSearch<'_, '_> {
             .rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted)
             .map(|pair| [pair[0].clone(), pair[1].clone()]);
         if pair.is_none() && finest.error > wanted && !result.order.falls() {
-            // No finer grid reaches it.
+            // Finer grids do not help.
             return self.or_own_grid(result);
         }
         result.known = if sequence.exact { Evidence::Measured } else { Evidence::Estimated };
@@ -318,9 +318,9 @@ impl GridSearch<'_, '_> {
         Ok((both > 0.0).then(|| space / both))
     }
 
-    /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while
-    /// they reach it too. Collective.
-    fn climb(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
+    /// The sequence of grids that begins with `first`: finer ones until one reaches the wanted
+    /// error, then coarser ones while they reach it too. Collective.
+    fn sequence_from(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
         let scheme = self.goal.scheme;
         let share = self.share(FOR_LEVELS);
         let cheap = CHEAP * (share - self.used);
@@ -388,8 +388,8 @@ impl GridSearch<'_, '_> {
         Ok(())
     }
 
-    /// A grid beyond the `finest` one tried that reaches the wanted error: as the order predicts,
-    /// and tried where the budget allows. Collective.
+    /// A grid beyond the `finest` one tried that reaches the wanted error, as the order predicts;
+    /// it is tried if the budget allows. Collective.
     fn beyond(&mut self, finest: &Level, result: &mut ReachedGrid) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
@@ -429,8 +429,8 @@ impl GridSearch<'_, '_> {
         Ok(())
     }
 
-    /// The case's own grid in the place of `found`, if it was tried and reaches the wanted error,
-    /// and has fewer cells or `found` does not reach it. Collective.
+    /// Replaces `found` by the case's own grid, if that was tried and reaches the wanted error, and
+    /// has fewer cells or `found` does not reach the error. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
         let Goal { scheme, own, .. } = self.goal;
         let better = found.error > self.wanted || cells(own) < cells(&found.shape);

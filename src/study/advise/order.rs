@@ -38,7 +38,7 @@ impl Order {
         Self::of_steps(errors, &vec![1.0; errors.len().saturating_sub(1)], range)
     }
 
-    /// The same where each grid is `2^s` times as fine as the one before, `s` of `steps`.
+    /// The same if each grid is `2^s` times as fine as the one before, with `s` from `steps`.
     pub fn of_steps(errors: &[f64], steps: &[f64], range: Range) -> Self {
         let Range { least, most } = range;
         let pairs = errors.windows(2).zip(steps);
@@ -60,7 +60,7 @@ impl Order {
             if q.is_finite() { q.min(most) } else { least }
         };
         let order = known(mean);
-        // One pair of errors that hardly fall does not show how later ones do.
+        // A single pair whose errors hardly fall does not show the order on finer grids.
         let counted_on = known(lower).max(order.min(least));
         Self { pairs, order, counted_on, settled: settled && mean.is_finite() }
     }

@@ -45,8 +45,8 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
         .collect();
     if !unsettled.is_empty() {
         warnings.push(format!(
-            "the order has not settled from grid to grid, the lower of the last two is counted on \
-             where errors fall, and the grid may be finer or coarser than it need be: {}",
+            "the order of convergence has not settled: the lower of the last two orders is used \
+             where errors fall, and the grid may be finer or coarser than necessary: {}",
             unsettled.join("; ")
         ));
     }
@@ -54,7 +54,7 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
         if can().any(|e| e.moved_edges.contains(&axis)) {
             let error = match case.exact {
                 Some(_) => "which is part of the error",
-                None => "which no estimate of the error sees",
+                None => "which the estimated error does not include",
             };
             warnings.push(format!(
                 "no grid nearby has faces on all edges of V across {name}; they are moved to the \
@@ -63,8 +63,8 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
         }
     }
     if case.readout.is_some() {
-        let what = "readout.cells are cells of the case's own grid: on another they lie elsewhere, \
-                    or nowhere";
+        let what = "readout.cells are cells of the case's own grid: on another grid they lie at \
+                    other places, or do not exist";
         warnings.push(what.to_owned());
     }
     warnings
@@ -195,7 +195,7 @@ impl fmt::Display for AdviceReport {
 mod tests {
     use super::*;
 
-    /// What is not known is not printed as two halves.
+    /// Parts that are not known apart are not printed as two halves.
     #[test]
     fn inseparable_parts_are_reported() {
         let together = parts(&ErrorParts::of_discretisation(0.026, None));

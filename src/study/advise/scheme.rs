@@ -15,7 +15,7 @@ pub struct SchemeChoice {
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
-    /// Flux between elements, if it is not the one that the case has with that degree.
+    /// Flux between elements, if it is not that of the case with elements of this degree.
     pub flux: Option<Flux>,
 }
 
@@ -57,7 +57,7 @@ impl SchemeChoice {
         Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
-    /// The schemes that are tried for `case`: its own; other degrees; with the upwind scheme of
+    /// The schemes that are tried for `case`: its own, and other degrees. With the upwind scheme of
     /// degree 0 also other interface laws, if `V` jumps, and slopes, if the inflow does not depend
     /// on time.
     pub fn candidates(case: &Case, jumps: bool) -> Vec<Self> {
@@ -92,8 +92,7 @@ impl SchemeChoice {
         Range { least: (k + 1.0) / (k + 2.0), most }
     }
 
-    /// `case`, which has this scheme's degree, by a classical run of this scheme on `shape`
-    /// elements.
+    /// A classical run of this scheme on `shape` elements. `case` has elements of its degree.
     pub fn classical(self, case: &Case, shape: &[usize]) -> Case {
         Case {
             method: Method::Classical,
@@ -106,14 +105,14 @@ impl SchemeChoice {
         }
     }
 
-    /// `case`, which has this scheme's degree, with its interface and flux on `shape` elements.
+    /// `case`, which has elements of this scheme's degree, with its interface and flux on `shape`.
     pub fn schrodingerized(self, case: &Case, shape: &[usize]) -> Case {
         let flux = self.flux.map_or(case.flux, Flux::alpha);
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each flux that `case`, which has its degree, does not have; of degree 0
-    /// there are none.
+    /// This scheme with each flux but that of `case`, which has elements of its degree. None for
+    /// degree 0.
     pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
         let (own, elements) = (case.flux, self.degree > 0);
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);

@@ -26,9 +26,9 @@ enum SearchResult {
 }
 
 impl Study<'_> {
-    /// Tries the case's own grid first where that is cheap, so that its error is not extrapolated.
+    /// Tries the case's own grid first if that is cheap, so that its error is not extrapolated.
     /// Collective.
-    pub(super) fn try_as_it_stands(&mut self) -> Result<()> {
+    pub(super) fn try_own_grid(&mut self) -> Result<()> {
         let (scheme, own) = (SchemeChoice::of(self.case), self.case.space.elements());
         let trials = &mut self.trials;
         if trials.is_cheap(scheme, &own, FOR_CASE)? {
@@ -47,8 +47,8 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The first grid of trials of `scheme`: the coarsest; or the case's own, if the data are so
-    /// narrow that no cell of the coarsest grid holds them. Collective.
+    /// The first grid on which `scheme` is tried: the coarsest; or the case's own, if a run on the
+    /// coarsest fails, as with data so narrow that no cell holds them. Collective.
     pub(super) fn start(&mut self, scheme: SchemeChoice) -> Vec<usize> {
         let degree_case = self.trials.degree_case(scheme);
         let own = degree_case.base.space.elements();
@@ -74,14 +74,14 @@ impl Study<'_> {
     /// The coarsest grid of each scheme that reaches the accuracy. Collective.
     ///
     /// # Errors
-    /// The last one, where no scheme could be tried.
+    /// The last one, if no scheme could be tried.
     pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
         let schemes = self.schemes();
         // The first scheme is tried in any case.
         let first = self.start(schemes[0]);
         let mut found: Vec<(SchemeChoice, SearchResult)> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
-            // Each scheme has its share of the budget for grids.
+            // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
                 0 => self.search_grid_from(scheme, &first, share),
@@ -133,7 +133,7 @@ impl Study<'_> {
                 SearchResult::Found(grid) => grids.push((scheme, grid)),
                 SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
-                    self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
+                    self.left_out.push(format!("{name}: the budget does not hold a run on {grid}"));
                 }
                 SearchResult::Failed(error) => {
                     self.left_out.push(format!("{name}: {error}"));
@@ -187,9 +187,8 @@ impl Study<'_> {
     fn misses_accuracy(&self, tried: &SearchResult) -> bool {
         match tried {
             SearchResult::Found(reached) => {
-                let why_missed =
-                    reached.error > DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
-                reached.known == Evidence::Extrapolated || why_missed
+                let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
+                reached.known == Evidence::Extrapolated || reached.error > wanted
             }
             SearchResult::BudgetTooSmall(_) | SearchResult::Failed(_) => true,
         }

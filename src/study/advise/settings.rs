@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::text::quoted;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::study::knobs;
+use crate::study::choices;
 use crate::study::trial::final_fields_only;
 
 /// Settings of a Schrödingerized run in which everything is planned.
@@ -28,9 +28,9 @@ pub fn base_case(case: &Case) -> Result<Case> {
     Ok(Case { exact: None, ..final_fields_only(&planned) })
 }
 
-/// The `--set` options that make `target` of `case`. `base` is [`base_case`] of it.
+/// The `--set` options that turn `case` into `target`. `base` is [`base_case`] of `case`.
 pub fn settings(case: &Case, base: &Case, target: &Case) -> Vec<String> {
-    let mut set = knobs::settings(case, target);
+    let mut set = choices::settings(case, target);
     let limited = case.positive && !target.positive;
     let resets = match target.method {
         Method::Classical => [
@@ -39,7 +39,7 @@ pub fn settings(case: &Case, base: &Case, target: &Case) -> Vec<String> {
             ("output.positive=false", limited),
         ],
         Method::Schrodingerized => {
-            // A classical case does not show all that its tables hold.
+            // A classical case does not hold the values of its Schrödingerization tables.
             let hidden = case.method == Method::Classical
                 && case.settings.keys().any(|key| key.starts_with("solver.warp"));
             [

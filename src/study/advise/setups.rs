@@ -4,7 +4,7 @@
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::grid_search::{Evidence, Level};
 use crate::study::advise::order::Order;
-use crate::study::advise::trials::MODE;
+use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::cost::application_weight;
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ pub struct ErrorParts {
     pub discretisation: f64,
     /// Discretisation in space, if the two were measured apart.
     pub space: Option<f64>,
-    /// Discretisation in velocity, likewise.
+    /// Discretisation in velocity, under the same condition.
     pub velocity: Option<f64>,
     /// Schrödingerization: the larger of the error measured on a coarse grid and the bound by the
     /// tolerance.
@@ -71,9 +71,9 @@ pub struct SetupReport {
     pub parts: ErrorParts,
     /// Order by pairs of grids.
     pub order: Order,
-    /// The grids that the order is from.
+    /// The grids that show the order.
     pub levels: Vec<Level>,
-    /// Space axes, counted from 0, on which no grid nearby has faces on all edges of `V`.
+    /// Space axes, counted from 0, along which no grid nearby has faces at all edges of `V`.
     pub moved_edges: Vec<usize>,
     /// Applications of a mode's Hamiltonian, or of `A`.
     pub applications: f64,
@@ -87,7 +87,7 @@ pub struct SetupReport {
     pub refused: Option<String>,
     /// Why the set-up is only an estimate; absent if it is advice.
     pub estimate: Option<String>,
-    /// `--set` options that make this set-up of the case.
+    /// `--set` options that turn the case into this set-up.
     pub settings: Vec<String>,
     /// The whole command.
     pub command: String,
@@ -100,10 +100,10 @@ impl SetupReport {
         self.applications * self.computed_cells * each
     }
 
-    /// Updates that a run counts as in the budget of trials.
+    /// Updates that a run counts as, in the units of the budget.
     pub fn updates(&self) -> f64 {
         match self.method {
-            Method::Schrodingerized => MODE * self.work(),
+            Method::Schrodingerized => UPDATES_PER_MODE * self.work(),
             Method::Classical => self.work(),
         }
     }
@@ -112,7 +112,7 @@ impl SetupReport {
     /// settled: a longer budget may find a smaller grid. Empty otherwise.
     pub fn not_settled_yet(&self) -> &'static str {
         match self.known == Evidence::Extrapolated && !self.order.settled {
-            true => "not settled yet, a longer --budget may settle it; by the orders so far ",
+            true => "not settled yet, a longer --budget may settle it; by the orders found so far ",
             false => "",
         }
     }
@@ -178,14 +178,13 @@ pub struct AdviceReport {
     pub title: String,
     /// Relative L1 error of the density that was asked for.
     pub accuracy: f64,
-    /// Number of ranks, to which seconds and memory belong.
+    /// Number of ranks that seconds and memory are for.
     pub ranks: usize,
-    /// Whether errors are against the exact solution; otherwise they are by Richardson's
-    /// extrapolation.
+    /// Whether errors are against the exact solution; otherwise they are Richardson's estimates.
     pub exact: bool,
     /// The case as its file has it, if its error could be estimated.
     pub given: Option<GivenCase>,
-    /// Index in `entries` of the Schrödingerized set-up of least work, estimates left aside.
+    /// Index in `entries` of the Schrödingerized set-up of least work that is no estimate.
     pub best: Option<usize>,
     /// The same of the classical set-ups.
     pub best_classical: Option<usize>,
@@ -219,7 +218,7 @@ impl AdviceReport {
 mod tests {
     use super::*;
 
-    /// A set-up of so many applications, extrapolated by orders that are settled or not.
+    /// A set-up of `applications` applications, extrapolated by an order that is `settled` or not.
     fn entry(applications: f64, settled: bool) -> SetupReport {
         let order = Order { pairs: vec![0.6, 1.1], order: 0.85, counted_on: 0.6, settled };
         SetupReport {

@@ -1,4 +1,4 @@
-//! Runs on trial grids, each done once, and their densities' errors.
+//! Runs on trial grids, each done once, and the errors of their densities.
 
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
@@ -10,24 +10,24 @@ use crate::scheme::reduce::reduced;
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;
-use crate::study::cost::{CostModel, Seconds, planned_updates, planned_work};
+use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work};
 use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
 use std::collections::BTreeMap;
 
-/// Updates that an application to one mode counts as an unknown: eight modes go through memory
+/// Updates that an application to an unknown of one mode counts as: eight modes pass through memory
 /// together.
-pub const MODE: f64 = 0.25;
-/// Points of the quadrature of exact values in an element, along an axis, beyond its nodes.
+pub const UPDATES_PER_MODE: f64 = 0.25;
+/// Quadrature points of exact values along an axis of an element, in addition to its nodes.
 const MORE_POINTS: usize = 4;
-/// Updates a cell that everything in a run beside its steps counts as, such as assembling `A`.
-const PREPARING: f64 = 80.0;
-/// Updates that an exact value counts as: a particle is traced back over slopes and jumps.
-const EXACT_VALUE: f64 = 200.0;
+/// Updates a cell that all work of a run but its steps counts as, such as assembling `A`.
+const UPDATES_TO_PREPARE: f64 = 80.0;
+/// Updates that an exact value counts as: a particle is traced back over slopes and jumps of `V`.
+const UPDATES_PER_EXACT_VALUE: f64 = 200.0;
 
 /// The result of a trial.
 pub struct TrialResult {
-    /// The density on all of space, averaged over equal cells, as many as unknowns of space.
+    /// The density on all of space, averaged over equal cells, one for each unknown of space.
     pub density: Vec<f64>,
     /// Of degree 1 and more: relative L1 error by quadrature in the elements, if an exact solution
     /// is known.
@@ -64,7 +64,7 @@ pub struct Trials<'a> {
 }
 
 impl<'a> Trials<'a> {
-    /// Without trials yet; `base` is the case's, and the budget is about this many seconds.
+    /// No trials yet. `base` is the base case, and the budget is about this many seconds.
     /// Collective.
     ///
     /// # Errors
@@ -117,7 +117,7 @@ impl<'a> Trials<'a> {
         &self.degree_cases[&scheme.degree]
     }
 
-    /// `case` as its runs merge it: explicit steps keep the grid.
+    /// `case` with the axes that its runs merge; runs with slopes merge none.
     pub fn merged(&self, case: &Case) -> Case {
         let mut case = case.clone();
         if case.limiter == Limiter::None {
@@ -143,14 +143,14 @@ impl<'a> Trials<'a> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
         let cells = all_cells(&case);
         match self.budget.holds(cells, 1.0) {
-            true => Ok((self.cost.work(&case)? + PREPARING) * cells),
+            true => Ok((self.cost.work(&case)? + UPDATES_TO_PREPARE) * cells),
             false => Ok(f64::INFINITY),
         }
     }
 
-    /// Updates that a comparison with the exact density on `shape` counts as. Of degree 0 the exact
-    /// density is computed once a grid; of higher degrees with each trial, at more points than
-    /// nodes.
+    /// Updates that a comparison with the exact density on `shape` counts as. For degree 0 the
+    /// exact density is computed once a grid; for higher degrees with each trial, at more points
+    /// than nodes.
     fn updates_to_compare(&self, scheme: SchemeChoice, shape: &[usize]) -> f64 {
         if self.exact.is_none() {
             return 0.0;
@@ -160,7 +160,7 @@ impl<'a> Trials<'a> {
                 true => 0.0,
                 false => {
                     let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
-                    EXACT_VALUE * first_points(&case)
+                    UPDATES_PER_EXACT_VALUE * first_points(&case)
                 }
             };
         }
@@ -168,7 +168,7 @@ impl<'a> Trials<'a> {
             return 0.0;
         }
         let points = (scheme.degree + 1 + MORE_POINTS) as f64;
-        EXACT_VALUE * cells(shape) * points.powi(shape.len() as i32)
+        UPDATES_PER_EXACT_VALUE * cells(shape) * points.powi(shape.len() as i32)
     }
 
     /// Whether a run of `scheme` on `shape` counts as no more than this part of the budget.
@@ -207,7 +207,7 @@ impl<'a> Trials<'a> {
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.degree_case(scheme).base, shape);
             let merged = self.merged(&case);
-            let mut updates = (self.cost.work(&merged)? + PREPARING) * all_cells(&merged);
+            let mut updates = (self.cost.work(&merged)? + UPDATES_TO_PREPARE) * all_cells(&merged);
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }
@@ -217,7 +217,7 @@ impl<'a> Trials<'a> {
         Ok(&self.done[&key])
     }
 
-    /// Runs `case`, which counts as so many updates. Collective.
+    /// Runs `case`, which counts as this many `updates`. Collective.
     ///
     /// # Errors
     /// As [`trial`] and [`density_of`].
@@ -228,7 +228,7 @@ impl<'a> Trials<'a> {
         let group = self.world.group();
         let density = density_of(&group, &case.space, &found)?;
         let [result, solve] = [found.seconds, found.summary.solve_seconds].map(|s| group.max(s));
-        let seconds = Seconds { result, solve, total: result };
+        let seconds = TrialSeconds { result, solve, total: result };
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;
@@ -311,7 +311,7 @@ impl<'a> Trials<'a> {
 
 /// Updates that a run of `case` by modes counts as.
 pub fn mode_updates(case: &Case, plan: &Plan) -> f64 {
-    MODE * planned_updates(case, plan)
+    UPDATES_PER_MODE * planned_updates(case, plan)
 }
 
 /// The product of `shape`, as a float: it may exceed every integer.

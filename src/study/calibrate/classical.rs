@@ -9,7 +9,7 @@ use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::{PARTS, SolveTime, Timed, line};
 use std::time::Instant;
 
-/// What the classical steps take on the block of `prepared`. Collective.
+/// Predicted seconds of the classical steps on the block of `prepared`. Collective.
 ///
 /// # Errors
 /// As [`Reconstruction::new`].

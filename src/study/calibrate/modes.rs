@@ -28,11 +28,11 @@ use crate::study::calibrate::timing::{
 use num_complex::Complex64;
 use std::time::Instant;
 
-/// Pieces that are tried, where not all of them run at one rate.
+/// Number of pieces that are tried if they do not all run at the same rate.
 const PIECES: usize = 3;
 
-/// What the modes of `warp` take on the block of `prepared`, which is that of the run itself if
-/// `whole`. Collective.
+/// Predicted seconds of the modes of `warp` on the block of `prepared`, which is that of the run
+/// itself if `whole`. Collective.
 ///
 /// # Errors
 /// As [`modes::run`].
@@ -72,18 +72,18 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
     trials.expected(whole)
 }
 
-/// A mode that stands for those of a file.
+/// A mode with made-up values, in place of the modes of a warped field that a run starts from.
 struct GivenMode {
     state: Vec<Complex64>,
     norm: f64,
 }
 
 impl GivenMode {
-    /// None where a run starts from fields. Collective.
+    /// None if the run starts from fields. Collective.
     fn new(prepared: &Prepared) -> Option<Self> {
         prepared.case.start.as_ref()?;
         let system = &prepared.system;
-        // Of no length scale, and zero nowhere, as zeros take no time.
+        // Without zeros: arithmetic with zeros may be faster.
         let mode = |i: usize| Complex64::cis((i * i % 257) as f64);
         let state: Vec<Complex64> = (0..system.matrix.rows()).map(mode).collect();
         let norm = |of: fn(&Complex64) -> f64| {
@@ -137,7 +137,7 @@ impl<'a> ModeTrials<'a> {
         });
         let mut seconds = nothing + most.fold(0.0, f64::max);
         if whole && seconds < LONG_ENOUGH {
-            // What takes so little is tried as it is.
+            // So short a run is timed as it is.
             seconds = repeated(&mut || self.trial(PARTS, mine))?.seconds;
         }
         let application = rate / self.case.fields.len() as f64;
@@ -204,8 +204,8 @@ struct Shortened<'a> {
 }
 
 impl<'a> Shortened<'a> {
-    /// Of `plan` to `part` of [`PARTS`] equal parts, or as many whole steps as that takes; each
-    /// mode is allowed its part of the error, too.
+    /// `plan` cut down to `part` of [`PARTS`] equal parts of the time, rounded up to whole steps.
+    /// The error that a mode may have is cut down in proportion.
     fn new(
         case: &Case,
         plan: &'a Plan,
@@ -256,8 +256,8 @@ impl<'a> Shortened<'a> {
         propagator(&setting, self.schedule.as_ref(), matrix)
     }
 
-    /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that
-    /// varies with its own degree.
+    /// The cost of a batch, counted leg by leg as in the plan. With a time-dependent inflow each
+    /// exponential has its own degree.
     fn cost(&self, batch: &Batch, coupling: BatchCoupling) -> f64 {
         let mut scratch = Vec::new();
         let bounds = &self.plan.bounds;
@@ -277,8 +277,8 @@ impl<'a> Shortened<'a> {
     }
 }
 
-/// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the
-/// longest to the shortest.
+/// The pieces of a group that are tried: one if all run at the same rate, otherwise [`PIECES`] from
+/// the longest to the shortest.
 fn pieces(group: &[Batch], coupling: BatchCoupling) -> Vec<Batch> {
     let all: Vec<Batch> = match coupling {
         BatchCoupling::Independent => return group.iter().take(1).cloned().collect(),

@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 
-/// Parts of the time; a power of two.
+/// Number of equal parts that the time is divided into; a power of two.
 pub const PARTS: usize = 64;
 /// Seconds of a trial that is long enough to measure a rate; shorter trials are repeated with more
 /// parts of the time.
@@ -37,17 +37,17 @@ pub struct SolveTime {
     pub application: f64,
 }
 
-/// The line through the first of [`PARTS`] parts of the time and so many parts more that they take
-/// long enough to tell.
+/// The line through the seconds of `trial(1)` and `trial(n)`, where `trial(n)` does `n` of
+/// [`PARTS`] parts of the work. `n` is doubled until the trial is [`LONG_ENOUGH`].
 ///
 /// # Errors
 /// Those of `trial`.
 pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<LinearCost> {
-    // The first of all also finds its way into the memory.
+    // The first trial also touches its memory for the first time, and does not count.
     trial(1)?;
     let (mut part, first) = (1, repeated(&mut || trial(1))?);
     let mut last = first;
-    // A slow moment is not long enough by itself: there must be more to do than at first.
+    // A trial may be long for other reasons than its work: the cost must have doubled, too.
     while (last.seconds < LONG_ENOUGH || last.cost < 2.0 * first.cost) && part < PARTS {
         part *= 2;
         last = trial(part)?;
@@ -64,7 +64,7 @@ pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<LinearCost
     Ok(LinearCost { rate, fixed: (last.seconds - rate * last.cost).max(0.0) })
 }
 
-/// The mean of a trial that is repeated while that takes little: a run, too, has slow moments.
+/// The mean of a trial, repeated if it is short. The mean, as a run has slow moments, too.
 ///
 /// # Errors
 /// Those of `trial`.

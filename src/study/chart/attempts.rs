@@ -1,7 +1,7 @@
 //! The attempts of a chart: each setting is run, refused or left out, one after the other.
 //!
-//! Rank 0's clock decides. Predictions use numbers that all ranks share, so that leaving a setting
-//! out costs two short messages; once the budget is used up, no messages are exchanged.
+//! Rank 0's clock decides for all ranks. Predictions use numbers that all ranks have, so that
+//! leaving out a setting takes two short messages, and none once the budget is used up.
 
 use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
@@ -14,15 +14,15 @@ use crate::problem::grid::PhaseSpace;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
-use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
-use crate::study::cost::{CostModel, Seconds};
-use crate::study::knobs::row_choices;
+use crate::study::choices::row_choices;
+use crate::study::cost::{CostModel, TrialSeconds};
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
-/// Most of the budget that one trial may take, so that many methods are tried.
+/// Largest part of the budget that a trial may take, so that many methods are tried.
 const LARGEST_PART: f64 = 0.125;
 /// The same for the case as given.
 const GIVEN_PART: f64 = 0.25;
@@ -31,14 +31,15 @@ const MARGIN: f64 = 1.3;
 /// Methods are compared on the finest grid where the first trials of all profiles together take at
 /// most this part of the budget.
 const COMPARED: f64 = 0.1;
-/// A trial that takes at most this part of the budget is repeated: a few milliseconds are noisy.
+/// A trial that takes at most this part of the budget is repeated: short times are noisy.
 const QUICK: f64 = 5e-4;
+/// Number of runs of such a trial.
 const REPEATS: usize = 3;
 /// Part of the budget that predictions may take.
 const PREDICTING: f64 = 0.1;
 /// Seconds a cell that the reduction of a grid takes, before that is measured.
 const REDUCING: f64 = 1e-7;
-/// Shortest time in seconds that this rate is measured by.
+/// Shortest time in seconds from which this rate is measured.
 const MEASURABLE: f64 = 0.01;
 
 /// The properties of a case that its reduction depends on.
@@ -69,7 +70,7 @@ struct ReducedGrid {
     reductions: Reductions,
 }
 
-/// Seconds a cell took to reduce, on a grid of so many cells.
+/// Seconds a cell that a reduction took, on a grid of so many cells.
 struct ReducingRate {
     seconds_per_cell: f64,
     cells: usize,
@@ -87,7 +88,7 @@ struct ExpectedSeconds {
 enum TrialOutcome {
     LeftOut(ExpectedSeconds),
     Refused(String),
-    Done(Box<Trial>, Seconds),
+    Done(Box<Trial>, TrialSeconds),
 }
 
 impl TrialOutcome {
@@ -100,7 +101,7 @@ impl TrialOutcome {
 pub(crate) struct Attempts<'a> {
     world: &'a World,
     case: &'a Case,
-    /// The case of other degrees.
+    /// The case with elements of other degrees.
     degrees: &'a [Case],
     /// Whether `V` jumps.
     jumps: bool,
@@ -108,13 +109,13 @@ pub(crate) struct Attempts<'a> {
     /// Whether the budget is used up, on all ranks.
     over: bool,
     /// Seconds that predictions took on this rank.
-    predicting: f64,
+    seconds_predicting: f64,
     reducing: ReducingRate,
     cost: CostModel,
     reduced_grids: Vec<ReducedGrid>,
     tried: Vec<Setting>,
-    /// One of each setting tried, in order.
-    pub entries: Vec<Entry>,
+    /// The entry of each setting tried, in order.
+    pub entries: Vec<ChartEntry>,
     /// The error of the first trial that failed.
     pub first_error: Option<Error>,
     /// Whether the solution is zero everywhere; unknown before the first trial.
@@ -131,7 +132,7 @@ impl<'a> Attempts<'a> {
             jumps,
             budget,
             over: false,
-            predicting: 0.0,
+            seconds_predicting: 0.0,
             reducing: ReducingRate { seconds_per_cell: REDUCING, cells: 0 },
             cost: CostModel::default(),
             reduced_grids: Vec::new(),
@@ -142,12 +143,12 @@ impl<'a> Attempts<'a> {
         }
     }
 
-    /// With the case of other degrees.
+    /// The same, with the case with elements of other degrees.
     pub fn with_degrees(self, degrees: &'a [Case]) -> Self {
         Self { degrees, ..self }
     }
 
-    /// The case of the degree of `space`.
+    /// The case with elements of the degree of `space`.
     fn base(&self, space: &PhaseSpace) -> &'a Case {
         let other = self.degrees.iter().find(|case| case.space.degree() == space.degree());
         other.unwrap_or(self.case)
@@ -176,7 +177,7 @@ impl<'a> Attempts<'a> {
     }
 
     /// Runs, refuses or leaves out one setting. Collective.
-    fn attempt(&mut self, setting: &Setting) -> Entry {
+    fn attempt(&mut self, setting: &Setting) -> ChartEntry {
         let base = self.base(&setting.space);
         let mut case = setting.apply(base, None);
         let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
@@ -185,20 +186,20 @@ impl<'a> Attempts<'a> {
             TrialOutcome::Refused(reason)
         });
         let entry = match outcome {
-            TrialOutcome::Done(trial, seconds) => Entry::done(&case, &trial, seconds),
+            TrialOutcome::Done(trial, seconds) => ChartEntry::done(&case, &trial, seconds),
             TrialOutcome::Refused(reason) => {
-                Entry { reason: Some(reason), ..Entry::of(&case, Status::Refused) }
+                ChartEntry { reason: Some(reason), ..ChartEntry::of(&case, Status::Refused) }
             }
             TrialOutcome::LeftOut(ExpectedSeconds { seconds, at_least }) => {
                 let coarser = self.seconds_on_coarser(setting);
-                Entry {
+                ChartEntry {
                     expected_seconds: Some(seconds.max(coarser)),
                     expected_at_least: at_least || coarser > seconds,
-                    ..Entry::of(&case, Status::LeftOut)
+                    ..ChartEntry::of(&case, Status::LeftOut)
                 }
             }
         };
-        Entry {
+        ChartEntry {
             as_given: setting.setup == Setup::Given,
             paper: matches!(setting.setup, Setup::Paper { .. }),
             no_jump: !self.jumps || case.is_galerkin(),
@@ -206,8 +207,8 @@ impl<'a> Attempts<'a> {
         }
     }
 
-    /// Runs, refuses or leaves out `setting`; the `case` of a paper's set-up gets its interval.
-    /// Collective.
+    /// Runs, refuses or leaves out `setting`, and sets the interval of `case` if it is the paper's
+    /// set-up. Collective.
     ///
     /// # Errors
     /// Those of reducing, measuring and running the case.
@@ -225,29 +226,29 @@ impl<'a> Attempts<'a> {
                 return Ok(TrialOutcome::longer_than(least));
             }
         }
-        let mut scene = self.reduce(case)?;
+        let mut reduced_case = self.reduce(case)?;
         if setup.needs_bounds() {
-            let least = (self.cost).overhead(&scene, scene.space.cells() as f64);
+            let least = (self.cost).overhead(&reduced_case, reduced_case.space.cells() as f64);
             if !self.budget.decide(self.fits(setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
-            let bounds = self.measured_bounds(&scene)?;
+            let bounds = self.measured_bounds(&reduced_case)?;
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
-            scene.warp = case.warp.clone();
+            reduced_case.warp = case.warp.clone();
         }
-        let (expected, error) = self.expect(&scene);
-        // With measured bounds the error is the plan's own; without them it is that of the trial.
-        if self.budget.decide(error.is_some() && self.cost.is_measured(&scene)) {
+        let (expected, error) = self.expect(&reduced_case);
+        // With measured bounds the plan of the trial fails, too; without them it may succeed.
+        if self.budget.decide(error.is_some() && self.cost.is_measured(&reduced_case)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
             return Ok(TrialOutcome::Refused(reason));
         }
-        // A lower bound promises nothing; one that cannot be planned is refused at once.
+        // A lower bound does not show that a trial fits. One that cannot be planned fails at once.
         let known = !expected.at_least || error.is_some();
         if !self.budget.decide(known && self.fits(setup, expected.seconds)) {
             return Ok(TrialOutcome::LeftOut(expected));
         }
-        let (trial, seconds) = self.timed(&scene)?;
-        self.cost.learn(&scene, &trial.plan, seconds);
+        let (trial, seconds) = self.timed(&reduced_case)?;
+        self.cost.learn(&reduced_case, &trial.plan, seconds);
         if self.zero.is_none() {
             let all = trial.fields.iter().flatten();
             let largest = all.fold(0.0, |largest, f| f64::max(largest, f.abs()));
@@ -265,7 +266,7 @@ impl<'a> Attempts<'a> {
         self.over
     }
 
-    /// Whether a trial of `seconds` more fits. The very first always does.
+    /// Whether a trial of `seconds` fits into the budget. Any trial does before the first result.
     fn fits(&self, setup: &Setup, seconds: f64) -> bool {
         let limit = self.budget.limit();
         let room = self.elapsed() + MARGIN * seconds <= limit;
@@ -276,7 +277,7 @@ impl<'a> Attempts<'a> {
         !self.has_results() || (room && seconds <= part * limit)
     }
 
-    /// Seconds of the same setup, taken or expected, on grids of fewer cells: a lower bound.
+    /// Seconds of the same set-up, measured or expected, on grids of fewer cells: a lower bound.
     fn seconds_on_coarser(&self, setting: &Setting) -> f64 {
         let cells = setting.space.cells();
         let same = |s: &Setting| s.setup == setting.setup && s.flux == setting.flux;
@@ -287,40 +288,41 @@ impl<'a> Attempts<'a> {
             .fold(0.0, f64::max)
     }
 
-    /// The least seconds of a trial, before its grid is reduced: for the part of the cells that was
-    /// needed on another grid.
+    /// A lower bound on the seconds of a trial before its grid is reduced. It assumes the same part
+    /// of needed cells as on the last reduced grid of this scheme.
     fn least_seconds(&self, case: &Case) -> f64 {
         let scheme = ReductionKey::of(case).scheme;
         let mut latest = self.reduced_grids.iter().rev();
-        let part = (latest.find(|scene| scene.key.scheme == scheme))
-            .map_or(1.0, |scene| scene.space.cells() as f64 / scene.key.cells() as f64);
+        let part = (latest.find(|grid| grid.key.scheme == scheme))
+            .map_or(1.0, |grid| grid.space.cells() as f64 / grid.key.cells() as f64);
         self.cost.overhead(case, part * case.space.cells() as f64)
     }
 
     /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
     fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
         let seconds = self.reducing.seconds_per_cell * case.space.cells() as f64;
-        // The coarsest grid is always reduced: without it only few methods are tried.
-        let fewest = self.reduced_grids.iter().map(|scene| scene.key.cells()).min();
+        // A grid no larger than those reduced so far is always reduced: else few methods are tried.
+        let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();
         let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
-        let spent = larger && self.predicting + seconds > PREDICTING * self.budget.limit();
+        let spent = larger && self.seconds_predicting + seconds > PREDICTING * self.budget.limit();
         self.has_results() && (spent || !self.fits(setup, least + seconds))
     }
 
-    /// Expected seconds of a trial of `case`, and the error where it cannot be planned. Without
-    /// time to plan it, or if it takes much too long anyway, a lower bound.
+    /// Expected seconds of a trial of `case`, and the error if it cannot be planned. They are a
+    /// lower bound if there is no time to plan it, or if it takes much too long anyway.
     fn expect(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
         let limit = self.budget.limit();
-        // Modes have a profile to be planned; classical steps are counted at once.
-        let spent = case.method == Method::Schrodingerized && self.predicting > PREDICTING * limit;
+        // Planning the profile of modes takes time; counting classical steps does not.
+        let spent =
+            case.method == Method::Schrodingerized && self.seconds_predicting > PREDICTING * limit;
         if self.has_results() && (spent || least > LARGEST_PART * limit) {
             return (at_least(least), None);
         }
         let began = Instant::now();
         let work = self.cost.work(case);
-        self.predicting += began.elapsed().as_secs_f64();
+        self.seconds_predicting += began.elapsed().as_secs_f64();
         match work {
             Ok(work) => {
                 let expected =
@@ -331,18 +333,18 @@ impl<'a> Attempts<'a> {
         }
     }
 
-    /// `case` on the cells that it needs, where these are known.
+    /// `case` reduced to the cells that it needs, if these are known.
     fn with_known_reduction(&self, case: &Case) -> Option<Case> {
         let key = ReductionKey::of(case);
-        let scene = self.reduced_grids.iter().find(|scene| scene.key == key)?;
+        let known = self.reduced_grids.iter().find(|grid| grid.key == key)?;
         Some(Case {
-            space: scene.space.clone(),
-            reductions: scene.reductions.clone(),
+            space: known.space.clone(),
+            reductions: known.reductions.clone(),
             ..case.clone()
         })
     }
 
-    /// `case` on the cells that it needs. Collective.
+    /// `case` reduced to the cells that it needs. Collective.
     fn reduce(&mut self, case: &Case) -> Result<Case> {
         if let Some(known) = self.with_known_reduction(case) {
             return Ok(known);
@@ -350,7 +352,7 @@ impl<'a> Attempts<'a> {
         let began = Instant::now();
         let found = reduced(self.budget.group(), case);
         let seconds = began.elapsed().as_secs_f64();
-        self.predicting += seconds;
+        self.seconds_predicting += seconds;
         let cells = case.space.cells();
         if seconds > MEASURABLE && cells >= self.reducing.cells {
             self.reducing = ReducingRate { seconds_per_cell: seconds / cells as f64, cells };
@@ -364,8 +366,8 @@ impl<'a> Attempts<'a> {
         Ok(found)
     }
 
-    /// A trial and its seconds; of a quick one the least of a few. Collective.
-    fn timed(&self, case: &Case) -> Result<(Trial, Seconds)> {
+    /// A trial and its seconds; a quick one is repeated, and the least seconds count. Collective.
+    fn timed(&self, case: &Case) -> Result<(Trial, TrialSeconds)> {
         let once = || -> Result<(Trial, [f64; 3])> {
             let began = Instant::now();
             let trial = trial(self.world, case)?;
@@ -382,19 +384,19 @@ impl<'a> Attempts<'a> {
             least = std::array::from_fn(|k| least[k].min(again[k]));
         }
         let [result, solve, total] = least;
-        let seconds = Seconds { result, solve, total };
+        let seconds = TrialSeconds { result, solve, total };
         Ok((trial, seconds))
     }
 
-    /// Bounds of the case's matrix, measured where they must be. Collective.
+    /// Bounds of the case's matrix, with the growth measured if needed. Collective.
     fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
         refuse_too_large_here(self.world, case)?;
         let here = Resources::here(self.world);
         Ok(Prepared::new(self.world, case, &here)?.bounds)
     }
 
-    /// The finest grid, up to the case's own, on which comparing methods is affordable on rank 0,
-    /// and the reason why it is not the case's own. Collective.
+    /// The finest grid, up to the case's own, on which the budget holds the comparison of methods
+    /// by the estimate of rank 0, and the reason if it is not the case's own. Collective.
     pub fn grid_for_comparison(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
         let candidates = &programme.grids[..=programme.own];
         let mut finest = 0;
@@ -436,7 +438,7 @@ impl<'a> Attempts<'a> {
                 sum += self.cost.seconds(&case, work);
             }
         }
-        self.predicting += began.elapsed().as_secs_f64();
+        self.seconds_predicting += began.elapsed().as_secs_f64();
         (sum > allowed).then(|| {
             format!(
                 "a trial of each profile there is expected to take {bound}{} in all, \

@@ -4,13 +4,16 @@ use crate::base::text::word;
 use crate::problem::case::{Case, Coefficients, DEFAULT_FLUX, Integrator, Limiter, Method};
 use crate::quantum::probability::Probabilities;
 use crate::study::chart::setup::is_reference;
-use crate::study::cost::Seconds;
+use crate::study::cost::TrialSeconds;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 use serde::Serialize;
 
-/// What stands for the profile of the unitary scheme.
+/// The name in place of a profile, for the unitary scheme, which has none.
 const UNITARY: &str = "unitary";
+
+/// A point of an entry: its cost and its error, or other coordinates; none if a number is unknown.
+pub type PointOf = fn(&ChartEntry) -> Option<[f64; 2]>;
 
 /// The result of a setting.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -25,17 +28,18 @@ pub enum Status {
     LeftOut,
 }
 
-/// A trial: its settings, then its numbers. Settings that a method does not have, and unknown
-/// numbers, are none.
+/// A trial: its settings, then its numbers. A setting that its method does not have is none, as is
+/// an unknown number.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Entry {
+pub struct ChartEntry {
     /// The result.
     pub status: Status,
     /// Why it was refused.
     pub reason: Option<String>,
-    /// Expected seconds, comparisons included, where it was left out.
+    /// Expected seconds, with comparisons, if it was left out.
     pub expected_seconds: Option<f64>,
-    /// Whether these are a lower bound: without the work, or those of a coarser grid.
+    /// Whether the expected seconds are a lower bound: without the steps, or those of a coarser
+    /// grid.
     pub expected_at_least: bool,
     /// Whether it is the case as its file has it.
     pub as_given: bool,
@@ -47,11 +51,11 @@ pub struct Entry {
     pub grid: String,
     /// Degree of the elements.
     pub degree: usize,
-    /// Flux between them; none of the upwind scheme of degree 0.
+    /// Flux between the elements; the upwind scheme of degree 0 has none.
     pub flux: Option<f64>,
     /// Number of unknowns.
     pub cells: usize,
-    /// Interface rows.
+    /// Interface law.
     pub interface: String,
     /// Classical: kind of steps.
     pub integrator: Option<String>,
@@ -61,21 +65,22 @@ pub struct Entry {
     pub cfl: Option<f64>,
     /// Profile `g(p)` of a run by modes, or the unitary scheme, which has none.
     pub profile: Option<String>,
-    /// Source of its coefficients.
+    /// Whether its Fourier coefficients are analytic or sampled.
     pub coefficients: Option<String>,
     /// Whether the unknowns are weighted.
     pub weights: Option<bool>,
-    /// Whether interfaces and weights make no difference: `V` does not jump, or of elements.
+    /// Whether interface law and weights make no difference: `V` does not jump, or the case has
+    /// elements.
     pub no_jump: bool,
-    /// Embedding of the inflow, where something enters.
+    /// Embedding of the inflow, if there is inflow.
     pub embedding: Option<String>,
     /// Method that applies `exp(−iHT)`.
     pub propagator: Option<String>,
-    /// Step of the method.
+    /// Its time step.
     pub step: Option<f64>,
-    /// Tolerance; none where `N_p` or the step is varied, or a tolerance has no effect.
+    /// Tolerance; none if `N_p` or a step is given instead, or a tolerance has no effect.
     pub tolerance: Option<f64>,
-    /// `N_p`, where it is given.
+    /// `N_p`, if it is given.
     pub points: Option<usize>,
     /// Modes `l ≥ 0`.
     pub modes: Option<usize>,
@@ -89,21 +94,21 @@ pub struct Entry {
     pub total_seconds: Option<f64>,
     /// Largest resident memory of a rank.
     pub memory_bytes_per_rank: Option<u64>,
-    /// Relative L1 distance to the exact solution; of measure-valued data that of the density.
+    /// Relative L1 distance to the exact solution; for measure-valued data that of the density.
     pub error_exact: Option<f64>,
     /// The same in L2, of `f`.
     pub error_exact_l2: Option<f64>,
     /// Relative l2 distance to `exp(AT) f(0) + …`, the largest over the fields.
     pub error_semidiscrete: Option<f64>,
-    /// The run's own estimate of that distance.
+    /// The estimate of that distance by the run itself.
     pub error_estimate: Option<f64>,
     /// Probability that a measurement finds the field in the window of `p` where it can be read.
     pub probability_window: Option<f64>,
-    /// The same at `p◇` alone, the slice.
+    /// The same for the slice at `p◇`.
     pub probability_slice: Option<f64>,
-    /// Applications over the larger of the two: the cost until the field is measured.
+    /// Applications over the larger of the two probabilities: the cost until the field is measured.
     pub until_measured: Option<f64>,
-    /// The larger of the two: `window` or `slice`.
+    /// Which of the two is larger: `window` or `slice`.
     pub measured_by: Option<String>,
     /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as
     /// few seconds.
@@ -119,7 +124,7 @@ pub struct Entry {
     pub warnings: Vec<String>,
 }
 
-impl Entry {
+impl ChartEntry {
     /// The settings of `case`, without numbers.
     pub fn of(case: &Case, status: Status) -> Self {
         let modes = case.method == Method::Schrodingerized;
@@ -153,14 +158,14 @@ impl Entry {
     }
 
     /// The settings of `case` with the numbers of its `trial`.
-    pub fn done(case: &Case, trial: &Trial, seconds: Seconds) -> Self {
+    pub fn done(case: &Case, trial: &Trial, seconds: TrialSeconds) -> Self {
         let summary = &trial.summary;
         let relative = |error: Option<f64>, size: Option<f64>| Some(error? / size?);
         let probability =
             |of: fn(&Probabilities) -> Option<f64>| summary.probabilities.as_ref().and_then(of);
-        // The one mode of the unitary scheme is the field.
-        let certain = case.is_unitary().then_some(1.0);
-        let window = certain.or_else(|| probability(|p| p.in_window.all.value()));
+        // The unitary scheme has one mode, which is the field.
+        let one_mode = case.is_unitary().then_some(1.0);
+        let window = one_mode.or_else(|| probability(|p| p.in_window.all.value()));
         let slice = probability(|p| p.at_slice.all.value());
         let modes = case.method == Method::Schrodingerized;
         let solves = Some(summary.solves).filter(|n| *n > 0);
@@ -191,12 +196,13 @@ impl Entry {
         }
     }
 
-    /// Whether it gives `exp(AT) f(0) + …` itself.
+    /// Whether it computes `exp(AT) f(0) + …` itself.
     pub fn is_reference(&self) -> bool {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }
 
-    /// The integrator, the paper's set-up or the profile: entries left out are counted by it.
+    /// Name by which entries left out are counted: the integrator, the paper's set-up or the
+    /// profile.
     pub fn method_name(&self) -> String {
         let own = match (&self.integrator, &self.profile) {
             _ if self.as_given => "the case as given".to_owned(),
@@ -212,7 +218,7 @@ impl Entry {
         }
     }
 
-    /// What it is, in words, without the grid.
+    /// Its settings in words, without the grid.
     pub fn name(&self) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.as_given {
@@ -234,7 +240,7 @@ impl Entry {
         parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
-        // Of the unitary scheme it is known.
+        // The flux of the unitary scheme is fixed.
         let is_unitary = self.profile.as_deref() == Some(UNITARY);
         let flux = self.flux.filter(|flux| *flux != DEFAULT_FLUX && !is_unitary);
         parts.extend(flux.map(|flux| format!("with flux {flux}")));

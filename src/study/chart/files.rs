@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::table::{self, Column, ColumnValues, in_pieces};
 use crate::base::text::{counted, plain};
-use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use std::fmt;
 use std::path::Path;
 
-/// Columns of `chart.csv`: all of an [`Entry`], in its order.
+/// Columns of `chart.csv`: all of an [`ChartEntry`], in its order.
 #[rustfmt::skip]
 pub const COLUMNS: [&str; 43] = [
     "status", "reason", "expected_seconds", "expected_at_least", "as_given", "paper", "method",
@@ -25,7 +25,7 @@ pub const COLUMNS: [&str; 43] = [
     "front_applications", "front_until_measured", "warnings",
 ];
 
-/// A field of the table, on one line.
+/// A field of the CSV table, on one line.
 fn field(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),
@@ -37,7 +37,7 @@ fn field(value: &Value) -> String {
 }
 
 /// `chart.csv`: a line of names, then one a trial.
-pub fn csv(entries: &[Entry]) -> String {
+pub fn csv(entries: &[ChartEntry]) -> String {
     let rows = entries.iter().map(|entry| serde_json::to_value(entry).unwrap_or_default());
     let rows: Vec<Value> = rows.collect();
     let cells = |name: &str| rows.iter().map(|row| field(&row[name]).into()).collect::<Vec<_>>();
@@ -57,7 +57,7 @@ impl Chart {
 
 impl fmt::Display for Chart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let fronts = |e: &Entry| {
+        let fronts = |e: &ChartEntry| {
             let marks = [
                 ('e', e.front_exact),
                 ('s', e.front_seconds),
@@ -67,9 +67,9 @@ impl fmt::Display for Chart {
             let on = marks.into_iter().filter(|(_, on)| *on);
             on.map(|(mark, _)| mark).collect::<String>()
         };
-        let mut rows: Vec<&Entry> =
+        let mut rows: Vec<&ChartEntry> =
             (self.entries.iter()).filter(|e| !fronts(e).is_empty()).collect();
-        let key = |e: &&Entry| (e.cells, e.method as u8);
+        let key = |e: &&ChartEntry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
         match rows.is_empty() {
             true => writeln!(f, "{}: no trial is on a front\n", self.title)?,
@@ -85,13 +85,13 @@ impl fmt::Display for Chart {
     }
 }
 
-/// A number of the table; a dash where there is none.
+/// A number of the table; a dash if there is none.
 fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
 /// A column of numbers on the terminal: its name, and the text of an entry.
-type NumberColumn = (&'static str, fn(&Entry) -> String);
+type NumberColumn = (&'static str, fn(&ChartEntry) -> String);
 
 /// Columns of numbers.
 #[rustfmt::skip]
@@ -112,15 +112,16 @@ fn mib_text(bytes: u64) -> String {
 /// A line of titles, then one an entry, and what the columns mean.
 fn table(
     f: &mut fmt::Formatter<'_>,
-    rows: &[&Entry],
-    fronts: &dyn Fn(&Entry) -> String,
+    rows: &[&ChartEntry],
+    fronts: &dyn Fn(&ChartEntry) -> String,
 ) -> fmt::Result {
-    let of =
-        |text: &dyn Fn(&Entry) -> String| -> Vec<String> { rows.iter().map(|e| text(e)).collect() };
+    let of = |text: &dyn Fn(&ChartEntry) -> String| -> Vec<String> {
+        rows.iter().map(|e| text(e)).collect()
+    };
     let numbers = (1..=rows.len()).map(|number| number.to_string());
     let words = [
         Column::of_words("grid", of(&|e| e.grid.clone())),
-        Column::of_words("method", of(&Entry::name)),
+        Column::of_words("method", of(&ChartEntry::name)),
         Column::of_words("front", of(fronts)),
     ];
     let numbers_of = TABLE.iter().map(|(name, text)| Column::new(name, of(text)));
@@ -142,7 +143,7 @@ fn table(
 impl Chart {
     /// Prints the number of settings left out, by method.
     fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut methods: Vec<(String, Vec<&Entry>)> = Vec::new();
+        let mut methods: Vec<(String, Vec<&ChartEntry>)> = Vec::new();
         for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
             let name = e.method_name();
             match methods.iter_mut().find(|(other, _)| *other == name) {

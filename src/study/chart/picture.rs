@@ -1,7 +1,7 @@
 //! The chart as a figure.
 //!
-//! Colour and marker stand for the profile or the method; whole lines with filled markers are the
-//! subject of each panel, dashes and open markers the other treatments of growth. A thin grey line
+//! Colour and marker show the profile or the method. The subject of a panel has solid lines and
+//! filled markers; other treatments of growth have dashed lines and open markers. A thin grey line
 //! is a front, or theory.
 
 use crate::base::text::word;
@@ -9,14 +9,11 @@ use crate::problem::case::{DEFAULT_CFL, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
-use crate::study::chart::entry::Entry;
+use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::ends;
 use crate::study::treatment::Treatment;
-
-/// Coordinates of an entry in a panel.
-type PointOf = fn(&Entry) -> Option<[f64; 2]>;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
 const APPLICATIONS: &str = "applications of the matrix";
@@ -25,7 +22,7 @@ pub const MIB: f64 = 1048576.0;
 
 /// The figure of a chart: all panels, with its sentences below.
 pub fn figure(chart: &Chart) -> Figure {
-    let compared: Vec<&Entry> =
+    let compared: Vec<&ChartEntry> =
         (chart.entries.iter()).filter(|e| e.grid == chart.compared_on && !e.as_given).collect();
     let grid = &chart.compared_on;
     let mut panels = by_profile(&compared, grid);
@@ -38,10 +35,10 @@ pub fn figure(chart: &Chart) -> Figure {
         .caption(chart.sentences.join("\n"))
 }
 
-/// A panel that is drawn series by series.
+/// A panel, to which series of entries are added.
 struct Plot<'a> {
     panel: Panel,
-    entries: &'a [&'a Entry],
+    entries: &'a [&'a ChartEntry],
     point: PointOf,
 }
 
@@ -49,25 +46,26 @@ impl<'a> Plot<'a> {
     fn new(
         title: impl Into<String>,
         axes: [PlotAxis; 2],
-        entries: &'a [&'a Entry],
+        entries: &'a [&'a ChartEntry],
         point: PointOf,
     ) -> Self {
         let [x, y] = axes;
         Self { panel: Panel::new(title, x, y), entries, point }
     }
 
-    /// A series of the entries that belong to it: from coarse grids to fine ones, on a grid from
-    /// large errors to small ones.
-    fn series(self, label: &str, style: Style, belongs: impl Fn(&Entry) -> bool) -> Self {
-        let error = |e: &Entry| e.error_semidiscrete.unwrap_or(0.0);
-        let mut of: Vec<&Entry> = self.entries.iter().filter(|e| belongs(e)).copied().collect();
+    /// Adds a series of the entries that belong to it, from coarse grids to fine ones and on each
+    /// grid from large errors to small ones.
+    fn series(self, label: &str, style: Style, belongs: impl Fn(&ChartEntry) -> bool) -> Self {
+        let error = |e: &ChartEntry| e.error_semidiscrete.unwrap_or(0.0);
+        let mut of: Vec<&ChartEntry> =
+            self.entries.iter().filter(|e| belongs(e)).copied().collect();
         of.sort_by(|a, b| (a.cells.cmp(&b.cells)).then(error(b).total_cmp(&error(a))));
         let points = of.into_iter().filter_map(self.point).collect();
         self.line(label, style, points)
     }
 
-    /// A thin line along a front, with an open marker at each of its entries.
-    fn front(self, label: &str, belongs: impl Fn(&Entry) -> bool) -> Self {
+    /// Adds a thin line along a front, with an open marker at each of its entries.
+    fn front(self, label: &str, belongs: impl Fn(&ChartEntry) -> bool) -> Self {
         let on = self.entries.iter().filter(|e| belongs(e)).copied();
         let mut along: Vec<[f64; 2]> = on.filter_map(self.point).collect();
         along.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -75,7 +73,7 @@ impl<'a> Plot<'a> {
         self.line(label, style, along)
     }
 
-    /// A series a profile, treated as most trials are.
+    /// Adds a series for each profile, of the entries with the usual treatment.
     fn profiles(
         mut self,
         profiles: &[String],
@@ -83,13 +81,13 @@ impl<'a> Plot<'a> {
         style: impl Fn(Style) -> Style,
     ) -> Self {
         for (k, profile) in profiles.iter().enumerate() {
-            let belongs = |e: &Entry| of_profile(e, profile) && usual(e);
+            let belongs = |e: &ChartEntry| of_profile(e, profile) && usual(e);
             self = self.series(&format!("{profile}{suffix}"), style(Style::of(k)), belongs);
         }
         self
     }
 
-    /// A line, if it has any points.
+    /// Adds a line, if it has any points.
     fn line(mut self, label: &str, style: Style, points: Vec<[f64; 2]>) -> Self {
         if !points.is_empty() {
             self.panel = self.panel.line(label, style, points);
@@ -103,28 +101,28 @@ fn is(setting: &Option<String>, value: &str) -> bool {
 }
 
 /// Whether the entry is a run by modes, planned from a tolerance.
-fn planned(e: &Entry) -> bool {
+fn planned(e: &ChartEntry) -> bool {
     e.method == Method::Schrodingerized && !e.paper && !e.as_given
 }
 
-/// Planned with this profile, by Chebyshev series.
-fn of_profile(e: &Entry, profile: &str) -> bool {
+/// Whether the entry is planned with this profile and propagated by Chebyshev series.
+fn of_profile(e: &ChartEntry, profile: &str) -> bool {
     planned(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
 }
 
-/// The treatment that most trials have: weights where there is anything to weight.
-fn usual(e: &Entry) -> bool {
+/// Whether the entry has the treatment of most trials: weights, unless there is nothing to weight.
+fn usual(e: &ChartEntry) -> bool {
     e.weights == Some(true) || e.no_jump
 }
 
 /// Whether the entry is a run by modes with this treatment of jumps.
-fn treated(e: &Entry, treatment: Treatment) -> bool {
+fn treated(e: &ChartEntry, treatment: Treatment) -> bool {
     let interface = word(&treatment.interface);
     e.weights == Some(treatment.weights) && e.interface == interface && !e.no_jump
 }
 
 /// Profiles of the trials, in the order in which they were tried.
-fn profiles(entries: &[&Entry]) -> Vec<String> {
+fn profiles(entries: &[&ChartEntry]) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
     for profile in entries.iter().filter(|e| planned(e)).filter_map(|e| e.profile.as_ref()) {
         if !found.contains(profile) {
@@ -134,8 +132,9 @@ fn profiles(entries: &[&Entry]) -> Vec<String> {
     found
 }
 
-/// Applications, probability and their quotient against the error; tolerances against errors.
-fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
+/// Panels by profile: error against applications, against the tolerance, and against applications
+/// over probability; and the probability against applications.
+fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
     let profiles = profiles(entries);
     let plot = |title: &str, axes: [&str; 2], point: PointOf| {
         let title = format!("{title} ({grid})");
@@ -144,11 +143,12 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
     let applications = plot("Applications, by profile", [APPLICATIONS, SEMIDISCRETE], |e| {
         Some([e.applications? as f64, e.error_semidiscrete?])
     });
-    let asked = plot("Asked for and reached, by profile", ["tolerance", SEMIDISCRETE], |e| {
-        Some([e.tolerance?, e.error_semidiscrete?])
-    });
+    let tolerances =
+        plot("Error against tolerance, by profile", ["tolerance", SEMIDISCRETE], |e| {
+            Some([e.tolerance?, e.error_semidiscrete?])
+        });
     let probability = plot(
-        "Probability of finding the field: in the window whole, in the slice dashed",
+        "Probability of finding the field: window solid, slice dashed",
         [APPLICATIONS, "probability"],
         |e| Some([e.applications? as f64, e.probability_window?]),
     );
@@ -156,14 +156,14 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
     let probability = Plot { point: slice, ..probability };
     let probability = probability.profiles(&profiles, ", slice", |of| of.hollow().dashed(1));
     let until = plot(
-        "Until it is measured (window or slice, the likelier), by profile",
+        "Cost until measured (window or slice, the likelier), by profile",
         ["applications / probability", SEMIDISCRETE],
         |e| Some([e.until_measured?, e.error_semidiscrete?]),
     );
     let front = "front, all by modes";
     [
         applications.front(front, |e| e.front_applications && planned(e)),
-        asked.line("as asked for", Style::theory(), diagonal(entries)),
+        tolerances.line("error = tolerance", Style::theory(), diagonal(entries)),
         probability,
         until.front(front, |e| e.front_until_measured),
     ]
@@ -171,15 +171,15 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
     .into()
 }
 
-/// Errors that equal the tolerances of `entries`.
-fn diagonal(entries: &[&Entry]) -> Vec<[f64; 2]> {
+/// The line of errors that equal the tolerances of `entries`.
+fn diagonal(entries: &[&ChartEntry]) -> Vec<[f64; 2]> {
     let reached = entries.iter().filter(|e| planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
     if all.is_empty() { Vec::new() } else { ends(&all).map(|end| [end, end]).into() }
 }
 
 /// Seconds: propagators of the first profile, classical steps, the paper's set-up.
-fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
+fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let title = format!("Seconds, by propagator ({grid})");
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
@@ -201,9 +201,9 @@ fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
     plot.panel
 }
 
-/// Each treatment of growth, of two profiles.
-fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
-    let title = format!("Against growth at a jump ({grid})");
+/// Each treatment of growth, for two profiles.
+fn by_treatment(entries: &[&ChartEntry], grid: &str) -> Panel {
+    let title = format!("Treatments of growth at a jump ({grid})");
     let axes = [APPLICATIONS, SEMIDISCRETE].map(PlotAxis::log);
     let point: PointOf = |e| Some([e.applications? as f64, e.error_semidiscrete?]);
     let mut plot = Plot::new(title, axes, entries, point);
@@ -223,8 +223,8 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
     plot.panel
 }
 
-/// The axis of memory: by logarithms where it spans more than a power of ten.
-fn memory_axis(entries: &[&Entry]) -> PlotAxis {
+/// The axis of memory: logarithmic if it spans more than a factor of ten.
+fn memory_axis(entries: &[&ChartEntry]) -> PlotAxis {
     let label = "peak memory of a rank, MiB";
     let all: Vec<f64> =
         (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64)).collect();
@@ -233,8 +233,8 @@ fn memory_axis(entries: &[&Entry]) -> PlotAxis {
 }
 
 /// Error to the exact solution against seconds and memory, each method over the grids.
-fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
-    let all: Vec<&Entry> = entries.iter().collect();
+fn by_grid(entries: &[ChartEntry], of: &str) -> Vec<Panel> {
+    let all: Vec<&ChartEntry> = entries.iter().collect();
     let what = match of {
         "f" => "relative L1 error to the exact solution",
         _ => "relative L1 error to the exact density",
@@ -252,7 +252,7 @@ fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
     vec![seconds.panel, methods(memory).panel]
 }
 
-/// Each method with the settings that all grids have.
+/// Adds a series for each method, with the settings that were tried on all grids.
 fn methods(mut plot: Plot<'_>) -> Plot<'_> {
     let classical = [
         ("forward-euler", "none"),
@@ -271,9 +271,9 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
     let first = profiles(plot.entries).into_iter().next().unwrap_or_default();
     for degree in 1..=LARGEST_DEGREE {
         let style = Style::of(degree).hollow();
-        // Other fluxes come last.
+        // The flux of the case comes first; other fluxes are tried last.
         let flux = plot.entries.iter().find(|e| e.degree == degree).and_then(|e| e.flux);
-        let usual = |e: &Entry| e.degree == degree && e.flux == flux;
+        let usual = |e: &ChartEntry| e.degree == degree && e.flux == flux;
         plot = plot.series(&format!("{first}, degree {degree}"), style, |e| {
             usual(e) && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[1])
         });
@@ -281,8 +281,9 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
             usual(e) && is(&e.integrator, "exponential") && !e.as_given
         });
     }
-    let by_modes =
-        |e: &Entry| e.degree == 0 && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0]);
+    let by_modes = |e: &ChartEntry| {
+        e.degree == 0 && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0])
+    };
     let style = |dash: usize| Style::of(3 + dash).hollow().dashed(dash);
     plot = plot.series(&first, style(1), |e| by_modes(e) && usual(e));
     let unweighted = Treatment::by_growth().into_iter().filter(|of| !of.has_growing_law());

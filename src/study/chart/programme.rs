@@ -7,13 +7,14 @@ use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::advise::scheme::Flux;
 use crate::study::chart::setup::{Modes, Setup};
+use crate::study::choices::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::grids::Grids;
-use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::treatment::Treatment;
 
-/// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
+/// Factors by which the cells of an axis are divided on coarser grids, and multiplied on finer
+/// ones.
 const FACTORS: [usize; 2] = [2, 4];
-/// Coarser grids have at least so many cells on an axis.
+/// Fewest cells along an axis of a coarser grid, unless the case has fewer.
 const FEWEST: usize = 3;
 
 /// Integrators and limiters that are compared, of degree 0.
@@ -24,10 +25,10 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
-/// The same of elements, without slopes, and without forward Euler, which grows at any step.
+/// The same for elements: without slopes, and without forward Euler, which is unstable at any step.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
-/// Grids of other degrees have about so many times the unknowns of the case along an axis.
+/// Unknowns along an axis on grids of other degrees, relative to the case.
 const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
 const FIRST: f64 = 1e-2;
@@ -35,13 +36,13 @@ const FIRST: f64 = 1e-2;
 const SECOND: f64 = 1e-4;
 /// Tolerances that are tried, the loosest first.
 pub const TOLERANCES: [f64; 5] = [FIRST, 1e-4, 1e-6, 1e-8, 1e-10];
-/// Steps of implicit methods.
+/// Numbers of steps of implicit methods.
 const STEPS: [usize; 4] = [16, 64, 256, 1024];
-/// Tolerance of the profile below the error of those steps.
+/// Tolerance of the profile with these steps, below their error.
 const BELOW_STEPS: f64 = 1e-4;
-/// Steps of the paper's figures.
+/// Number of steps in the paper's figures.
 const PAPER_STEPS: usize = 50;
-/// `N_p` of the paper's set-up.
+/// Values of `N_p` for the paper's set-up.
 const POINTS: [usize; 7] = [256, 512, 1024, 2048, 4096, 8192, 16384];
 /// CFL numbers below the default: the step over the largest stable one.
 const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
@@ -58,8 +59,8 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// `case`, of the degree of the grid, with these choices. `bounds` as [`Setup::apply`] has
-    /// them.
+    /// `case`, which has the degree of the grid, with these choices. `bounds` as in
+    /// [`Setup::apply`].
     pub fn apply(&self, case: &Case, bounds: Option<&Bounds>) -> Case {
         let case = self.setup.apply(case, &self.space, bounds);
         Case { flux: self.flux.unwrap_or(case.flux), ..case }
@@ -73,18 +74,18 @@ pub struct Programme {
     pub grids: Vec<PhaseSpace>,
     /// Index of the case's own grid among them.
     pub own: usize,
-    /// Grids of other degrees: coarse to fine, on each level all degrees.
+    /// Grids of other degrees, coarse to fine; each size with all degrees.
     others: Vec<PhaseSpace>,
     /// Treatments of growth, those that prevent it first.
     treatments: Vec<Option<Treatment>>,
-    /// Treatment of degree 0 where the case has another degree; none where nothing jumps.
+    /// Treatment of grids of degree 0 if the case has another degree; none if `V` does not jump.
     of_cells: Option<Treatment>,
 }
 
 impl Programme {
-    /// For a case on `space`. Finer grids have all its faces; coarser ones have nearly half and a
-    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` decides
-    /// whether a coarser grid shows `V` as the case's own does.
+    /// The settings for a case on `space`. Finer grids have all its faces. Coarser ones have about
+    /// half and a quarter of its cells, with the edges of `V` on faces where possible; `usable`
+    /// decides whether such a grid resolves `V` as the case's own does.
     pub fn new(
         space: &PhaseSpace,
         near: &Grids,
@@ -117,8 +118,8 @@ impl Programme {
         Self { grids, own: index, others: Vec::new(), treatments, of_cells }
     }
 
-    /// With elements of the degrees of `cases`, which are the case on its own grid with as many
-    /// unknowns of another degree.
+    /// Adds grids with the degrees of `cases`, each of which is the case with elements of another
+    /// degree and about as many unknowns.
     pub fn with_degrees(mut self, cases: &[Case]) -> Self {
         for scale in OF_UNKNOWNS {
             for case in cases {
@@ -165,8 +166,8 @@ impl Programme {
         self.grids[self.own].degree()
     }
 
-    /// Elements of other degrees: classical methods, and the first profile at two tolerances; of
-    /// degree 0, at one.
+    /// Elements of other degrees: classical methods, and the first profile at two tolerances; at
+    /// one for degree 0.
     pub fn other_degrees(&self) -> Vec<Setting> {
         let with = |space: &PhaseSpace| {
             let treatment = self.of_cells.filter(|_| space.degree() == 0);
@@ -222,13 +223,13 @@ impl Programme {
         setups
     }
 
-    /// Every profile at the first tolerance: what must be affordable where methods are compared.
+    /// Every profile at the first tolerance. The budget must hold these on a grid for comparison.
     pub fn profiles(&self, grid: &PhaseSpace) -> Vec<Setting> {
         on(grid, &of_profiles(self.base()).collect::<Vec<_>>())
     }
 
-    /// The knobs of each method on `grid`, one after the other.
-    pub fn every_knob(&self, grid: &PhaseSpace) -> Vec<Setting> {
+    /// The choices of each method on `grid`, each varied by itself.
+    pub fn every_choice(&self, grid: &PhaseSpace) -> Vec<Setting> {
         let degree = self.degree();
         let mut setups = classical(degree);
         for cfl in SHORTER {
@@ -310,7 +311,7 @@ fn paper(points: usize) -> Setup {
     Setup::Paper { points, steps: Some(PAPER_STEPS) }
 }
 
-/// The paper's profile and interval, with a series for the modes.
+/// The paper's profile and interval, with a Chebyshev series for the modes.
 fn sampled(points: usize) -> Setup {
     Setup::Paper { points, steps: None }
 }
@@ -347,9 +348,9 @@ mod tests {
         assert!((0..all.len()).all(|i| !all[..i].contains(&all[i])));
         // Without a jump, the treatments are one.
         assert_eq!(programme(64, false).everything(grid).len(), 6 * (2 * 5 + 2 * 4));
-        // Nothing of the first round is left out of the knobs.
-        let knobs = first.every_knob(&first.grids[0]);
-        assert!(first.every_method().iter().all(|s| knobs.contains(s)));
+        // The choices contain the whole first round.
+        let choices = first.every_choice(&first.grids[0]);
+        assert!(first.every_method().iter().all(|s| choices.contains(s)));
     }
 
     #[test]

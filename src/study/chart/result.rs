@@ -1,7 +1,7 @@
 //! The result of a chart: its entries, and the Pareto fronts among them.
 
 use crate::problem::case::Method;
-use crate::study::chart::entry::Entry;
+use crate::study::chart::entry::{ChartEntry, PointOf};
 use serde::Serialize;
 
 /// All trials of a case.
@@ -32,16 +32,13 @@ pub struct Chart {
     /// Sentences that say which method to take at which accuracy.
     pub sentences: Vec<String>,
     /// The trials.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<ChartEntry>,
 }
-
-/// Cost and error of an entry.
-type CostAndError = fn(&Entry) -> Option<[f64; 2]>;
 
 /// Marks the entries that no other of their kind beats; errors to the semi-discrete solution are
 /// compared only on the same grid.
-pub fn mark_fronts(entries: &mut [Entry]) {
-    let semidiscrete: [CostAndError; 3] = [
+pub fn mark_fronts(entries: &mut [ChartEntry]) {
+    let semidiscrete: [PointOf; 3] = [
         |e| Some([e.seconds?, e.error_semidiscrete?]),
         |e| Some([e.applications? as f64, e.error_semidiscrete?]),
         |e| Some([e.until_measured?, e.error_semidiscrete?]),
@@ -54,7 +51,7 @@ pub fn mark_fronts(entries: &mut [Entry]) {
         }
     }
     for (method, grid) in groups {
-        let belongs = |e: &Entry| e.method == method && e.grid == grid;
+        let belongs = |e: &ChartEntry| e.method == method && e.grid == grid;
         let [seconds, applications, until] = semidiscrete.map(|of| front_of(entries, belongs, of));
         for (i, entry) in entries.iter_mut().enumerate() {
             entry.front_seconds |= seconds[i];
@@ -71,14 +68,18 @@ pub fn mark_fronts(entries: &mut [Entry]) {
     }
 }
 
-/// By entry, whether it is on the front of those that `belong`.
-fn front_of(entries: &[Entry], belong: impl Fn(&Entry) -> bool, of: CostAndError) -> Vec<bool> {
+/// For each entry, whether it is on the front of those that `belong`.
+fn front_of(
+    entries: &[ChartEntry],
+    belong: impl Fn(&ChartEntry) -> bool,
+    of: PointOf,
+) -> Vec<bool> {
     let points: Vec<_> = (entries.iter()).map(|e| belong(e).then(|| of(e)).flatten()).collect();
     front(&points)
 }
 
-/// Whether each of `points` is on the front of the smallest: no other is at most as large in both
-/// and smaller in one. Points that are not known, or not finite, are not on it.
+/// Whether each of `points` is on the Pareto front: no other point is at most as large in both
+/// coordinates and smaller in one. Points that are unknown or not finite are not on it.
 fn front(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let known = |p: &[f64; 2]| p.iter().all(|x| x.is_finite());
     let mut order: Vec<(usize, [f64; 2])> =
@@ -87,7 +88,7 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let mut on = vec![false; points.len()];
     let mut best: Option<[f64; 2]> = None;
     for (i, [x, y]) in order {
-        // Equal ones are both on it.
+        // Equal points are both on the front.
         if best.is_none_or(|[a, b]| y < b || (y == b && x == a)) {
             on[i] = true;
             best = Some([x, y]);

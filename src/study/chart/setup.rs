@@ -15,7 +15,7 @@ use crate::study::trial::{final_fields_only, plan_series, propagation};
 pub struct Modes {
     /// `g(p)`.
     pub profile: &'static ProfileChoice,
-    /// Against growth at jumps; none where `V` does not jump, so that none is needed.
+    /// Treatment of growth at jumps; none if `V` does not jump.
     pub treatment: Option<Treatment>,
     /// Propagator of a mode.
     pub propagator: PropagatorMethod,
@@ -41,17 +41,17 @@ pub enum Setup {
     },
     /// Schrödingerization by modes.
     Modes(Modes),
-    /// The unitary scheme in the place of the upwind one, of degree 0: one mode.
+    /// The unitary scheme instead of the upwind one, of degree 0. It has one mode.
     Unitary {
         /// Requested relative error.
         tolerance: f64,
     },
-    /// The paper's: `e^{−|p|}` sampled on `N_p` points of `[−(λ⁻T + 5), λ⁺T + 5]`, no weights, the
-    /// doubled system with `δ = max|b|`.
+    /// The paper's set-up: `e^{−|p|}` sampled on `N_p` points of `[−(λ⁻T + 5), λ⁺T + 5]`, no
+    /// weights, the doubled system with `δ = max|b|`.
     Paper {
         /// `N_p`.
         points: usize,
-        /// Crank–Nicolson in so many steps, as in the paper; without them a Chebyshev series.
+        /// Number of Crank–Nicolson steps, as in the paper; if none, a Chebyshev series.
         steps: Option<usize>,
     },
 }
@@ -76,8 +76,8 @@ impl Setup {
         matches!(self, Self::Paper { .. })
     }
 
-    /// `case`, of the degree of `space`, on the grid `space` with this method. `bounds` are those
-    /// of the matrix of [`Setup::Paper`], where they are known.
+    /// `case`, which has the degree of `space`, on the grid `space` with this method. `bounds` are
+    /// those of the matrix of [`Setup::Paper`], if they are known.
     pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {
         let mut case = final_fields_only(case);
         case.space = space.clone();
@@ -95,7 +95,7 @@ impl Setup {
             }
             Self::Paper { points, steps } => apply_paper(&mut case, points, steps, bounds),
         }
-        // The exponential integrator is the verification itself, and has no slopes.
+        // Slopes cannot be verified, and the exponential integrator is itself the reference.
         case.verify = case.limiter == Limiter::None && !is_reference(&case);
         case
     }
@@ -139,7 +139,7 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
     case.propagator = propagation(case, method, steps);
 }
 
-/// Sets everything to be planned from the tolerance.
+/// Sets Schrödingerization by modes, with everything planned from the tolerance.
 fn plan_modes(case: &mut Case) {
     case.method = Method::Schrodingerized;
     case.limiter = Limiter::None;

@@ -1,8 +1,8 @@
-//! Fronts, sentences and files of trials that were made up.
+//! Fronts, sentences and files from made-up trials.
 
 use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
-use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
 use crate::study::chart::setup::Modes;
 use crate::study::chart::verdict::winners;
@@ -30,7 +30,7 @@ fn case() -> Case {
 
 /// A trial by the designed profile, or classical, that reached `error` in `seconds` with
 /// `applications`.
-fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> Entry {
+fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> ChartEntry {
     let case = case();
     let setup = if designed {
         Setup::from(Modes {
@@ -43,17 +43,17 @@ fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> E
     } else {
         Setup::classical(Integrator::SspRk3, Limiter::VanLeer)
     };
-    Entry {
+    ChartEntry {
         seconds: Some(seconds),
         error_exact: (!designed).then_some(error),
         error_semidiscrete: designed.then_some(error),
         applications: Some(applications),
         until_measured: designed.then_some(10.0 * applications as f64),
-        ..Entry::of(&setup.apply(&case, &case.space, None), Status::Done)
+        ..ChartEntry::of(&setup.apply(&case, &case.space, None), Status::Done)
     }
 }
 
-fn chart(entries: Vec<Entry>) -> Chart {
+fn chart(entries: Vec<ChartEntry>) -> Chart {
     Chart {
         title: "made up".to_owned(),
         version: String::new(),
@@ -76,19 +76,19 @@ fn the_cheapest_wins_at_each_accuracy() {
     let entries = [
         made_up(true, [3.0, 1e-9], 300),
         made_up(true, [1.0, 5e-3], 100),
-        // Dearer than the first, and worse.
+        // More expensive than the first, and less accurate.
         made_up(true, [4.0, 1e-5], 200),
         made_up(true, [0.5, 0.5], 50),
     ];
-    let all: Vec<&Entry> = entries.iter().collect();
-    let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
+    let all: Vec<&ChartEntry> = entries.iter().collect();
+    let point = |e: &ChartEntry| Some([e.seconds?, e.error_semidiscrete?]);
     let (found, missed) = winners(&all, &[1e-2, 1e-4, 1e-6, 1e-8, 1e-10], point);
     assert_eq!(missed, Some(1e-10));
     let found: Vec<(f64, f64)> =
         (found.iter()).map(|(within, e)| (*within, e.seconds.unwrap())).collect();
     assert_eq!(found, [(1e-2, 1.0), (1e-8, 3.0)]);
-    // By applications the third is worth its place.
-    let point = |e: &Entry| Some([e.applications? as f64, e.error_semidiscrete?]);
+    // By applications the third entry is the cheapest at one accuracy.
+    let point = |e: &ChartEntry| Some([e.applications? as f64, e.error_semidiscrete?]);
     let (found, _) = winners(&all, &[1e-2, 1e-4, 1e-6], point);
     let cost: Vec<usize> = found.iter().map(|(_, e)| e.applications.unwrap()).collect();
     assert_eq!(cost, [100, 200, 300]);
@@ -171,7 +171,7 @@ fn fronts_are_of_a_kind_and_a_grid() {
         other,
     ];
     mark_fronts(&mut entries);
-    let of = |on: fn(&Entry) -> bool| entries.iter().map(on).collect::<Vec<bool>>();
+    let of = |on: fn(&ChartEntry) -> bool| entries.iter().map(on).collect::<Vec<bool>>();
     assert_eq!(of(|e| e.front_seconds), [true, false, true, false, false, true]);
     assert_eq!(of(|e| e.front_applications), [true, true, true, false, false, true]);
     assert_eq!(of(|e| e.front_until_measured), [true, true, true, false, false, true]);
@@ -237,7 +237,7 @@ fn settings_make_the_cases_they_name() {
     assert!((lower + 35.0).abs() < 1e-12 && (upper - 5.6).abs() < 1e-12);
     assert!(made.verify && !made.warp.weights);
     assert!((made.propagator.step.unwrap() * 50.0 - case.end).abs() < 1e-12);
-    // The paper's scheme is the upwind one, whatever that of the case is.
+    // The paper's scheme is the upwind one for any scheme of the case.
     let central = Case { flux: 0.5, ..case.clone() };
     assert!(paper.apply(&central, &central.space, Some(&bounds)).flux >= 1.0);
     let slopes = Setup::classical(Integrator::SspRk3, Limiter::Minmod);

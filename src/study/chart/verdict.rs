@@ -1,12 +1,13 @@
-//! Which method to take at which accuracy, in sentences that follow from the trials.
+//! Sentences on which method to take at which accuracy.
 
 use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence, time_text};
 use crate::problem::case::Method;
-use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
 
-/// Accuracies that are asked for, loose to tight.
+/// Accuracies of the sentences on the error to the exact solution, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
+/// The same for the error to the semi-discrete solution.
 const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
 
 /// A number of few digits as text: `0.03`, `1e-5`.
@@ -19,14 +20,14 @@ fn figures(x: f64) -> String {
     if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
 
-/// The cheapest of `entries` at each of `accuracies`: the tightest accuracy that each winner is the
-/// winner of, and the one that nothing reaches.
+/// The cheapest of `entries` at each of `accuracies`, and the first accuracy that no entry reaches.
+/// An entry that is cheapest at several accuracies in turn stands once, with the tightest of them.
 pub fn winners<'a>(
-    entries: &[&'a Entry],
+    entries: &[&'a ChartEntry],
     accuracies: &[f64],
-    point: impl Fn(&Entry) -> Option<[f64; 2]>,
-) -> (Vec<(f64, &'a Entry)>, Option<f64>) {
-    let mut found: Vec<(f64, &Entry)> = Vec::new();
+    point: impl Fn(&ChartEntry) -> Option<[f64; 2]>,
+) -> (Vec<(f64, &'a ChartEntry)>, Option<f64>) {
+    let mut found: Vec<(f64, &ChartEntry)> = Vec::new();
     for &accuracy in accuracies {
         let reach = entries.iter().filter_map(|e| {
             let [cost, error] = point(e)?;
@@ -45,21 +46,22 @@ pub fn winners<'a>(
 
 /// The sentence on the cheapest entries at each of some accuracies.
 struct CheapestByAccuracy<'a> {
-    entries: &'a [&'a Entry],
+    entries: &'a [&'a ChartEntry],
     accuracies: &'a [f64],
     /// Cost and error.
-    point: fn(&Entry) -> Option<[f64; 2]>,
-    name: fn(&Entry) -> String,
-    cost: fn(&Entry) -> String,
-    /// Entries left out that could be closer than the closest.
-    left_out: fn(&Chart, &Entry) -> String,
+    point: PointOf,
+    name: fn(&ChartEntry) -> String,
+    cost: fn(&ChartEntry) -> String,
+    /// Text on entries left out that could be closer than the given closest one.
+    left_out: fn(&Chart, &ChartEntry) -> String,
 }
 
 impl CheapestByAccuracy<'_> {
     /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no
     /// entry has an error.
     fn text(&self, chart: &Chart) -> Option<String> {
-        let error = |e: &Entry| (self.point)(e).map(|[_, error]| error).filter(|e| e.is_finite());
+        let error =
+            |e: &ChartEntry| (self.point)(e).map(|[_, error]| error).filter(|e| e.is_finite());
         let closest = (self.entries.iter())
             .filter_map(|e| Some((error(e)?, *e)))
             .min_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -84,7 +86,7 @@ impl CheapestByAccuracy<'_> {
     }
 }
 
-fn seconds_text(e: &Entry) -> String {
+fn seconds_text(e: &ChartEntry) -> String {
     e.seconds.map_or(String::new(), time_text)
 }
 
@@ -99,7 +101,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
         (chart.entries.iter()).filter(move |e| e.status == Status::Done && e.method == method)
     };
     let compared = KINDS.map(|(kind, method)| {
-        let there: Vec<&Entry> = done(method).filter(|e| e.grid == *grid).collect();
+        let there: Vec<&ChartEntry> = done(method).filter(|e| e.grid == *grid).collect();
         (kind, there)
     });
     let mut found = Vec::new();
@@ -130,7 +132,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
 }
 
 /// A sentence on the error to the exact solution, over all grids.
-fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
+fn of_exact(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option<String> {
     let of = match chart.exact.as_deref()? {
         "f" => "solution",
         _ => "density",
@@ -141,22 +143,22 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
         point: |e| Some([e.seconds?, e.error_exact?]),
         name: |e| format!("{} on {}", e.name(), e.grid),
         cost: seconds_text,
-        left_out: left_out_anywhere,
+        left_out: left_out_on_any_grid,
     };
     let text = sentence_of.text(chart)?;
     let what = sentence(OF_GRID);
     Some(format!("{what} (relative L1 distance to the exact {of}), {kind}: {text}."))
 }
 
-/// By the error to the semi-discrete solution, on the grid where methods are compared.
-fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
+/// A sentence on the error to the semi-discrete solution, on the grid where methods are compared.
+fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option<String> {
     let sentence_of = CheapestByAccuracy {
         entries,
         accuracies: &SEMIDISCRETE,
         point: |e| Some([e.seconds?, e.error_semidiscrete?]),
-        name: Entry::name,
+        name: ChartEntry::name,
         cost: seconds_text,
-        left_out: left_out_there,
+        left_out: left_out_on_grid,
     };
     let reference = entries.iter().find(|e| e.is_reference());
     let also = reference.map_or(String::new(), |e| {
@@ -172,17 +174,17 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
 }
 
 /// A sentence on the cost until the field is measured.
-fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
+fn until_measured(chart: &Chart, entries: &[&ChartEntry]) -> Option<String> {
     let sentence_of = CheapestByAccuracy {
         entries,
         accuracies: &SEMIDISCRETE,
         point: |e| Some([e.until_measured?, e.error_semidiscrete?]),
-        name: Entry::name,
+        name: ChartEntry::name,
         cost: |e| {
             let by = (e.measured_by.as_ref()).map_or(String::new(), |by| format!(" ({by})"));
             (e.until_measured).map_or(String::new(), |n| format!("{n:.1e}{by}"))
         },
-        left_out: left_out_there,
+        left_out: left_out_on_grid,
     };
     let text = sentence_of.text(chart)?;
     Some(format!(
@@ -192,9 +194,10 @@ fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
 }
 
 /// The profiles without a probability in the window of `p`.
-fn without_window(entries: &[&Entry]) -> Option<String> {
+fn without_window(entries: &[&ChartEntry]) -> Option<String> {
     let mut profiles: Vec<&str> = Vec::new();
-    let without = |e: &&&Entry| e.probability_window.is_none() && e.probability_slice.is_some();
+    let without =
+        |e: &&&ChartEntry| e.probability_window.is_none() && e.probability_slice.is_some();
     for e in entries.iter().filter(without) {
         let profile = e.profile.as_deref().unwrap_or_default();
         if !profiles.contains(&profile) {
@@ -210,14 +213,14 @@ fn without_window(entries: &[&Entry]) -> Option<String> {
     })
 }
 
-/// Entries left out that could be closer to the exact solution than `closest`.
-fn left_out_anywhere(chart: &Chart, closest: &Entry) -> String {
+/// Text on entries left out that could be closer to the exact solution than `closest`.
+fn left_out_on_any_grid(chart: &Chart, closest: &ChartEntry) -> String {
     let out = (chart.entries.iter())
         .filter(|e| e.status == Status::LeftOut && e.method == closest.method);
-    let slopes = |e: &Entry| e.limiter.as_ref().is_some_and(|l| l != "none");
+    let slopes = |e: &ChartEntry| e.limiter.as_ref().is_some_and(|l| l != "none");
     let finer = out.clone().any(|e| e.cells > closest.cells);
-    let steeper = !slopes(closest) && out.clone().any(|e| e.cells >= closest.cells && slopes(e));
-    let what = match (finer, steeper) {
+    let limited = !slopes(closest) && out.clone().any(|e| e.cells >= closest.cells && slopes(e));
+    let what = match (finer, limited) {
         (true, true) => "settings on finer grids and limiters",
         (true, false) => "settings on finer grids",
         (false, true) => "limiters",
@@ -226,8 +229,8 @@ fn left_out_anywhere(chart: &Chart, closest: &Entry) -> String {
     format!("; {what} were left out for the budget")
 }
 
-/// The same of the semi-discrete solution, on its grid.
-fn left_out_there(chart: &Chart, closest: &Entry) -> String {
+/// The same for the semi-discrete solution, on its grid.
+fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
     let out = (chart.entries.iter()).filter(|e| {
         e.status == Status::LeftOut && e.method == closest.method && e.grid == closest.grid
     });
@@ -237,8 +240,8 @@ fn left_out_there(chart: &Chart, closest: &Entry) -> String {
     }
 }
 
-/// Seconds that are expected of `entries`: one number, or the least and the most.
-pub fn expected(entries: &[&Entry]) -> String {
+/// The expected seconds of `entries`: one number, or the least and the most.
+pub fn expected(entries: &[&ChartEntry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
     let [least, most] = ends(&all).map(time_text);
     let bound = if entries.iter().any(|e| e.expected_at_least) { "at least " } else { "" };
@@ -264,7 +267,7 @@ fn account(chart: &Chart) -> String {
     );
     let out = count(Status::LeftOut);
     if out > 0 {
-        let all: Vec<&Entry> =
+        let all: Vec<&ChartEntry> =
             (chart.entries.iter()).filter(|e| e.status == Status::LeftOut).collect();
         text += &format!(
             ", left out as they did not fit: {out} (expected to take {} each)",

@@ -1,20 +1,20 @@
 //! The step of the explicit methods, in units of the largest rate: `cfl = Δt max |A_ii|`.
 //!
 //! With row sums ≤ 0, forward Euler's `‖I + ΔtA‖_∞` is 1 up to `cfl = 1` and `2 cfl − 1` beyond.
-//! For upwind transport along a line, where `A` is a shift, SSP-RK3's `R(cfl (E − 1))` has the
-//! coefficients `1 − c + c²/2 − c³/6`, `c − c² + c³/2`, `(c² − c³)/2`, `c³/6`: of one sign up to
-//! `c = 1`. What is larger than at the start need not explode: `A` is not normal, and where
-//! particles leave the box a wave that grows by von Neumann's `|R(c (e^{−iθ} − 1))|` a step is gone
-//! when it has crossed it.
+//! For upwind transport along a line `A` is `cfl (E − 1)/Δt` with the shift `E`. A step of SSP-RK3,
+//! `R(c (E − 1))` with `c = cfl`, then has the coefficients `1 − c + c²/2 − c³/6`, `c − c² + c³/2`,
+//! `(c² − c³)/2` and `c³/6`, none of them negative up to `c = 1`. A value above the initial maximum
+//! need not explode, as `A` is not normal. If particles leave the box, a wave that grows by von
+//! Neumann's factor `|R(c (e^{−iθ} − 1))|` a step is gone once it has crossed the box.
 //!
-//! Elements keep no maximum, but `S ≤ 0` in the norm of `L²`, and `rate` bounds `‖A‖` there. With
-//! `c = Δt ‖A‖`, SSP-RK3 keeps the norm up to `c = 1` (Tadmor, SIAM Rev. 44, 2002); a step of
-//! forward Euler multiplies it by at most `√(1 + c²)`, and by more than 1 wherever `S` dissipates
-//! too little: it has no step that keeps it. Beyond `c = 1` the largest `|R(z)|` of `|z| ≤ c`, `Re
-//! z ≤ 0` bounds the growth of eigenvectors.
+//! Elements have no maximum principle, but `S ≤ 0` in the norm of `L²`, and `rate` bounds `‖A‖`
+//! there. With `c = Δt ‖A‖`, SSP-RK3 does not increase the norm up to `c = 1` (Tadmor, SIAM Rev.
+//! 44, 2002). A step of forward Euler multiplies the norm by at most `√(1 + c²)`, and by more than
+//! 1 for data that `S` hardly dissipates, at any step. Beyond `c = 1` the growth of eigenvectors is
+//! at most the largest `|R(z)|` over `|z| ≤ c` with `Re(z) ≤ 0`.
 //!
-//! So two borders: the last step at which no value ever exceeds the largest
-//! at the start, and the one from which values grow by `EXPLODED`.
+//! So there are two borders: the largest step at which no value ever exceeds the initial maximum,
+//! and the smallest from which values grow by `EXPLODED`.
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Integrator, Method};
@@ -22,35 +22,36 @@ use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::{assembled, grid_notes};
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::{assembled, notes};
-use crate::study::stability::search::{Located, last};
+use crate::study::stability::search::{Located, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
-/// Cells that are enough.
+/// Largest number of cells.
 const CELLS: usize = 2048;
-/// Steps after which something has exploded or has not.
+/// Steps after which an explosion shows.
 const STEPS: usize = 200;
 /// Label of the measured growth, which is that in `STEPS` steps.
 pub const GROWTH: &str = "growth in 200 steps";
-/// Names of the quantities that a step may keep: of degree 0, and of elements.
+/// Names of the quantities that stable steps do not increase: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
 const NORM: &str = "norm";
-/// Steps after which a step that can exceed the maximum has done so.
-const FEW: usize = 8;
+/// Steps after which values above the initial maximum show.
+const SHORT_STEPS: usize = 8;
 /// Growth in [`STEPS`] steps from which values are said to explode.
 const EXPLODED: f64 = 1e6;
-/// Steps between exchanges of the largest value over ranks.
-const BETWEEN: usize = 8;
+/// Steps between two maxima over all ranks.
+const STEPS_PER_MAXIMUM: usize = 8;
 /// Growth at which a trial is stopped.
-const FAR: f64 = 1e12;
-/// Relative growth below which it is round-off.
+const LARGEST_GROWTH: f64 = 1e12;
+/// Relative growth that may be round-off.
 const ROUND_OFF: f64 = 1e-12;
-/// Halvings that find a border to six digits, and to three.
-const SHARP: usize = 20;
-const ROUGH: usize = 14;
-/// Relative distance from which a measured border counts as beyond theory's.
+/// Halvings that locate a border to six digits.
+const HALVINGS_FOR_SIX: usize = 20;
+/// Halvings that locate a border to three digits.
+const HALVINGS_FOR_THREE: usize = 14;
+/// Relative distance from which a measured border counts as beyond that of theory.
 const SLACK: f64 = 1e-3;
 /// Largest `cfl` that is tried; larger for elements, whose rate is a bound that no grid reaches.
 const LARGEST: f64 = 4.0;
@@ -58,26 +59,26 @@ const LARGEST_OF_ELEMENTS: f64 = 32.0;
 const METHODS: [(&str, Integrator); 2] =
     [("forward Euler", Integrator::ForwardEuler), ("SSP-RK3", Integrator::SspRk3)];
 
-/// A trial of so many steps, from each of the first `patterns`.
+/// A trial of `steps` steps from each of the first `patterns` patterns.
 #[derive(Clone, Copy)]
 struct StepTest {
     steps: usize,
     patterns: usize,
 }
 
-/// Shows whether a maximum is exceeded.
-const SHORT: StepTest = StepTest { steps: FEW, patterns: 2 };
+/// Shows whether values exceed the initial maximum.
+const SHORT: StepTest = StepTest { steps: SHORT_STEPS, patterns: 2 };
 /// Shows whether values explode.
 const LONG: StepTest = StepTest { steps: STEPS, patterns: 1 };
 
 /// The matrix that is stepped, and its initial values.
 struct ExplicitSteps<'a> {
     found: &'a mut Prepared,
-    /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and
-    /// one minus in four.
+    /// Initial values of ±1 that a step increases most: signs that alternate along the motion, and
+    /// one minus sign in four cells.
     patterns: [Vec<f64>; 2],
     rate: f64,
-    /// Whether growth is that of the norm: of elements.
+    /// Whether growth is that of the norm, as with elements.
     of_norm: bool,
 }
 
@@ -103,7 +104,8 @@ impl<'a> ExplicitSteps<'a> {
         Ok(Self { found, patterns, rate, of_norm: case.is_galerkin() })
     }
 
-    /// Largest value of a test, or norm, over that at the start; about [`FAR`] at most. Collective.
+    /// Largest value of a test, or norm, over that at the start, but at most [`LARGEST_GROWTH`].
+    /// Collective.
     fn growth(&mut self, integrator: Integrator, cfl: f64, test: StepTest) -> f64 {
         let Prepared { communicator, system, .. } = &mut *self.found;
         let rows = system.matrix.rows();
@@ -121,15 +123,15 @@ impl<'a> ExplicitSteps<'a> {
                 } else {
                     mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
                 }
-                if step % BETWEEN == 0 || step == test.steps {
+                if step % STEPS_PER_MAXIMUM == 0 || step == test.steps {
                     largest = largest.max(communicator.world.max(mine));
-                    if largest > FAR {
+                    if largest > LARGEST_GROWTH {
                         break;
                     }
                 }
             }
         }
-        largest.min(FAR)
+        largest.min(LARGEST_GROWTH)
     }
 }
 
@@ -144,7 +146,7 @@ fn largest_rate(found: &Prepared) -> f64 {
     found.communicator.world.max(mine)
 }
 
-/// `|R(z)|`: the growth a step of an eigenvector whose eigenvalue times the step is `z`.
+/// `|R(z)|`: the growth in a step of an eigenvector whose eigenvalue times the step is `z`.
 fn amplification(integrator: Integrator, z: Complex64) -> f64 {
     match integrator {
         Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
@@ -152,7 +154,7 @@ fn amplification(integrator: Integrator, z: Complex64) -> f64 {
     }
 }
 
-/// Largest growth of a wave a step: `max_θ |R(c (e^{−iθ} − 1))|`.
+/// Largest growth of a wave in a step: `max_θ |R(c (e^{−iθ} − 1))|`.
 fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     const ANGLES: u32 = 720;
     let growth = |k: u32| {
@@ -163,7 +165,7 @@ fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     (0..=ANGLES).map(growth).fold(0.0, f64::max)
 }
 
-/// Largest growth a step over the half disc `|z| ≤ c`, `Re z ≤ 0`: it is on the boundary.
+/// Largest growth in a step over the half disc `|z| ≤ c`, `Re z ≤ 0`: it is on the boundary.
 fn half_disc(integrator: Integrator, c: f64) -> f64 {
     const POINTS: u32 = 720;
     match integrator {
@@ -184,13 +186,13 @@ fn half_disc(integrator: Integrator, c: f64) -> f64 {
 struct MethodLimits {
     name: &'static str,
     integrator: Integrator,
-    /// The quantity that a step may keep: the largest value, or the norm.
+    /// The quantity that stable steps do not increase: the largest value, or the norm.
     what: &'static str,
-    /// The largest `cfl` at which the patterns keep it.
+    /// The largest `cfl` at which it does not increase from the patterns.
     kept: Located,
-    /// The same for any data, by theory: of elements a lower bound, or none.
+    /// The same for any data, by theory; for elements a lower bound, or none.
     kept_by_theory: Option<f64>,
-    /// The largest `cfl` at which no value explodes.
+    /// The largest `cfl` at which values do not explode.
     calm: Located,
     /// A lower bound on it.
     calm_bound: Located,
@@ -199,8 +201,9 @@ struct MethodLimits {
 impl MethodLimits {
     fn verdict(&self) -> String {
         let Self { name, what, kept, kept_by_theory: limit, calm, calm_bound, .. } = self;
-        let theory = limit
-            .map_or("none, as what hardly decays grows".to_owned(), |limit| format!("{limit:.3}"));
+        let theory = limit.map_or("none, as data that hardly decay grow".to_owned(), |limit| {
+            format!("{limit:.3}")
+        });
         let mut verdict = format!(
             "{name}: the patterns tried never exceed the {what} at the start up to cfl {kept} \
              (theory, for any data: {theory}); they grow a millionfold from {calm} on (bound: not \
@@ -208,8 +211,8 @@ impl MethodLimits {
         );
         let beyond = |kept: f64| limit.is_some_and(|limit| kept > (1.0 + SLACK) * limit);
         if kept.at().is_some_and(beyond) {
-            verdict += "The patterns are not the worst data of this grid: what any data keep ends \
-                        where theory says at the earliest, and may end before what was measured. ";
+            verdict += "The patterns are not the worst data of this grid: other data may exceed it \
+                        at smaller steps than measured, but not below the border of theory. ";
         }
         verdict
     }
@@ -228,10 +231,10 @@ impl MethodLimits {
     }
 }
 
-/// A bound on the growth in `STEPS` steps where the largest rate is `rate_ratio` times its bound.
+/// A bound on the growth in `STEPS` steps if the largest rate is `rate_ratio` times its bound.
 fn growth_bound(integrator: Integrator, cfl: f64, rate_ratio: f64, of_norm: bool) -> f64 {
     let step = if of_norm { half_disc } else { von_neumann };
-    step(integrator, cfl * rate_ratio).max(1.0).powi(STEPS as i32).min(FAR)
+    step(integrator, cfl * rate_ratio).max(1.0).powi(STEPS as i32).min(LARGEST_GROWTH)
 }
 
 /// The panel. Collective.
@@ -243,7 +246,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
     let mut found = assembled(world, &case)?;
     let of_norm = case.is_galerkin();
-    // The bound on the rate may not be reached; that on the norm is taken as it is.
+    // The largest rate may be below its bound. For the norm only the bound is known.
     let largest = largest_rate(&found) / found.bounds.rate;
     let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
     if rate_ratio <= 0.0 {
@@ -252,7 +255,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let mut steps = ExplicitSteps::new(&case, &mut found)?;
     let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };
     let between = [0.25, high];
-    // Borders first: curves may end early.
+    // Borders come first: the budget may end before the curves do.
     let all = METHODS.map(|(name, integrator)| {
         let is_over = || budget.is_over();
         let mut growth = |cfl, test| steps.growth(integrator, cfl, test);
@@ -260,15 +263,24 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         MethodLimits {
             name,
             integrator,
-            kept: last(between, SHARP, is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
+            kept: last_holding(between, HALVINGS_FOR_SIX, is_over, |cfl| {
+                growth(cfl, SHORT) <= 1.0 + ROUND_OFF
+            }),
             what: if of_norm { NORM } else { LARGEST_VALUE },
             kept_by_theory: match integrator {
                 Integrator::ForwardEuler if of_norm => None,
                 _ => Some(1.0 / rate_ratio),
             },
-            calm: last(between, ROUGH, is_over, |cfl| growth(cfl, LONG) < EXPLODED),
-            // A formula: no budget is needed.
-            calm_bound: last(between, ROUGH, || false, |cfl| bound(cfl) < EXPLODED),
+            calm: last_holding(between, HALVINGS_FOR_THREE, is_over, |cfl| {
+                growth(cfl, LONG) < EXPLODED
+            }),
+            // A formula, which takes no time.
+            calm_bound: last_holding(
+                between,
+                HALVINGS_FOR_THREE,
+                || false,
+                |cfl| bound(cfl) < EXPLODED,
+            ),
         }
     });
     let curves = METHODS.map(|(name, integrator)| {
@@ -283,7 +295,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         Curve::bounded(name, points.collect())
     });
     let verdicts: String = all.iter().map(MethodLimits::verdict).collect();
-    let mut notes = notes(whole, &case);
+    let mut notes = grid_notes(whole, &case);
     task.is_over(&mut notes);
     Ok(Findings {
         shape: case.space.elements(),

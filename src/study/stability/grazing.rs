@@ -1,9 +1,9 @@
 //! Grazing particles: `λ⁺` of hat rows against the height of the jumps.
 //!
-//! A target velocity `ξ_j` whose source `√(ξ_j² + 2ΔV)` on the other side is almost at rest draws
-//! `|ξ_j|/Δx` from a cell that loses only `|ξ_k|/Δx` itself. Upstream of each source `k`, and
-//! downstream of the target, lies a chain of cells on which `S` has the diagonal `−d = −|ξ|/Δx` and
-//! `d/2` beside it; a long one answers at its end like the number
+//! A target velocity `ξ_j` may have a source `√(ξ_j² + 2ΔV)` on the other side that is almost at
+//! rest. It then draws `|ξ_j|/Δx` from a cell that itself loses only `|ξ_k|/Δx`. Upstream of each
+//! source `k`, and downstream of the target, lies a chain of cells on which `S` has the diagonal
+//! `−d = −|ξ|/Δx` and `d/2` beside it. The end of a long chain responds like the number
 //!
 //! ```text
 //! E(λ, d) = ½ (λ + d + √((λ + d)² − d²)),      E(0, d) = d/2
@@ -17,12 +17,13 @@
 //! which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
 //! ```
 //!
-//! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets
-//! that share the sources, short chains and forces are left out.
+//! `λ⁺` has spikes over the height, as it depends on how close a velocity cell comes to the
+//! threshold `√(2ΔV)`. The theory neglects other targets that share the sources, short chains and
+//! forces.
 //!
-//! A spike is narrow: at its top all of a fast target comes from one slow source, at
-//! `ΔV = (ξ_j² − ξ_k²)/2`. So heights that are equally spaced miss it. The tops are located by
-//! theory, which takes no matrix, refined by golden section, and `λ⁺` is measured there.
+//! A spike is narrow: at its top a fast target has a single slow source, at `ΔV = (ξ_j² − ξ_k²)/2`.
+//! Equally spaced heights miss it. So the tops are located by theory, which needs no matrix, and
+//! refined by golden section, and `λ⁺` is measured there.
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
@@ -32,16 +33,16 @@ use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::{
-    assembled, growth, notes, refuse_elements, with_potential_times,
+use crate::study::stability::cases::{
+    assembled, grid_notes, growth, refuse_elements, with_potential_times,
 };
+use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::treatment::Treatment;
 
-/// Cells that are enough.
+/// Largest number of cells.
 const CELLS: usize = 4096;
-/// Heights, as parts of the case's, and how many are tried: as many as the budget allows, in an
-/// order that fills them evenly.
+/// Smallest and largest height, relative to that of the case, and number of heights. As many are
+/// tried as the budget allows, in an order that covers the range evenly.
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
@@ -57,8 +58,8 @@ fn chain(lambda: f64, d: f64) -> f64 {
     0.5 * (sum + (lambda * (sum + d)).sqrt())
 }
 
-/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no
-/// positive one.
+/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)`, summed over `list` of `(half, lost)`; 0 if
+/// there is no positive one.
 fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
     let grows = |lambda: f64| {
         let drawn: f64 = (list.iter()).map(|&(half, lost)| half * half / chain(lambda, lost)).sum();
@@ -72,7 +73,7 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
 }
 
 /// Heights of the jumps of `V` across axis `a`, each once.
-fn jumps(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
+fn jumps_across(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
     let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
     let mut jumps: Vec<f64> = Vec::new();
     for_each_cell(&ranges, |i| {
@@ -87,7 +88,7 @@ fn jumps(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
 /// Heights of the jumps of `V` along each axis.
 fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     let potential = Potential::whole(case)?;
-    Ok((0..case.space.dimension()).map(|a| jumps(case, &potential, a)).collect())
+    Ok((0..case.space.dimension()).map(|a| jumps_across(case, &potential, a)).collect())
 }
 
 /// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps; none if
@@ -156,7 +157,7 @@ fn spikes(case: &Case, jumps: &[Vec<f64>]) -> Vec<f64> {
     found
 }
 
-/// Where `of` is highest in `[low, high]`, if it rises to it and falls from it: golden section.
+/// The maximum of `of` in `[low, high]` by golden section, if it has a single one there.
 fn highest_in(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
     const STEPS: usize = 40;
     let golden = 0.5 * (5f64.sqrt() - 1.0);
@@ -168,7 +169,8 @@ fn highest_in(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// The numbers below `count` in an order in which each prefix is spread evenly: bits reversed.
+/// The numbers below `count`, in an order of which each beginning is spread evenly: by reversed
+/// bits.
 fn spread(count: usize) -> impl Iterator<Item = usize> {
     let bits = count.next_power_of_two().trailing_zeros();
     (0..count.next_power_of_two())
@@ -190,7 +192,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let case = Treatment { interface: Interface::Hat, weights: false }.of(&coarse);
     let jumps = all_jumps(&case)?;
     let height = jumps.iter().flatten().copied().fold(0.0, f64::max);
-    let mut notes = notes(whole, &coarse);
+    let mut notes = grid_notes(whole, &coarse);
     let at = |factor: f64| -> Result<CurvePoint> {
         let scaled = with_potential_times(&case, factor);
         let mut found = assembled(world, &scaled)?;

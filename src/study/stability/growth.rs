@@ -1,14 +1,14 @@
-//! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
+//! The amplification `e^{λ⁺T}` of errors by the recovery, against refinement, for each treatment.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
+use crate::study::stability::cases::{assembled, growth, refuse_elements};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
 
 /// Cells of the coarsest grid.
@@ -18,13 +18,13 @@ const MOST: usize = 1 << 17;
 /// Factors of refinement along every axis.
 const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 
-/// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose
-/// slope counts where it is `SURE` times its standard error and changes `λ⁺T` by `LITTLE` over
-/// the grids.
+/// Whether `λ⁺T` rises or falls with the logarithm of the cells, by a line of least squares. Its
+/// slope counts if it exceeds `SURE` times its standard error and changes `λ⁺T` by at least
+/// `LITTLE` over all grids.
 fn trend(points: &[CurvePoint]) -> &'static str {
     /// Fewer grids show no trend.
     const GRIDS: usize = 4;
-    /// Student's t of four grids at 95 %.
+    /// Student's t at 95 % for four grids, with two degrees of freedom.
     const SURE: f64 = 4.3;
     const LITTLE: f64 = 0.01;
     if points.len() < GRIDS {
@@ -90,9 +90,9 @@ impl Growth {
         let measured = growth(&mut found)?;
         let theory = match treatment {
             // S ≤ 0.
-            of if !of.has_growing_law() => 0.0,
+            treatment if !treatment.has_growing_law() => 0.0,
             // The certificate is above λ⁺.
-            of if of.weights => found.system.weights.certificate,
+            treatment if treatment.weights => found.system.weights.certificate,
             _ => expected_growth(case)?.unwrap_or(f64::NAN),
         };
         Ok(Self { measured, theory })
@@ -107,12 +107,12 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     refuse_elements(task.case)?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
-        let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
+        let why = "V does not jump: S has no positive eigenvalues on any grid without weights";
         return Err(Error::input(why));
     }
     let treatments = Treatment::all();
     let mut curves: Vec<Curve> = (treatments.iter())
-        // Theory has the growth itself only of unweighted rows that may grow.
+        // Theory gives the growth itself only for unweighted rows that may grow, else a bound.
         .map(|of| Curve { bound: !of.may_grow(), ..Curve::new(of.name(), Vec::new()) })
         .collect();
     let (mut borders, mut notes) = (Vec::new(), Vec::new());
@@ -142,7 +142,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let sentences: Vec<String> = curves.iter().map(sentence).collect();
     let verdict = format!(
-        "By how much reading f amplifies what is wrong with the modes. {}",
+        "The factor by which reading f amplifies errors of the modes. {}",
         sentences.join(" ")
     );
     Ok(Findings { shape, curves, borders, verdict, notes })

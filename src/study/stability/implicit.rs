@@ -2,15 +2,15 @@
 
 use crate::base::error::Error;
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
+use crate::study::choices::implicit_propagators;
 use crate::study::grids::coarsened;
-use crate::study::knobs::implicit_propagators;
+use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
 
-/// Cells that are enough: each mode and step solves a system.
+/// Largest number of cells: each step of each mode solves a system.
 const CELLS: usize = 256;
-/// The tolerance of everything but the steps, at most.
+/// Tolerance of everything but the steps.
 const TOLERANCE: f64 = 1e-6;
 /// Fewest steps over the whole time, as a power of two.
 const FEWEST: u32 = 4;
@@ -19,8 +19,8 @@ const MOST: u32 = 12;
 /// Error at which measured and predicted steps are compared: both are accurate there.
 const COMPARED: f64 = 1e-3;
 
-/// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is
-/// that of the step, and those steps.
+/// The order of the error between two steps, and these steps: the two shortest whose error is
+/// neither near the tolerance nor too large for an asymptotic order.
 fn slope(points: &[CurvePoint]) -> Option<(f64, [f64; 2])> {
     let mut fine = points.iter().filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
@@ -28,8 +28,8 @@ fn slope(points: &[CurvePoint]) -> Option<(f64, [f64; 2])> {
     Some((slope, [a.x, b.x]))
 }
 
-/// Of points by rising step, the one with the longest step of which no shorter one makes the error
-/// smaller by a tenth.
+/// The index of the longest step, in points by rising step, that no shorter step improves on: none
+/// makes the error smaller by a tenth.
 fn stalled(points: &[CurvePoint]) -> Option<usize> {
     let shorter = |k: usize| points[..k].iter().map(|p| p.measured);
     (1..points.len())
@@ -54,10 +54,10 @@ struct ImplicitSteps {
     method: PropagatorMethod,
     /// Points by rising step.
     points: Vec<CurvePoint>,
-    /// Why it ended early.
+    /// Why a trial failed, if one did.
     refused: Option<String>,
-    /// The largest number of steps, where it ended for the budget.
-    fewer: Option<u32>,
+    /// The largest number of steps, if the budget ended the trials.
+    most_steps: Option<u32>,
 }
 
 impl ImplicitSteps {
@@ -68,12 +68,12 @@ impl ImplicitSteps {
         name: &'static str,
         method: PropagatorMethod,
     ) -> Self {
-        let mut found = Self { name, method, points: Vec::new(), refused: None, fewer: None };
+        let mut found = Self { name, method, points: Vec::new(), refused: None, most_steps: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
             case.propagator = propagation(&case, method, Some(steps as usize));
             let Some(tried) = task.trial(&case) else {
-                found.fewer = Some(steps / 2);
+                found.most_steps = Some(steps / 2);
                 break;
             };
             match tried {
@@ -92,8 +92,8 @@ impl ImplicitSteps {
         found
     }
 
-    /// The order of convergence, and the steps that it is from. Beyond where the error stalls it is
-    /// not the step's.
+    /// The order of convergence, and the steps that show it. Steps at which the error stalls do not
+    /// count.
     fn order(&self) -> Option<(f64, [f64; 2])> {
         slope(&self.points[stalled(&self.points).unwrap_or(0)..])
     }
@@ -120,13 +120,13 @@ impl ImplicitSteps {
                  {long:.2e} and {short:.2e}. "
             ),
             None => {
-                format!("{name}: no two steps whose error is that of the step show an order. ")
+                format!("{name}: no order, as too few errors are those of the step. ")
             }
         };
         if let (Some(k), Some(shortest)) = (stalled(points), points.first()) {
             let from = points[k];
             verdict += &format!(
-                "From a step of {:.2e} on its error no longer falls: {:.1e} there, {:.1e} at the \
+                "Below a step of {:.2e} its error no longer falls: {:.1e} there, {:.1e} at the \
                  shortest, {:.2e}. ",
                 from.x, from.measured, shortest.measured, shortest.x
             );
@@ -138,10 +138,11 @@ impl ImplicitSteps {
 /// The panel. Collective.
 ///
 /// # Errors
-/// None but those of the trials, which are left out.
+/// [`Error::Input`] if the inflow depends on time, or no step could be tried. Errors of single
+/// trials become notes.
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if task.case.varies() {
-        let why = "what enters depends on time: modes are stepped by a commutator-free scheme";
+        let why = "the inflow depends on time: modes are stepped by a commutator-free scheme";
         return Err(Error::input(why));
     }
     let mut case = coarsened(task.case, CELLS);
@@ -156,14 +157,15 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         let none = || "no step could be tried within the budget".to_owned();
         return Err(Error::Input(refused.unwrap_or_else(none)));
     }
-    let mut notes = notes(task.case, &case);
+    let mut notes = grid_notes(task.case, &case);
     notes.extend(all.iter().filter_map(|steps| {
-        let most = steps.fewer?;
+        let most = steps.most_steps?;
         Some(format!("{}: {most} steps at most", steps.name))
     }));
     notes.extend(refused);
     let verdicts: String = all.iter().map(ImplicitSteps::verdict).collect();
-    let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
+    let last =
+        "Runs warn if the error of the step exceeds the tolerance, and name a step that meets it.";
     Ok(Findings {
         shape: case.space.elements(),
         borders: all.iter().flat_map(ImplicitSteps::borders).collect(),
@@ -177,7 +179,8 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
 mod tests {
     use super::*;
 
-    /// An error that falls to the shortest step, one that turns, one that stays.
+    /// An error that falls down to the shortest step, one that rises again, and one that is
+    /// constant.
     #[test]
     fn where_errors_no_longer_fall() {
         let points = |errors: &[f64]| -> Vec<CurvePoint> {

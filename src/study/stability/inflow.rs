@@ -1,23 +1,23 @@
-//! `δ` of the inflow: small, it couples strongly and grows; large, the auxiliary unknowns dwarf the
-//! field.
+//! `δ` of the inflow. A small `δ` couples strongly, so that the state grows; with a large one the
+//! auxiliary unknowns are much larger than the field.
 //!
 //! A row `i` and its unknown have the block `(−d_i, κ_i/2; κ_i/2, 0)` of `S`, so
 //! `λ⁺ ≥ ½(√(d_i² + κ_i²) − d_i)`, `κ_i = b_i/δ`; the certificate `γ` of the weights and the row's
 //! draw bound it from above ([`crate::matrix::block_matrix`]). The tolerance of the state is that
-//! of the field times `‖f(T)‖/‖ũ(0)‖`. Both together lose the factor `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`, by
-//! which round-off and truncation errors appear in the field.
+//! of the field times `‖f(T)‖/‖ũ(0)‖`. So round-off and truncation errors appear in the field
+//! multiplied by the loss `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::{assembled, grid_notes, growth};
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::scene::{assembled, growth, notes};
 
-/// Cells that are enough.
+/// Largest number of cells.
 const CELLS: usize = 4096;
-/// Values of `δ`, four a decade, around the largest `|b|`.
+/// Values of `δ` a decade, and decades below and above the largest `|b|`.
 const PER_DECADE: i32 = 4;
 const DECADES: i32 = 3;
 
@@ -56,7 +56,7 @@ impl Loss {
     }
 }
 
-/// LossCurves over `δ`.
+/// The loss and its two factors over `δ`.
 #[derive(Default)]
 struct LossCurves {
     total: Vec<CurvePoint>,
@@ -90,7 +90,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     if whole.varies() {
         return Err(Error::input(
-            "what enters depends on time: its couplings are planned step by step",
+            "the inflow depends on time: its couplings are planned step by step",
         ));
     }
     let case = coarsened(whole, CELLS);
@@ -103,10 +103,10 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
-        return Err(Error::input("what enters is zero on this grid"));
+        return Err(Error::input("the inflow is zero on this grid"));
     }
     let chosen = Loss::of(&mut planned, case.duration())?.total();
-    let (mut notes, mut curves) = (notes(whole, &case), LossCurves::default());
+    let (mut notes, mut curves) = (grid_notes(whole, &case), LossCurves::default());
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
         if task.is_over(&mut notes) {
             break;
@@ -130,7 +130,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         ],
         verdict: format!(
             "The least that a single delta loses is a factor {best:.3e}, at delta = {at:.3e}; \
-             below it lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The \
+             below it lambda+ T explodes, above it the auxiliary unknowns exceed the field. The \
              planned couplings lose {chosen:.3e}."
         ),
         curves: vec![

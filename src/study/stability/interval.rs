@@ -1,4 +1,4 @@
-//! The interval: how long it must be in `p`.
+//! The length that the interval in `p` must have.
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
@@ -8,17 +8,17 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::notes;
 use crate::study::trial::trial;
 
-/// Cells that are enough: a series is propagated for every interval.
+/// Largest number of cells: a series is propagated for every interval.
 const CELLS: usize = 1024;
-/// Intervals of each end, beside the first.
+/// Positions of each end, in addition to the first.
 const LENGTHS: u32 = 20;
 /// Halvings that find the shortest interval of a run.
 const HALVINGS: usize = 12;
@@ -33,13 +33,13 @@ struct Intervals {
     reference: ReferenceProblem,
     extent: SpectrumExtent,
     profile: Gaussian,
-    /// A right end that is far enough: `e^{−p}` is small there beside [`LEVEL`].
+    /// A right end that is far enough: `e^{−p}` is much smaller there than [`LEVEL`].
     far: f64,
     /// Length of the interval below `p = 0` by theory.
     needed: f64,
 }
 
-/// Errors by either end of the interval.
+/// Errors over the position of either end of the interval.
 #[derive(Default)]
 struct IntervalErrors {
     left: Vec<CurvePoint>,
@@ -92,8 +92,8 @@ impl Intervals {
         }))
     }
 
-    /// Errors of all intervals: each end is moved from far enough to far too close.
-    /// Collective.
+    /// Errors of all intervals: the left end moves from far enough to too close, the right end from
+    /// too close to far enough. Collective.
     fn errors(&mut self, task: &PanelTask<'_>) -> Result<IntervalErrors> {
         let mut errors = IntervalErrors::default();
         let (far, longest) = (self.far, 1.25 * self.needed);
@@ -145,14 +145,14 @@ fn sampled(mut case: Case, ratio: f64) -> Case {
 }
 
 impl IntervalErrors {
-    /// Where the error begins to exceed `level` at either end, measured or by theory.
+    /// The positions of both ends at which the error exceeds `level`, measured or by theory.
     fn borders(&self, level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
         let [_, left] = plateau(&self.left, level, of);
         let [right, _] = plateau(&self.right, level, of);
         [left, right]
     }
 
-    /// The words for a border that was not found.
+    /// The text for a border that was not found.
     fn unknown(&self) -> &'static str {
         match self.skipped == 0 && self.right.len() > LENGTHS as usize {
             true => "(not located: the error does not cross it)",
@@ -169,7 +169,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     refuse_varying(task.case)?;
     let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;
-    let mut notes = notes(task.case, &case);
+    let mut notes = grid_notes(task.case, &case);
     let mut intervals = Intervals::new(task, &case)?;
     let errors = intervals.errors(task)?;
     if errors.ended {
@@ -196,10 +196,10 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         None => "; from which L on was not located.".to_owned(),
     };
     let verdict = format!(
-        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field wraps \
-         around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The bounds \
-         hold for any data; a case's may do with shorter intervals. Runs refuse what is too short \
-         for their own profile{refused}",
+        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field \
+         wraps around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The \
+         bounds hold for any data; for a case shorter intervals may suffice. Runs refuse what \
+         is too short for their own profile{refused}",
         number(left),
         number(left_theory),
         number(right),

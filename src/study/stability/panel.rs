@@ -2,11 +2,12 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
+use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::run::planning;
 use crate::study::budget::Budget;
 use crate::study::cost::planned_updates;
-use crate::study::trial::{Trial, ranks, trial};
+use crate::study::trial::{Trial, trial};
 use serde::Serialize;
 
 /// The task of measuring a panel.
@@ -19,12 +20,13 @@ pub struct PanelTask<'a> {
     pub budget: &'a Budget,
 }
 
-/// The reason that the budget ended before anything was tried.
+/// The error of a budget that ended before anything was tried.
 pub fn nothing_tried() -> Error {
     Error::input("nothing could be tried within the budget")
 }
 
 /// The contents of a panel. Its name, title and axes are in the table of panels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Findings {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
@@ -38,11 +40,11 @@ pub struct Findings {
     pub notes: Vec<String>,
 }
 
-/// The contents of a panel, or why a case does not have it.
+/// The contents of a panel, or why the case does not have it.
 pub type PanelResult = Result<Findings>;
 
 impl PanelTask<'_> {
-    /// Whether the time of the panel is over: `notes` then say so. Collective.
+    /// Whether the time of the panel is over; a note then says so. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
         let over = self.budget.is_over();
         if over {
@@ -51,7 +53,7 @@ impl PanelTask<'_> {
         over
     }
 
-    /// A trial of `case`; none where the budget does not hold it. Collective.
+    /// A trial of `case`; none if the budget does not hold it. Collective.
     ///
     /// # Errors
     /// As [`planning::plan`] and [`trial`].
@@ -59,7 +61,7 @@ impl PanelTask<'_> {
         if self.budget.is_over() {
             return None;
         }
-        match planning::plan(self.world, case, &ranks(self.world)) {
+        match planning::plan(self.world, case, &Resources::unlimited(self.world)) {
             Err(Error::Modes { .. }) => None,
             Err(error) => Some(Err(error)),
             Ok(plan) => (self.budget)
@@ -76,7 +78,7 @@ pub struct CurvePoint {
     pub x: f64,
     /// The measured value.
     pub measured: f64,
-    /// The value by theory, or a bound by theory.
+    /// The value, or a bound on it, by theory.
     pub theory: f64,
 }
 
@@ -136,7 +138,7 @@ impl Border {
         }
     }
 
-    /// A border at a place that may be about zero, so that its ratio to theory means nothing.
+    /// A border without a ratio, as its value may be about zero.
     pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         Self { ratio: None, ..Self::new(name, measured, theory) }
     }
@@ -180,20 +182,13 @@ pub struct StabilityPanel {
     pub name: PanelName,
     /// Its title.
     pub title: &'static str,
-    /// Cells along each axis that it was measured on.
-    pub shape: Vec<usize>,
     /// The axis of the varied quantity.
     pub x: AxisScale,
     /// The axis of the measured quantity.
     pub y: AxisScale,
-    /// The curves.
-    pub curves: Vec<Curve>,
-    /// The borders.
-    pub borders: Vec<Border>,
-    /// Conclusions, in a sentence or two.
-    pub verdict: String,
-    /// What was left out or changed, and why.
-    pub notes: Vec<String>,
+    /// Its contents.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 /// Names of the panels.
@@ -234,11 +229,11 @@ pub struct Stability {
     pub title: String,
     /// Degree of the elements.
     pub degree: usize,
-    /// Cells of the case along each axis.
+    /// Elements of the case along each axis.
     pub shape: Vec<usize>,
     /// The final time.
     pub time: f64,
-    /// Ranks that measured.
+    /// Number of ranks.
     pub ranks: usize,
     /// The panels.
     pub panels: Vec<StabilityPanel>,

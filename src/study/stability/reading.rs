@@ -1,26 +1,26 @@
-//! Where `f` is read from the warped field, and how long the interval in `p` must be.
+//! The error of reading `f` from the warped field at a point `p◇`, by theory.
 //!
-//! A component of the state that `S` multiplies by `−s/T` moves by `s` in `p`: with the periodic
-//! series `G` it is read at `p◇` as `e^{p◇} G(p◇ + s)` and should be `e^{−s}`. So the error
-//! relative to the field is about
+//! A component of the state that `S` multiplies by `−s/T` moves by `s` in `p`. With the periodic
+//! series `G` it is read at `p◇` as `e^{p◇} G(p◇ + s)`, where the exact value is `e^{−s}`. So the
+//! error relative to the field is about
 //!
 //! ```text
 //! ‖ũ(0)‖/‖f(T)‖ · ( max |e^{p◇} G(p◇ + s) − e^{−s}|  over s in [−λ⁺T, λ⁻T]
 //!                    +  ε_machine e^{p◇} Σ|c_l| )
 //! ```
 //!
-//! It contains the error of a reading below `λ⁺T`, where `g` is not `e^{−p}`; of the ends of the
-//! interval; of the truncated series; and round-off. (`K` does not commute with `S` and mixes the
-//! components; they stay within the same bounds.)
+//! It contains the errors of a point below `λ⁺T`, where `g` is not `e^{−p}`, of the ends of the
+//! interval and of the truncated series, and round-off. `K` does not commute with `S` and mixes the
+//! components, but they stay within the same bounds.
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
+use crate::study::stability::cases::LANCZOS;
 use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::LANCZOS;
 
 /// The profile equals `e^{−p}` for `p ≥ 0` to within this.
 pub const LEVEL: f64 = 1e-8;
@@ -37,7 +37,7 @@ pub struct SpectrumExtent {
 }
 
 impl SpectrumExtent {
-    /// By Lanczos' method. Collective.
+    /// Measured by Lanczos' method. Collective.
     ///
     /// # Errors
     /// As [`spectrum::of`].
@@ -47,7 +47,7 @@ impl SpectrumExtent {
         Ok(Self { growth: found.highest.value * time, decay: -found.lowest.value * time })
     }
 
-    /// Length in `p` over which components move.
+    /// Length in `p` over which components of the state move.
     pub fn length(self) -> f64 {
         self.decay + self.growth.max(0.0)
     }
@@ -57,15 +57,15 @@ impl SpectrumExtent {
 pub struct SwitchedGaussian {
     /// The profile.
     pub profile: Gaussian,
-    /// Length of the interval below `p = 0` at whose left end the profile is small.
+    /// Length below `p = 0` beyond which the profile is small.
     pub room: f64,
 }
 
 impl SwitchedGaussian {
-    /// With [`LEVEL`] and [`SIGMA`].
+    /// The profile with [`LEVEL`] and [`SIGMA`].
     pub(crate) fn new() -> Self {
         let offset = -normal_quantile(LEVEL) * SIGMA;
-        // Beyond this wavenumber only round-off is left.
+        // Beyond the cutoff coefficients are below round-off.
         let digits = -libm::log(LEVEL * f64::EPSILON);
         let square = SIGMA * SIGMA;
         let profile = Gaussian {
@@ -79,7 +79,8 @@ impl SwitchedGaussian {
     }
 }
 
-/// The error of a reading at `p`, by theory, for a state that is `ratio` times the field.
+/// The error of a reading at `p`, by theory, if the norm of the state is `ratio` times that of the
+/// field.
 pub fn expected(series: &Series, p: f64, extent: SpectrumExtent, ratio: f64) -> f64 {
     const SAMPLES: u32 = 400;
     let SpectrumExtent { growth, decay } = extent;
@@ -94,8 +95,8 @@ pub fn expected(series: &Series, p: f64, extent: SpectrumExtent, ratio: f64) -> 
     ratio * (worst + f64::EPSILON * p.exp() * amplified)
 }
 
-/// Where `of` falls to `level` first and where it rises above it last, between the points on a line
-/// in logarithms.
+/// The place where `of` first falls below `level` and the one where it last rises above it. Between
+/// points, `ln(of)` is interpolated linearly.
 pub fn plateau(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
     let between = |a: &CurvePoint, b: &CurvePoint| {
         let part = (level / of(a)).ln() / (of(b) / of(a)).ln();
@@ -111,12 +112,12 @@ pub fn plateau(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) ->
 /// Refuses a case whose inflow depends on time, for panels about `p`.
 ///
 /// # Errors
-/// Where what enters depends on time.
+/// [`Error::Input`] if it does.
 pub fn refuse_varying(case: &Case) -> Result<()> {
     if !case.varies() {
         return Ok(());
     }
     Err(Error::input(
-        "what enters depends on time: its modes have couplings that change from step to step",
+        "the inflow depends on time: its modes have couplings that change from step to step",
     ))
 }

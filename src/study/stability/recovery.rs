@@ -1,4 +1,4 @@
-//! The recovery point: where `f` may be read from the warped field.
+//! The recovery point: at which `p` may `f` be read from the warped field?
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
@@ -6,6 +6,7 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
+use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
@@ -13,19 +14,18 @@ use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::stability::scene::notes;
 use crate::study::treatment::Treatment;
 
-/// Cells that are enough: the growth shows on finer grids.
+/// Largest number of cells: growth may show only on fine grids.
 const CELLS: usize = 4096;
-/// Points `p` of the readings: the first, the last, and their distance.
+/// First and last point `p` of the readings, and the distance between neighbours.
 const FROM: f64 = -4.0;
 const TO: f64 = 22.0;
 const APART: f64 = 0.5;
 
-/// Kinds of interface rows, with the case of each: where `V` jumps those by laws that may grow, the
-/// weighted first.
-fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
+/// The treatments to compare, by name, with the case of each. If `V` jumps, these are the laws that
+/// may grow, the weighted ones first.
+fn treatments(case: &Case, jumps: bool) -> Vec<(String, Case)> {
     if case.is_galerkin() {
         return vec![("elements".to_owned(), case.clone())];
     }
@@ -36,12 +36,12 @@ fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
     growing.map(|kind| (kind.name(), kind.of(case))).collect()
 }
 
-/// The readings of one kind.
+/// The readings with one treatment.
 struct Readings {
     name: String,
     points: Vec<CurvePoint>,
     extent: SpectrumExtent,
-    /// The bound of a run on `λ⁺T`.
+    /// The bound on `λ⁺T` that runs use.
     growth_bound: f64,
     /// The error on the plateau.
     level: f64,
@@ -83,8 +83,8 @@ impl Readings {
     }
 }
 
-/// Reads one kind at every point; none where the budget does not hold it, as `notes` then say.
-/// Collective.
+/// Reads the field at every point with one treatment; none if the budget does not hold it, which is
+/// then added to `notes`. Collective.
 fn read(
     task: &PanelTask<'_>,
     name: String,
@@ -115,7 +115,7 @@ fn read(
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
         growth_bound: reference.bounds().growth * case.duration(),
-        // Twice the error of the profile, amplified into the field.
+        // Twice the error of the profile, amplified by the recovery.
         level: LEVEL * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))
 }
@@ -128,9 +128,9 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     refuse_varying(task.case)?;
     let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;
-    let mut notes = notes(task.case, &coarse);
+    let mut notes = grid_notes(task.case, &coarse);
     let mut all: Vec<Readings> = Vec::new();
-    for (name, case) in kinds(&coarse, jumps) {
+    for (name, case) in treatments(&coarse, jumps) {
         if task.budget.is_over() {
             notes.push(format!("{name}: the budget is used up"));
             break;

@@ -1,5 +1,5 @@
-//! A semi-discrete problem with its exact solution `exp(AT) f(0)`, to which readings from any
-//! series in `p` are compared, planned or not.
+//! A semi-discrete problem with its exact solution `exp(AT) f(0)`. Recoveries from any series in
+//! `p`, planned or not, are compared to it.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
@@ -19,7 +19,7 @@ use crate::study::trial::plan_series;
 
 /// Relative error of a mode: far below every error that a panel shows.
 const MODE_TOLERANCE: f64 = 1e-16;
-/// Tolerance of the plan that the process mesh is from; its value does not matter.
+/// Tolerance of the plan that determines the process mesh; its value does not matter.
 const TOLERANCE: f64 = 1e-6;
 
 /// The problem on this rank, and its exact fields at `T`.
@@ -33,8 +33,8 @@ pub struct ReferenceProblem {
 }
 
 impl ReferenceProblem {
-    /// Of `case`, by Schrödingerization, with its weights, interface and inflow, which must not
-    /// depend on time; its choices about `p` are ignored. Collective.
+    /// The problem of `case` by Schrödingerization, with its weights, interface and inflow, which
+    /// must not depend on time. Its settings of `p` are ignored. Collective.
     ///
     /// # Errors
     /// As [`Prepared::new`].
@@ -57,7 +57,7 @@ impl ReferenceProblem {
         Ok(reference)
     }
 
-    /// Finds `f(T)` of each field and the largest ratio. Collective.
+    /// Computes `f(T)` of each field and the largest ratio. Collective.
     fn propagate(&mut self, time: f64) {
         let Prepared { system, communicator, place, bounds, .. } = &mut self.prepared;
         for mut state in system.states.clone() {
@@ -89,12 +89,13 @@ impl ReferenceProblem {
     /// # Errors
     /// As [`Plan::with_series`].
     pub fn updates(&self, series: &Series) -> Result<f64> {
-        let plan = self.with(series.clone(), Vec::new())?;
+        let plan = self.with_series(series.clone(), Vec::new())?;
         let applications = plan.warp.map_or(0, |w| w.applications);
         Ok(applications as f64 * self.prepared.case.space.cells() as f64)
     }
 
-    fn with(&self, series: Series, readings: Vec<Reading>) -> Result<Plan> {
+    /// The plan that propagates `series`.
+    fn with_series(&self, series: Series, readings: Vec<Reading>) -> Result<Plan> {
         let Prepared { case, plan, .. } = &self.prepared;
         plan.with_series(case, series, readings, MODE_TOLERANCE, &self.resources)
     }
@@ -106,7 +107,7 @@ impl ReferenceProblem {
     /// As [`Plan::with_series`] and [`crate::solve::modes::run`].
     pub fn errors(&mut self, series: &Series, points: &[f64]) -> Result<Vec<f64>> {
         let at = |&point: &f64| Reading { method: RecoveryMethod::Point, point, width: 0.0 };
-        self.prepared.plan = self.with(series.clone(), points.iter().map(at).collect())?;
+        self.prepared.plan = self.with_series(series.clone(), points.iter().map(at).collect())?;
         let found = fields::solve(&mut self.prepared, None, &mut Summary::default())?;
         let mut worst = vec![0.0f64; points.len()];
         for (readings, exact) in found.fields.iter().zip(&self.exact) {

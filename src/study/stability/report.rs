@@ -28,7 +28,7 @@ fn number(x: Option<f64>) -> String {
     }
 }
 
-/// Whether theory has the number itself or only a bound.
+/// The word for a value by theory: the value itself, or only a bound on it.
 fn kind(bound: bool) -> &'static str {
     if bound { "bound" } else { "theory" }
 }
@@ -46,7 +46,8 @@ impl Stability {
     pub fn table(&self) -> String {
         let mut text =
             format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
-        let names = self.panels.iter().flat_map(|p| &p.borders).map(|b| b.name.chars().count());
+        let names =
+            self.panels.iter().flat_map(|p| &p.findings.borders).map(|b| b.name.chars().count());
         let width = names.max().unwrap_or(0).min(WIDEST_NAME);
         let _ = writeln!(
             text,
@@ -59,21 +60,21 @@ impl Stability {
                 "{} ({}, {})",
                 word(panel.name),
                 panel.title,
-                self.grid_text(&panel.shape)
+                self.grid_text(&panel.findings.shape)
             );
-            for Border { name, measured, theory, ratio, bound, .. } in &panel.borders {
+            for Border { name, measured, theory, ratio, bound, .. } in &panel.findings.borders {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
                 let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
-                // A longer name has a line of its own.
+                // A longer name is on a line of its own.
                 let name = match name.chars().count() > width {
                     true => format!("{name}\n  {:width$}", ""),
                     false => format!("{name:<width$}"),
                 };
                 let _ = writeln!(text, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}");
             }
-            let _ = writeln!(text, "    {}", panel.verdict);
-            for note in &panel.notes {
+            let _ = writeln!(text, "    {}", panel.findings.verdict);
+            for note in &panel.findings.notes {
                 let _ = writeln!(text, "    ({note})");
             }
         }
@@ -84,15 +85,15 @@ impl Stability {
         text
     }
 
-    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a
-    /// `bound`; an empty field where there is no number.
+    /// One line a point: panel, series, x, measured, theory, and whether the latter is the value
+    /// (`theory`) or a `bound`. A missing number is an empty field.
     pub fn csv(&self) -> String {
         let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
         let field = |x: f64| {
             if x.is_finite() { format!("{x:e}") } else { String::new() }
         };
-        for StabilityPanel { name, curves, .. } in &self.panels {
-            for curve in curves {
+        for StabilityPanel { name, findings, .. } in &self.panels {
+            for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
                     let (name, kind) = (word(*name), kind(curve.bound));
@@ -112,7 +113,7 @@ impl Stability {
         StudyFiles { name: "stability", found: self, table, figure }.write(directory)
     }
 
-    /// A frame a panel: what was measured with markers, theory dashed.
+    /// One frame a panel, with markers for measured values and dashes for theory.
     pub fn figure(&self) -> Figure {
         let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
         let columns = if panels.len() > 4 { 3 } else { panels.len().clamp(1, 2) };
@@ -138,7 +139,7 @@ fn axis(scale: &AxisScale) -> PlotAxis {
     if scale.logarithmic { PlotAxis::log(scale.label) } else { PlotAxis::linear(scale.label) }
 }
 
-/// A panel as it is drawn.
+/// A panel of the figure.
 fn drawn(panel: &StabilityPanel) -> figure::Panel {
     let line = |curve: &Curve, of: fn(&CurvePoint) -> f64| -> Vec<[f64; 2]> {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
@@ -148,13 +149,13 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
         let drawn = |y: f64| y.is_finite() && (!panel.y.logarithmic || y > 0.0);
         curve.points.iter().any(|point| drawn(point.measured))
     };
-    for (k, curve) in panel.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
+    for (k, curve) in panel.findings.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
-    // Theory is drawn above the markers, which would hide it.
+    // Theory is drawn last, as the markers would hide it.
     let mut labels = [kind(false), kind(true)];
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
-    for curve in &panel.curves {
+    for curve in &panel.findings.curves {
         let theory = line(curve, |p| p.theory);
         if theory.iter().any(|p| p[1].is_finite()) && !before.contains(&theory) {
             let label = std::mem::take(&mut labels[usize::from(curve.bound)]);
@@ -162,7 +163,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
             before.push(theory);
         }
     }
-    for border in &panel.borders {
+    for border in &panel.findings.borders {
         if let (Some(label), Some(at)) = (&border.line, border.theory) {
             out = out.vertical(&**label, at);
         }
@@ -173,8 +174,9 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::stability::panel::Findings;
 
-    /// A method of which nothing could be measured has no place in the legend.
+    /// A curve without a measured value is not in the legend.
     #[test]
     fn curves_without_points_are_not_in_the_legend() {
         let curve = |name: &str, measured: f64| {
@@ -183,13 +185,15 @@ mod tests {
         let panel = StabilityPanel {
             name: PanelName::Step,
             title: "steps",
-            shape: vec![4, 4],
             x: AxisScale::log("step"),
             y: AxisScale::log("error"),
-            curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
-            borders: Vec::new(),
-            verdict: String::new(),
-            notes: Vec::new(),
+            findings: Findings {
+                shape: vec![4, 4],
+                curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
+                borders: Vec::new(),
+                verdict: String::new(),
+                notes: Vec::new(),
+            },
         };
         let labels: Vec<String> = (drawn(&panel).layers.into_iter())
             .filter_map(|layer| match layer {

@@ -7,11 +7,11 @@ use crate::base::bisect::bisect;
 pub enum Located {
     /// The last number at which the condition holds.
     At(f64),
-    /// The property does not hold at the first number.
+    /// The condition does not hold at the first number.
     Below(f64),
-    /// The property holds at the last number.
+    /// The condition holds at the last number.
     Beyond(f64),
-    /// The budget ended before it was known.
+    /// The budget ended before the border was located.
     Unknown,
 }
 
@@ -36,10 +36,10 @@ impl std::fmt::Display for Located {
     }
 }
 
-/// The last number of `[low, high]` at which `holds` is true, after so many halvings of the
+/// The last number of `[low, high]` at which `holds` is true, by `halvings` halvings of the
 /// interval. `holds` should be true at the lower end and false at the upper one. The search stops
-/// where `is_over` is true before an evaluation. Both must be the same on all ranks. Collective.
-pub fn last(
+/// once `is_over` is true. Both must return the same on all ranks. Collective.
+pub fn last_holding(
     [low, high]: [f64; 2],
     halvings: usize,
     is_over: impl Fn() -> bool,

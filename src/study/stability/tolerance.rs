@@ -1,27 +1,28 @@
-//! The tolerance against the error that is reached, by profile, down to round-off.
+//! The error that is reached against the tolerance, for each profile, down to round-off.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::plan::ASSUMED_RATIO;
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
-use crate::study::knobs::PROFILES;
+use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::stability::scene::notes;
-use crate::study::trial::{Trial, plan_series, propagation, ranks};
+use crate::study::trial::{Trial, plan_series, propagation};
 
-/// Cells that are enough.
+/// Largest number of cells.
 const CELLS: usize = 1024;
-/// Tolerances that are tried; no profile meets the last ones.
+/// Tolerances that are tried; no profile reaches the last ones.
 const ASKED: [f64; 8] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14];
-/// Largest number of modes of which a plan is made.
+/// Largest number of modes for which a plan is made.
 const MOST_MODES: usize = 1 << 13;
-/// Below every error.
-const NONE: f64 = 1e-16;
+/// A tolerance below every error.
+const BELOW_ALL_ERRORS: f64 = 1e-16;
 
 /// The trials of one profile.
 #[derive(Default)]
@@ -29,11 +30,11 @@ struct ToleranceErrors {
     name: &'static str,
     /// Points by falling tolerance.
     points: Vec<CurvePoint>,
-    /// The smallest tolerance that a plan accepts, where it is known.
+    /// The smallest tolerance that a plan accepts, if it is known.
     smallest: Option<f64>,
-    /// Whether smaller tolerances were left out for the budget.
+    /// Whether the budget did not hold smaller tolerances.
     too_long: bool,
-    /// Why a plan or a trial failed, the last time.
+    /// Why the last plan or trial that failed did so.
     refused: Option<String>,
 }
 
@@ -41,12 +42,13 @@ impl ToleranceErrors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
     fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
-        case.tolerance = NONE;
-        found.smallest = match planning::plan(task.world, &case, &ranks(task.world)) {
+        case.tolerance = BELOW_ALL_ERRORS;
+        found.smallest = match planning::plan(task.world, &case, &Resources::unlimited(task.world))
+        {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
-            Ok(_) => Some(NONE),
+            Ok(_) => Some(BELOW_ALL_ERRORS),
             Err(error) => {
-                // Too many modes for the smallest: it is not known.
+                // As with too many modes: the smallest tolerance is not known.
                 found.refused = Some(error.to_string());
                 None
             }
@@ -86,7 +88,7 @@ impl ToleranceErrors {
     }
 
     fn border(&self) -> Border {
-        // Trials that ended for their cost do not show the smallest error.
+        // Trials that the budget ended do not show the smallest error.
         let complete = !self.too_long && (self.missed().is_some() || self.last() == self.smallest);
         let errors = self.measured().map(|p| p.measured);
         let reached = errors.filter(|_| complete).reduce(f64::min);
@@ -96,9 +98,9 @@ impl ToleranceErrors {
     }
 }
 
-/// A trial of `case`; none where the budget does not hold it. Collective.
+/// A trial of `case`; none if the budget does not hold it. Collective.
 fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
-    // With very many modes even the plan takes too long.
+    // With more modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
     Ok(if modes.is_ok_and(|modes| modes > MOST_MODES) { None } else { task.trial(case) })
 }
@@ -135,7 +137,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
     if let Some((smallest, name)) = smallest {
         let name = name.split(':').next().unwrap_or_default();
         verdict += &format!(
-            "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse less."
+            "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse smaller ones."
         );
     }
     verdict
@@ -172,6 +174,6 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         curves,
         borders,
         verdict,
-        notes: notes(task.case, &case),
+        notes: grid_notes(task.case, &case),
     })
 }

@@ -1,7 +1,7 @@
 //! Names of the directories of a sweep: its values, and a checksum of the whole case.
 //!
-//! The checksum is that of the text of `[case, mode]` in JSON: keys in order, no blanks, floating
-//! point numbers as Python writes them. `python/src/phasewarp/sweep.py` has it once more.
+//! The checksum is that of `[case, mode]` as JSON text: keys in order, no blanks, floating-point
+//! numbers as Python writes them. `python/src/phasewarp/sweep.py` computes the same.
 
 use crate::base::checksum;
 use crate::base::text::{compact, plain};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Most characters of the values in a name.
 const MOST_SHOWN: usize = 80;
 
-/// The name of the directory of a run: of the case `case`, where `keys` have these `values`.
+/// The directory name of the run of `case`, whose varied `keys` have these `values`.
 pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Value]) -> String {
     let checksum = checksum::of_text(compact(&json!([case, mode])).as_bytes());
     let last = |key: &String| key.rsplit('.').next().unwrap_or_default().trim().to_owned();
@@ -22,7 +22,7 @@ pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Val
     format!("{shown}_{checksum:016x}")
 }
 
-/// Makes paths in the case of the file `file` hold from anywhere.
+/// Makes the paths in a case absolute; they are relative to the directory of its file `file`.
 pub fn with_absolute_paths(case: &mut Value, file: &Path) {
     let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));

@@ -11,8 +11,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Entries of `summary.json` in the table, those of the Python package; what no run knows is left
-/// out.
+/// Entries of `summary.json` in the table, as in the Python package. A column that is empty for all
+/// runs is left out.
 const ENTRIES: [&str; 12] = [
     "cells", "modes", "matvecs", "error_estimate", "error_semidiscrete", "error_l1_relative",
     "error_density_l1_relative", "accuracy.grid", "mass", "solve_seconds", "wall_seconds",
@@ -34,21 +34,21 @@ const MOST_BYTES: u64 = 64 << 20;
 /// A run in the table.
 #[derive(Debug)]
 pub struct SweepRow {
-    /// Of the varied keys.
+    /// Values of the varied keys.
     pub values: Vec<Value>,
     /// Where its results are.
     pub directory: String,
-    /// Whether it ended, well or not.
+    /// Whether it ended, with or without an error.
     pub ended: bool,
     /// `summary.json`; null where there is none, and on other ranks than the first.
     pub summary: Value,
-    /// What went wrong: with a summary, that the results miss what was asked for.
+    /// What went wrong. Beside a summary: the results miss the requested accuracy.
     pub error: Option<String>,
 }
 
 impl SweepRow {
-    /// What went wrong, or that it is not finished.
-    pub fn why_not(&self) -> Option<&str> {
+    /// What went wrong, or that the run is not finished.
+    pub fn problem(&self) -> Option<&str> {
         self.error.as_deref().or((!self.ended).then_some("not finished"))
     }
 
@@ -58,7 +58,7 @@ impl SweepRow {
         found.cloned().unwrap_or_default()
     }
 
-    /// All warnings as one text; null where there are none.
+    /// All warnings as one text; null if there are none.
     fn warnings(&self) -> Value {
         let list = self.summary["warnings"].as_array().map_or(&[][..], Vec::as_slice);
         let list: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
@@ -66,7 +66,7 @@ impl SweepRow {
     }
 }
 
-/// A row a run.
+/// The table, with a row for each run.
 #[derive(Debug)]
 pub struct SweepTable {
     keys: Vec<String>,
@@ -75,7 +75,7 @@ pub struct SweepTable {
 }
 
 impl SweepTable {
-    /// Without rows.
+    /// A table without rows.
     pub fn new(keys: &[String]) -> Self {
         Self { keys: keys.to_vec(), rows: Vec::new() }
     }
@@ -85,12 +85,12 @@ impl SweepTable {
         self.rows.iter().filter(|row| row.error.is_some()).count()
     }
 
-    /// Why runs failed, each with the number of the run, on a line; the first of them.
+    /// The first errors, one a line, each with the number of its run.
     fn errors(&self) -> String {
         let errors =
             (1usize..).zip(&self.rows).filter_map(|(k, row)| Some((k, row.error.as_ref()?)));
         let first = errors.take(MOST_ERRORS).map(|(number, error)| {
-            // Below the first line is where it stands in the file.
+            // The other lines show the place in the case file.
             let error = error.lines().next().unwrap_or_default();
             format!("run {number}: {}\n", shortened(error, LONGEST_ERROR))
         });
@@ -106,7 +106,7 @@ impl SweepTable {
         self.rows.iter().filter(|row| !row.ended).count()
     }
 
-    /// `values` of all rows, as a column of this name.
+    /// `value` of all rows, as a column of this name.
     fn column(&self, name: &str, value: impl Fn(&SweepRow) -> Value) -> ColumnValues {
         ColumnValues::new(name, self.rows.iter().map(value))
     }
@@ -123,7 +123,7 @@ impl SweepTable {
     fn columns(&self) -> Vec<ColumnValues> {
         let texts = [
             self.column("warnings", SweepRow::warnings),
-            self.column("error", |row| row.why_not().into()),
+            self.column("error", |row| row.problem().into()),
             self.column(DIRECTORY, |row| row.directory.clone().into()),
         ];
         let texts = texts.into_iter().filter(|column| !column.is_empty());
@@ -135,10 +135,10 @@ impl SweepTable {
         csv(&self.columns())
     }
 
-    /// `table.tex`: a `tabular` of the numbers; why runs failed stands in comments.
+    /// `table.tex`: a `tabular` of the numbers, with the errors of runs as comments.
     fn tex(&self) -> String {
         let comment = |row: usize| {
-            let error = self.rows[row].why_not().unwrap_or_default();
+            let error = self.rows[row].problem().unwrap_or_default();
             error.lines().map(|line| format!("% {line}\n")).collect()
         };
         format!("{TEX_HEAD}\n{}", tabular(&self.numbers(), comment))
@@ -174,7 +174,7 @@ pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Pa
     Err(Error::Directory { path: directory.to_owned(), reason })
 }
 
-/// The names of the directories in a table, if there is a file; an error if it is no table.
+/// The names of the directories in a table file, if it exists; an error if it is no such table.
 fn rows(path: &Path) -> Option<std::result::Result<Vec<OsString>, ()>> {
     let found = std::fs::symlink_metadata(path).ok()?;
     if found.len() > MOST_BYTES {
@@ -191,7 +191,7 @@ fn rows(path: &Path) -> Option<std::result::Result<Vec<OsString>, ()>> {
     Some(records[1..].iter().map(name).collect::<Option<Vec<_>>>().ok_or(()))
 }
 
-/// The first line of a file, if there is one; empty where that is no line of text.
+/// The first line of a file, if it exists; empty if it is not text.
 fn head(path: &Path) -> Option<String> {
     std::fs::symlink_metadata(path).ok()?;
     let mut bytes = Vec::new();
@@ -201,8 +201,8 @@ fn head(path: &Path) -> Option<String> {
     Some(line.lines().next().unwrap_or_default().to_owned())
 }
 
-/// For the terminal: the numbers in pieces that fit, each with the number of the run; then the
-/// errors.
+/// For the terminal: the columns of numbers in blocks that fit, each with the numbers of the runs;
+/// then the errors.
 impl fmt::Display for SweepTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = (1..=self.rows.len()).map(|number| number.to_string());

@@ -1,10 +1,11 @@
-//! Checkpoints that are damaged, missing, of another run, or that cannot be written.
+//! Checkpoints that are damaged, missing, from another run, or cannot be written.
 
 use super::{
-    Fault, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, with_fault,
+    Fault, OFTEN, WHOLE, count, generations, io, manifest, run, same, stopped, with_fault,
 };
 use crate::support::{
-    Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory,
+    Job, Summary, case, check_all, copy, datasets, differences, directory_on_disk as directory,
+    of_case,
 };
 use phasewarp::matrix::kernel::{InstructionSet, VARIABLE};
 use std::fs;
@@ -12,7 +13,8 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-/// A fault of the newest generation of a checkpoint by two ranks, and the message about it.
+/// Name of a damage, a function that damages the newest of two generations of a checkpoint on two
+/// ranks, and a part of the message about it.
 type Damage = (&'static str, fn(&Path, &Path) -> std::io::Result<()>, &'static str);
 
 const DAMAGES: [Damage; 9] = [
@@ -96,7 +98,6 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
         };
         io(damage(newest, older))?;
         let older_done = manifest(older)?["matvecs"].as_u64();
-        // The second start finds the first one's result in place, and nothing to go on from.
         let finished = run().on(2).into(path).with(["--resume"]).succeed()?;
         let name = newest.file_name().and_then(|n| n.to_str()).unwrap_or_default();
         if !(finished.errors.contains(printed) && finished.errors.contains(name)) {
@@ -114,7 +115,7 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
 #[test]
 fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let sound = stopped(2).expect("a stopped run");
-    // Both damaged.
+    // Both generations are damaged.
     let directory = directory();
     io(copy(sound.path(), directory.path())).expect("a copy");
     for generation in generations(directory.path()) {
@@ -124,11 +125,11 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let finished = go_on(run().on(3), directory.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(finished.errors.contains("without --resume"), "{}", finished.errors);
-    // Of another case.
+    // The checkpoint of another case.
     let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(finished.errors.contains("time.end is 1 there, 0.9 here"), "{}", finished.errors);
-    // By a processor that rounds otherwise.
+    // The checkpoint of a processor that rounds differently.
     if InstructionSet::here() != InstructionSet::Generic {
         let other = run().on(2).environment(VARIABLE, InstructionSet::Generic.name());
         let finished = go_on(other, sound.path());
@@ -141,7 +142,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     let wording = "solver.warp.alpha is not given there, \"1 - p/1e6\" here";
     assert!(finished.errors.contains(wording), "{}", finished.errors);
-    // Of the same case, said in another way, and stored in another.
+    // The same case, written and stored in another way, is continued.
     let differently = [
         "axis.0.v.cells=24", "output.compression=1", "output.xdmf=true", "checkpoint.minutes=7",
         "solver.tolerance=0.001", "title=another",
@@ -154,12 +155,12 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert!(printed, "{}", finished.errors);
     let found = datasets(copied.path()).expect("datasets");
     assert_eq!(found["/f"], WHOLE.0["/f"]);
-    // None at all: from the beginning.
+    // Without any checkpoint, the run starts from the beginning.
     let empty = self::directory();
     let finished = go_on(run().on(2), empty.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("done"));
     assert!(finished.errors.contains("starts from its beginning"), "{}", finished.errors);
-    // Without --resume: from the beginning, with a warning.
+    // Without --resume, the run starts from the beginning, with a warning.
     let finished = run().on(2).into(sound.path()).succeed().expect("a run");
     assert!(finished.errors.contains("replaces it"), "{}", finished.errors);
     assert!(!sound.path().join("checkpoint").exists());
@@ -189,7 +190,7 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     let start = files.path().join("start.h5");
     fs::copy(&written, &start).expect("a copy");
     let from = format!("initial={{warped='{}'}}", start.display());
-    let run = || Job::new(["run", &case("example1.toml")]).set(&grid).set(&[&from]);
+    let run = || of_case("run", "example1.toml").set(&grid).set(&[&from]);
     let cut = directory();
     let path = cut.path();
     let job = run().on(2).set(&[OFTEN]).into(path);
@@ -216,9 +217,10 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
 }
 
 #[test]
-fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
+fn only_a_run_that_must_stop_fails_if_its_checkpoint_cannot_be_written() {
     LazyLock::force(&WHOLE);
-    // Files may not grow to the size of a rank's, which holds 82 sums; those of results may.
+    // The limit on the size of files is below that of a rank's checkpoint, which holds 82 sums, and
+    // above those of the results.
     let wide = || run().on(2).set(&["output.plateau.points=80", OFTEN]).files_up_to(400);
     let directory = directory();
     let finished = wide().into(directory.path()).succeed().expect("a run");
@@ -236,7 +238,7 @@ fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
 
-    // Something is in the way.
+    // A file has the name of the directory of checkpoints.
     let directory = self::directory();
     let path = directory.path();
     fs::write(path.join("checkpoint"), b"a file").expect("a file");

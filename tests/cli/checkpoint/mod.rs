@@ -2,10 +2,13 @@
 //! run.
 
 mod damaged;
+mod late;
+mod stalled;
 mod stopped;
 
 use crate::support::{
-    Finished, Job, Stored, Summary, case, datasets, differences, directory_on_disk as directory,
+    Finished, Job, Stored, Summary, datasets, differences, directory_on_disk as directory, json_of,
+    of_case,
 };
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -16,7 +19,7 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// More than half a second on two ranks: 129 batches of modes.
+/// Settings of a run of more than half a second on two ranks, with 129 batches of modes.
 const LONG: [&str; 5] = [
     "solver.tolerance=1e-3",
     "solver.warp.profile=exponential",
@@ -28,14 +31,14 @@ const LONG: [&str; 5] = [
 /// A checkpoint after nearly every batch.
 pub const OFTEN: &str = "checkpoint.minutes=0.00001";
 
-/// A result and its summary.
+/// A result whose error is a message.
 pub type Result<T> = std::result::Result<T, String>;
 
 pub fn run() -> Job {
-    Job::new(["run", &case("example1.toml")]).set(&LONG)
+    of_case("run", "example1.toml").set(&LONG)
 }
 
-/// The result of an undisturbed run.
+/// The datasets of an undisturbed run and its number of applications of the matrix.
 pub static WHOLE: LazyLock<(BTreeMap<String, Stored>, usize)> = LazyLock::new(|| {
     let whole = directory();
     let summary = run().on(2).solve(whole.path()).expect("a whole run");
@@ -54,8 +57,8 @@ pub fn io<T>(result: std::io::Result<T>) -> Result<T> {
     result.map_err(|e| e.to_string())
 }
 
-/// Continues the run in `directory` to the end, and compares with the whole run, bit for bit; every
-/// application that the checkpoint holds is done once.
+/// Continues the run in `directory` to its end. The result must have the bits of the undisturbed
+/// run, and no application of the matrix that the checkpoint holds may be repeated.
 pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
     let done = match newest(directory) {
         Some(newest) => manifest(&newest)?["matvecs"].as_u64().unwrap_or(0) as usize,
@@ -73,7 +76,7 @@ pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
     Ok(summary)
 }
 
-/// Whether the results are those of the whole run.
+/// Checks that the results have the bits of the undisturbed run.
 pub fn same(directory: &Path, summary: &Summary) -> Result<()> {
     let differing = differences(&datasets(directory)?, &WHOLE.0);
     summary
@@ -83,7 +86,7 @@ pub fn same(directory: &Path, summary: &Summary) -> Result<()> {
         .require(found == expected, || format!("{found} applications, {expected} in the whole run"))
 }
 
-/// The generations in `directory`, newest first; complete ones only.
+/// The complete generations of checkpoints in `directory`, the newest first.
 pub fn generations(directory: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(directory.join("checkpoint"));
     let mut found: Vec<PathBuf> = (entries.into_iter().flatten().flatten())
@@ -100,12 +103,10 @@ pub fn newest(directory: &Path) -> Option<PathBuf> {
 }
 
 pub fn manifest(generation: &Path) -> Result<Value> {
-    let text = io(fs::read_to_string(generation.join("manifest.json")))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
-    Ok(value["manifest"].clone())
+    Ok(json_of(generation.join("manifest.json"))?["manifest"].clone())
 }
 
-/// A number in [0, 1) for `seed`.
+/// A pseudo-random number in [0, 1) that depends on `seed` only.
 pub fn random(seed: u64) -> f64 {
     let z = (seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -126,7 +127,7 @@ pub fn children(parent: u32) -> Vec<u32> {
 }
 
 fn is_alive(process: u32) -> bool {
-    // A zombie has ended.
+    // A zombie counts as ended.
     let text = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     !text.is_empty() && !text.contains(") Z")
 }
@@ -144,14 +145,14 @@ pub enum Fault {
     Terminate,
     /// SIGINT to mpirun.
     Interrupt,
-    /// SIGSTOP of this rank, half a second before it goes on.
+    /// SIGSTOP of this rank, and SIGCONT half a second later.
     Pause(usize),
 }
 
-/// Whether a process is the program, at work, which takes SIGUSR1 for a request.
+/// Whether a process is the program and has already installed its handler of SIGUSR1.
 fn takes_requests(process: u32) -> bool {
     let text = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    // Before it was that, it was a part of mpirun.
+    // Before it starts the program, the process is a copy of mpirun.
     if !text.starts_with("Name:\tphasewarp\n") {
         return false;
     }
@@ -165,22 +166,22 @@ pub struct Faulty {
     pub finished: Finished,
     /// Whether the fault came before the run was over.
     pub injected: bool,
-    /// Whether all ranks took requests by then.
+    /// Whether all ranks had installed their signal handlers when the fault came.
     pub begun: bool,
-    /// Whether mpirun did not end after all of its ranks had, and was killed.
+    /// Whether mpirun did not end after its ranks and was killed.
     pub hung: bool,
 }
 
-/// How long mpirun may take to end after its ranks.
+/// Time that mpirun may take to end after its ranks.
 const AFTER_RANKS: Duration = Duration::from_secs(20);
 
-/// Runs a job and injects a fault at the first moment that `now` accepts. All its ranks have ended
-/// when this returns.
+/// Runs a job and injects a fault at the first moment that `now` accepts. Returns after all ranks
+/// have ended.
 pub fn with_fault(job: &Job, fault: Fault, now: impl FnMut(Duration) -> bool) -> Result<Finished> {
     inject(job, fault, now).map(|faulty| faulty.finished)
 }
 
-/// The same, with what the fault met.
+/// The same, with the state of the run at the fault.
 pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) -> Result<Faulty> {
     let (mut ranks, mut injected, mut begun) = (Vec::new(), false, false);
     let (mut alone, mut hung) = (None, false);
@@ -214,7 +215,7 @@ pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) ->
             }
         }
     })?;
-    // Ranks that lost their mpirun end by themselves, a moment later.
+    // Ranks whose mpirun is gone end by themselves a moment later.
     let waiting = Instant::now();
     while ranks.iter().any(|&rank| is_alive(rank)) {
         if waiting.elapsed() > Duration::from_secs(20) {
@@ -225,7 +226,7 @@ pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) ->
     Ok(Faulty { finished, injected, begun, hung })
 }
 
-/// A run with checkpoints, stopped by SIGUSR1 when two are there.
+/// Starts a run with checkpoints and stops it by SIGUSR1 after the second one.
 pub fn stopped(ranks: usize) -> Result<TempDir> {
     let directory = directory();
     let path = directory.path();
@@ -234,20 +235,6 @@ pub fn stopped(ranks: usize) -> Result<TempDir> {
     if finished.code == Some(75) && finished.errors.contains("--resume") {
         Ok(directory)
     } else {
-        Err(finished.report("exit code 75 expected, and how to go on"))
+        Err(finished.report("exit code 75 and the option --resume expected"))
     }
-}
-
-pub fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
-    fs::create_dir_all(to)?;
-    for entry in fs::read_dir(from)? {
-        let entry = entry?;
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target)?;
-        } else {
-            fs::copy(entry.path(), target)?;
-        }
-    }
-    Ok(())
 }

@@ -1,4 +1,4 @@
-//! Runs that are killed, stopped by a signal or out of time end with the same bits.
+//! Runs that are killed, stopped by a signal or out of time end with the same bits when continued.
 
 use super::{
     Fault, LONG, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest,
@@ -6,7 +6,7 @@ use super::{
 };
 use crate::support::{
     Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
-    directory_on_disk as directory,
+    directory_on_disk as directory, of_case,
 };
 use std::fs;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 #[test]
 fn runs_killed_at_any_moment_end_with_the_same_bits() {
     LazyLock::force(&WHOLE);
-    // Each is killed three times, then left alone; every start is on other ranks.
+    // Each run is killed three times and then continued to its end, each time on other ranks.
     let rows: Vec<u64> = (0..6).collect();
     check_all(&rows, |&row| {
         let directory = directory();
@@ -38,7 +38,7 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
             }
         }
         if path.join("summary.json").exists() {
-            // It was over before it was killed.
+            // The run ended before it was killed.
             let differing = differences(&datasets(path)?, &WHOLE.0);
             return match differing.is_empty() {
                 true => Ok(()),
@@ -59,7 +59,7 @@ fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
         let directory = directory();
         let path = directory.path();
         let job = run().on(ranks).set(&[OFTEN]).into(path);
-        // In the middle of a generation that follows others: without a manifest.
+        // A generation after the second one has no manifest yet, so it is being written.
         let mut seen = 0;
         let finished = with_fault(&job, fault, |_| {
             let all = fs::read_dir(path.join("checkpoint")).into_iter().flatten().count();
@@ -82,20 +82,20 @@ fn a_stop_signal_leaves_a_checkpoint_for_any_ranks() {
         let directory = stopped(before)?;
         let path = directory.path();
         let summary = ends_well(run().on(after).with(["--ranks-x", blocks]), path)?;
-        summary.require(summary.boolean("resumed")?, || "did not go on".to_owned())
+        summary.require(summary.boolean("resumed")?, || "not continued".to_owned())
     });
 }
 
-/// Which signals are sent, and to which process.
+/// The signals of a test and the process that gets them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum StopRequest {
-    /// The signal, to a process without mpirun.
+    /// One signal to a process without mpirun.
     Once(&'static str),
-    /// The same twice in a moment, as launchers do.
+    /// Two signals at once to a process without mpirun, as launchers send them.
     Twice(&'static str),
-    /// The same again a second later, to a rank that waits for another.
+    /// A signal and, a second later, another one to a rank that waits for a stopped rank.
     Again(&'static str),
-    /// The same to one of so many ranks.
+    /// A signal to the last of this number of ranks.
     Rank(&'static str, usize),
 }
 
@@ -150,7 +150,7 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
             return if again && ended {
                 Ok(())
             } else {
-                Err(finished.report("ended by the signal"))
+                Err(finished.report("the second signal must end the rank at once"))
             };
         }
         if finished.code != Some(75) || !finished.errors.contains("stopped by a signal") {
@@ -161,17 +161,17 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
     });
 }
 
-/// In the middle of a batch of seconds the finished modes are stored at once, also where the ranks
-/// split space. No mode that is stored is computed again, and the bits are the same.
+/// A signal in the middle of a batch that takes seconds stores the finished modes at once, also if
+/// the ranks split space. No stored mode is computed again, and the bits are the same.
 #[test]
-fn a_batch_in_flight_is_dropped() {
+fn a_signal_interrupts_a_batch_and_stores_finished_modes() {
     let slow =
         ["axis.0.x.cells=500", "axis.0.v.cells=500", "solver.warp.points=64", "exact={f='0'}"];
     let job = || run().set(&slow).with(["--ranks-x", "1"]);
     let whole = directory();
     let expected = job().on(2).solve(whole.path()).expect("a whole run");
     let (all, bits) = (count(&expected, "matvecs"), datasets(whole.path()).expect("datasets"));
-    // One batch after the other, so that there is one in flight after the first checkpoint.
+    // The batches run one after the other, so that one is running after the first checkpoint.
     for (ranks, blocks, signal) in [(None, "1", "-TERM"), (Some(2), "2", "-USR1")] {
         let place = directory();
         let path = place.path();
@@ -180,7 +180,7 @@ fn a_batch_in_flight_is_dropped() {
         let mut sent: Option<Instant> = None;
         let stored = || -> Option<u64> { manifest(&newest(path)?).ok()?["matvecs"].as_u64() };
         let finished = job.run_while(|process, _| {
-            // At the beginning of the batch that follows the first.
+            // At the beginning of the second batch.
             if sent.is_none() && stored() > Some(0) {
                 sent = Some(Instant::now());
                 send(signal, process.id());
@@ -199,7 +199,7 @@ fn a_batch_in_flight_is_dropped() {
 }
 
 #[test]
-fn a_classical_run_ends_at_once() {
+fn a_signal_ends_a_classical_run_at_once() {
     let place = directory();
     let path = place.path();
     let classical = ["solver.method=classical", "axis.0.x.cells=600", "axis.0.v.cells=600"];
@@ -218,12 +218,12 @@ fn a_classical_run_ends_at_once() {
 /// A sweep that gets a stop signal ends with a checkpoint of the current run and a table of the
 /// finished ones, if any. It continues on other ranks to the same bits.
 #[test]
-fn a_sweep_that_is_stopped_goes_on() {
+fn a_stopped_sweep_is_continued() {
     LazyLock::force(&WHOLE);
     let rows = [(Some(2), "-USR1", 1), (None, "-TERM", 0)];
     check_all(&rows, |&(ranks, signal, number)| {
         let place = directory();
-        let sweep = Job::new(["sweep", &case("example1.toml")]).set(&LONG).into(place.path());
+        let sweep = of_case("sweep", "example1.toml").set(&LONG).into(place.path());
         let sweep = sweep.with(["--vary", "checkpoint.minutes=0.00001,0.00002"]);
         let list = sweep.clone().with(["--list"]).succeed()?;
         let runs = list.output.lines().filter_map(|line| line.rsplit('\t').next());
@@ -260,7 +260,7 @@ fn a_sweep_that_is_stopped_goes_on() {
 }
 
 /// Stops a run in stage number `stage` or a later one, continues it on other ranks, and compares
-/// everything with an undisturbed run.
+/// all results with an undisturbed run.
 fn goes_on_in_stage(
     job: &Job,
     stage: u64,
@@ -273,14 +273,15 @@ fn goes_on_in_stage(
     let expected = job.clone().on(2).solve(whole.path())?;
     let before = before.set(&[OFTEN]);
     let mut cut = directory();
-    // On a busy machine a run may be over before this process sees the stage: then an earlier one.
+    // On a busy machine a run may end before this process sees the stage. Then an earlier one is
+    // tried.
     for missed in 0.. {
         let path = cut.path();
         let finished = with_fault(&before.clone().into(path), Fault::Signal, |_| {
             let found = newest(path).and_then(|newest| manifest(&newest).ok());
             let number = |key: &str| found.as_ref().and_then(|m| m[key].as_u64());
             let reached = number("stage").is_some_and(|reached| reached + missed >= stage);
-            // In the first stage, with something to take over.
+            // A checkpoint of the first stage must hold some finished modes.
             reached && (stage > 0 || number("matvecs").is_some_and(|done| done > 0))
         })?;
         match finished.code {
@@ -305,14 +306,14 @@ fn goes_on_in_stage(
     }
     let here = count(&summary, "matvecs_here")?;
     summary
-        .require(here < count(&expected, "matvecs")?.max(1), || "nothing was taken over".to_owned())
+        .require(here < count(&expected, "matvecs")?.max(1), || "all was computed again".to_owned())
 }
 
 #[test]
 fn stages_that_are_finished_are_not_computed_again() {
-    // Density and level set one after the other, with moments before the end, an implicit method
-    // and a plateau.
-    let fields = Job::new(["run", &case("example2.toml")]).set(&[
+    // Density and level set in two stages, with moments before the end, an implicit method and a
+    // plateau.
+    let fields = of_case("run", "example2.toml").set(&[
         "axis.0.x.cells=32",
         "axis.0.v.cells=24",
         "solver.tolerance=1e-2",
@@ -322,7 +323,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         "output.moments_every=0.5",
         "output.plateau.points=3",
     ]);
-    // All modes kept, with inflow: auxiliary unknowns move with their cells.
+    // A full run with inflow: the auxiliary unknowns change ranks with their cells.
     let kept = |more: &[&str]| {
         Job::new(["run", &case("example2.toml"), "--mode", "full"])
             .set(&[
@@ -337,7 +338,7 @@ fn stages_that_are_finished_are_not_computed_again() {
     };
     let recorded =
         ["matvecs", "solves", "unitarity_defect", "norm_kept", "step_error", "error_estimate"];
-    // Elements, whose blocks are of other widths on other ranks.
+    // Elements: the widths of blocks depend on the number of ranks.
     let elements = Job::new(["run", &case("inflow_barrier.toml"), "--mode", "full"]).set(&[
         "scheme.degree=2",
         "axis.0.v.degree=3",
@@ -348,11 +349,12 @@ fn stages_that_are_finished_are_not_computed_again() {
         "solver.warp.profile=exponential",
         "solver.warp.points=256",
         "output.field_times=[0.3,0.6]",
-        // Moments on the way.
+        // Moments within the stages.
         "output.moment_times=[0.05,0.1,0.15,0.2,0.25,0.35,0.4,0.45,0.5,0.55]",
     ]);
     let rows = [
-        // Late: ranks in space wait for each other, on a busy machine some ms an exchange.
+        // A late stage: on a busy machine, ranks that split space wait for each other for some
+        // milliseconds per exchange.
         (elements, 9, [(2, "1"), (3, "3")]),
         (fields, 1, [(2, "1"), (3, "1")]),
         (kept(&[]), 1, [(2, "2"), (3, "3")]),
@@ -367,11 +369,11 @@ fn stages_that_are_finished_are_not_computed_again() {
 }
 
 #[test]
-fn runs_stop_before_their_time_is_over_and_go_on() {
+fn runs_stop_before_their_walltime_ends_and_are_continued() {
     LazyLock::force(&WHOLE);
     let mut place = directory();
-    // How long the start and the rest take depends on what else the machine does: neither too
-    // little nor enough for all.
+    // The times of the start and of the whole run depend on the load of the machine. This finds a
+    // wall time between them.
     let (mut pieces, mut seconds) = (0, 0.5_f64);
     for attempt in 1.. {
         let time = format!("{seconds}s");
@@ -396,7 +398,7 @@ fn runs_stop_before_their_time_is_over_and_go_on() {
 }
 
 #[test]
-fn a_time_too_short_for_anything_is_an_error() {
+fn a_walltime_too_short_for_any_work_is_an_error() {
     let directory = directory();
     for ranks in [1, 3] {
         let job = run().on(ranks).into(directory.path()).with(["--walltime", "0.01"]);
@@ -404,7 +406,7 @@ fn a_time_too_short_for_anything_is_an_error() {
         finished.ended(2, &["--walltime 0.01"]).unwrap();
     }
     assert!(!directory.path().join("checkpoint").exists());
-    // Of a sweep too, which would otherwise be submitted again for ever.
+    // The same holds for a sweep. Otherwise its job script would submit it again for ever.
     let sweep = Job::new(["sweep", &case("example1.toml"), "--vary", "time.end=1,2"]).set(&LONG);
     let finished = sweep.into(directory.path()).with(["--walltime", "0.01"]).run().expect("a run");
     finished.ended(2, &["--walltime 0.01"]).unwrap();
@@ -418,7 +420,8 @@ fn finished_work_is_not_computed_again() {
     let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
     job(&[]).succeed().expect("a run");
     let printed = |finished: &Finished| finished.output.contains("the run is finished");
-    // Settings, and whether that is the finished run; other results are not replaced unasked.
+    // Settings, and whether the finished run is theirs; other results are not replaced without
+    // --force.
     let rows: [(&[&str], bool); 4] = [
         (&[], true),
         (&["checkpoint.minutes=3", "time.end=0.10"], true),
@@ -438,7 +441,7 @@ fn finished_work_is_not_computed_again() {
         let now = fs::read(path.join("summary.json")).expect("a summary");
         assert_eq!(now, written, "{settings:?}");
     }
-    // An option is missing.
+    // An output file of the run is missing.
     fs::remove_file(path.join("warped_f.h5")).expect("a file");
     let again = job(&[]).with(["--resume"]).succeed().expect("a run");
     assert!(!printed(&again), "{}", again.report("solved"));

@@ -1,5 +1,5 @@
-//! The semi-discrete system `f' = A f + b` written down from its definition, face by face, with
-//! nothing of `src/`: the reference of exported matrices and of the fields of random scenes.
+//! The semi-discrete system `f' = A f + b`, written from its definition, face by face, without code
+//! from `src/`: the reference for exported matrices and for the fields of random scenes.
 //!
 //! Degree 0 is the upwind scheme of the paper (section 4.2) with the hat or the conservative
 //! interface. Elements are in weak form: a numerical flux at each face, tested with the polynomials
@@ -9,17 +9,17 @@ mod scenes;
 
 use crate::dense::{Dense, exponential};
 
-/// Places on a face that are closer than this are one.
+/// Values closer than this are equal.
 const ROUND_OFF: f64 = 1e-12;
 
-/// Nodes and weights on [-1, 1].
+/// A quadrature rule on [-1, 1]: nodes and weights.
 #[derive(Clone, Debug)]
 pub struct Rule {
     nodes: Vec<f64>,
     weights: Vec<f64>,
 }
 
-/// Legendre's polynomial `P_n` and its derivative at `x`, inside of (-1, 1).
+/// Legendre's polynomial `P_n` and its derivative at `x` in (-1, 1).
 fn legendre(n: usize, x: f64) -> (f64, f64) {
     let (mut before, mut value) = (0.0, 1.0);
     for k in 0..n {
@@ -29,7 +29,7 @@ fn legendre(n: usize, x: f64) -> (f64, f64) {
     (value, n as f64 * (before - x * value) / (1.0 - x * x))
 }
 
-/// A root of `f` between `a` and `b`, where it changes its sign, by bisection.
+/// The root of `f` between `a` and `b` by bisection; `f` changes its sign there.
 fn root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     while a < 0.5 * (a + b) && 0.5 * (a + b) < b {
         let middle = 0.5 * (a + b);
@@ -38,9 +38,9 @@ fn root(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     0.5 * (a + b)
 }
 
-/// The roots of `f` in (-1, 1), which are farther apart than a thousandth.
+/// The roots of `f` in (-1, 1); they are more than a thousandth apart.
 fn roots(f: impl Fn(f64) -> f64) -> Vec<f64> {
-    // An odd number of intervals: no end is the root 0.
+    // With an odd number of intervals, the root 0 is not the end of an interval.
     let at = |k: usize| -1.0 + (2 * k) as f64 / 2001.0;
     let signs = (1..2000).filter(|&k| (f(at(k)) > 0.0) != (f(at(k + 1)) > 0.0));
     signs.map(|k| root(&f, at(k), at(k + 1))).collect()
@@ -54,7 +54,7 @@ impl Rule {
         Self { weights: nodes.iter().map(weight).collect(), nodes }
     }
 
-    /// Lobatto's rule of `n ≥ 2` points; of one, the middle.
+    /// Lobatto's rule of `n ≥ 2` points; for `n = 1` the midpoint rule.
     pub fn lobatto(n: usize) -> Self {
         if n == 1 {
             return Self::gauss(1);
@@ -110,7 +110,7 @@ impl Line {
         self.lower + element as f64 * self.width()
     }
 
-    /// The middle of an element, beyond the ends too.
+    /// The middle of an element, also beyond the ends of the axis.
     fn middle(&self, element: i64) -> f64 {
         self.lower + (element as f64 + 0.5) * self.width()
     }
@@ -125,14 +125,15 @@ impl Line {
         0.5 * self.width() * self.rule.weights[i % self.nodes()]
     }
 
-    /// The number of an element, around the ends of a periodic axis; none beyond others.
+    /// The number of an element, wrapped around if the axis is periodic; none beyond the ends of
+    /// another axis.
     fn element(&self, element: i64) -> Option<usize> {
         let all = self.elements as i64;
         let element = if self.periodic { element.rem_euclid(all) } else { element };
         (0..all).contains(&element).then_some(element as usize)
     }
 
-    /// The values at `at` of the polynomials of its element, by node; none beyond the ends.
+    /// The values at `at` of the polynomials of the element there, by node; none beyond the ends.
     fn trace(&self, at: f64) -> Option<Trace> {
         let element = self.element(((at - self.lower) / self.width()).floor() as i64)?;
         let xi = 2.0 * (at - self.middle(element as i64)) / self.width();
@@ -146,8 +147,7 @@ impl Line {
     }
 }
 
-/// A region of space with its potential `constant + Σ slope_a x_a + Σ curvature_a x_a²`: where
-/// `x_axis < below`.
+/// The region `x_axis < below` with the potential `constant + Σ slope_a x_a + Σ curvature_a x_a²`.
 #[derive(Clone, Debug)]
 pub struct Region {
     pub axis: usize,
@@ -169,16 +169,16 @@ impl Region {
 pub enum Law {
     Hat,
     Conservative,
-    /// Elements, with the share `α` of the upwind flux.
+    /// Elements with the share `flux` of the upwind flux.
     Elements {
         flux: f64,
     },
 }
 
-/// A value at a point (x.., v..).
+/// A function of a point (x, v).
 pub type Value = fn(x: &[f64], v: &[f64]) -> f64;
 
-/// A scene. The inflow is `inflow · (½ + ½ sin(pulse t))`, without a pulse `inflow`.
+/// A scene. The inflow is `inflow · (½ + ½ sin(pulse t))`, or `inflow` if there is no pulse.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub space: Vec<Line>,
@@ -191,20 +191,20 @@ pub struct Scene {
     pub end: f64,
 }
 
-/// `f' = A f + b`, and `f(0)`.
+/// The system `f' = A f + b` and its initial value `f(0)`.
 #[derive(Debug)]
 pub struct System {
     pub generator: Dense,
     pub inflow: Vec<f64>,
     pub initial: Vec<f64>,
-    /// The product of a node's quadrature weights.
+    /// For each node, the product of its quadrature weights along all axes.
     pub masses: Vec<f64>,
 }
 
-/// Nodes along each axis, space first.
+/// The numbers of the nodes of an unknown along all axes, space first.
 type Place = Vec<usize>;
 
-/// A sum over unknowns, and what enters.
+/// A flux: a sum over unknowns, and the part from the inflow.
 type Flux = (Trace, f64);
 
 impl Scene {
@@ -226,7 +226,7 @@ impl Scene {
         place.iter().enumerate().fold(0, |sum, (axis, i)| sum * self.line(axis).count() + i)
     }
 
-    /// The index of `place` with node `i` along `axis` in the place of its own.
+    /// The index of `place` with node `i` along `axis`.
     fn moved(&self, place: &[usize], axis: usize, i: usize) -> usize {
         let mut place = place.to_vec();
         place[axis] = i;
@@ -237,13 +237,13 @@ impl Scene {
         place.iter().enumerate().map(|(axis, &i)| self.line(axis).node(i)).collect()
     }
 
-    /// What enters at a point.
+    /// The value of the inflow at a point.
     fn entering(&self, point: &[f64]) -> f64 {
         let (x, v) = point.split_at(self.space.len());
         (self.inflow)(x, v)
     }
 
-    /// The region of the element of `place`, with element `element` along `a` in its own's place.
+    /// The region of the element of `place`, with its element along `a` replaced by `element`.
     fn region(&self, place: &[usize], a: usize, element: usize) -> &Region {
         let middle = |b: usize| {
             let line = &self.space[b];
@@ -253,7 +253,7 @@ impl Scene {
         self.regions.iter().find(holds).expect("the last region holds everywhere")
     }
 
-    /// `V` above minus `V` below the face under element `face` along `a`, at the other nodes of
+    /// `V` above minus `V` below the lower face of element `face` along `a`, at the other nodes of
     /// `place`; 0 at an end of the box.
     fn jump(&self, place: &[usize], a: usize, face: i64) -> f64 {
         let line = &self.space[a];
@@ -266,13 +266,13 @@ impl Scene {
             x[a] = line.face(face);
             self.region(place, a, element).value(&x)
         };
-        // Around the end of a periodic axis the face is another point from below.
+        // At the end of a periodic axis, the two sides of the face have different positions.
         let jump = value(above, above as i64) - value(below, below as i64 + 1);
         if jump.abs() < ROUND_OFF { 0.0 } else { jump }
     }
 
-    /// The rate of a force that changes `V` by the largest of its values over one cell: to this
-    /// scale differences of `V` are rounded.
+    /// The rate of a force that changes `V` by its largest value over one cell: the scale of the
+    /// rounding errors of differences of `V`.
     pub fn force_scale(&self) -> f64 {
         let values = self.regions.iter().map(|region| region.constant.abs());
         let finest = self.space.iter().zip(&self.velocity);
@@ -280,7 +280,7 @@ impl Scene {
         values.fold(0.0, f64::max) * finest.fold(0.0, f64::max)
     }
 
-    /// The system.
+    /// The semi-discrete system of the scene.
     pub fn system(&self) -> System {
         let axes = 0..2 * self.space.len();
         let size: usize = axes.clone().map(|axis| self.line(axis).count()).product();
@@ -314,7 +314,7 @@ impl Scene {
 }
 
 impl System {
-    /// `f(end)`: the pulse `sin(ωt)` is an unknown of the system.
+    /// `f(end)` by one exponential; the pulse `sin(ωt)` is an unknown of the enlarged system.
     pub fn field(&self, scene: &Scene) -> Vec<f64> {
         let size = self.inflow.len();
         let mut all = self.generator.enlarged(3);
@@ -331,7 +331,7 @@ impl System {
     }
 }
 
-/// Cells of degree 0, upwind.
+/// The upwind scheme on cells of degree 0.
 struct Cells<'a> {
     scene: &'a Scene,
     law: Law,
@@ -385,11 +385,11 @@ impl Cells<'_> {
         self.system.inflow[row] += rate * scene.entering(&point);
     }
 
-    /// Where what leaves a face with the velocity of cell `j` came from, if `V` rose by `rise`:
-    /// whether from across, the velocity cell, and its weight.
+    /// The sources of particles that leave a face with the velocity of cell `j`, if `V` rises by
+    /// `rise` across it: whether they come from across, the velocity cell, and its weight.
     fn sources(&self, v: &Line, j: i64, rise: f64) -> Vec<(bool, i64, f64)> {
         let speed = v.middle(j);
-        // Beyond any velocity of the same energy.
+        // A number of cells beyond all velocities of the same energy.
         let far = ((speed.abs() + (2.0 * rise.abs()).sqrt() + v.lower.abs()) / v.width()) as i64;
         let all = -far - 3..=2 * far + 3;
         if rise == 0.0 {
@@ -400,7 +400,7 @@ impl Cells<'_> {
             let hat = |k: i64| 1.0 - (at - v.middle(k)).abs() / v.width();
             all.map(|k| (square > 0.0, k, hat(k))).filter(|s| s.2 > ROUND_OFF).collect()
         } else {
-            // Energies of a cell; the least that any has.
+            // The energies of a cell, and the lowest energy of all cells.
             let energy = |face: i64| 0.5 * v.face(face).powi(2);
             let held = |k: i64| {
                 let ends = [energy(k), energy(k + 1)];
@@ -434,19 +434,20 @@ enum Side {
     Above,
 }
 
-/// A velocity that comes to a face, and that with which it leaves; `weight` is that of a quadrature
-/// in energy.
+/// The sides and velocities with which particles arrive at a face and leave it, with the weight of
+/// a quadrature in energy.
 struct Ray {
     from: (Side, f64),
     to: (Side, f64),
     weight: f64,
 }
 
-/// The rays through a face at which `V` jumps by `jump`, between the faces of velocity.
+/// The rays through a face at which `V` jumps by `jump`; the quadrature is split at the faces of
+/// the velocity axis.
 fn rays(v: &Line, jump: f64) -> Vec<Ray> {
     let (slow, fast) =
         if jump > 0.0 { (Side::Above, Side::Below) } else { (Side::Below, Side::Above) };
-    // Particles on the fast side go to the face with this sign.
+    // The sign of velocities towards the face on the fast side.
     let sign = jump.signum();
     let threshold = (2.0 * jump.abs()).sqrt();
     let faces: Vec<f64> = (0..=v.elements as i64).map(|e| v.face(e).abs()).collect();
@@ -469,7 +470,8 @@ fn rays(v: &Line, jump: f64) -> Vec<Ray> {
     list
 }
 
-/// The points and weights of `rule` on pieces of at most one from 0 to all of `ends`.
+/// The points and weights of `rule` on the intervals between 0 and the sorted `ends`, each split
+/// into pieces of length at most 1.
 fn points(rule: &Rule, mut ends: Vec<f64>) -> Vec<(f64, f64)> {
     ends.push(0.0);
     ends.sort_by(f64::total_cmp);
@@ -486,10 +488,10 @@ fn points(rule: &Rule, mut ends: Vec<f64>) -> Vec<(f64, f64)> {
     list
 }
 
-/// A sum over nodes.
+/// A sum over nodes: number and coefficient.
 type Trace = Vec<(usize, f64)>;
 
-/// A face of space, under element `number` along `axis`, at the other nodes of `place`.
+/// The lower face of element `number` along the space axis `axis`, at the other nodes of `place`.
 struct Face<'a> {
     place: &'a [usize],
     axis: usize,
@@ -497,12 +499,13 @@ struct Face<'a> {
 }
 
 impl Face<'_> {
-    /// The element at one side; none beyond the box.
+    /// The element on one side; none beyond the box.
     fn element(&self, x: &Line, side: Side) -> Option<usize> {
         x.element(if side == Side::Below { self.number - 1 } else { self.number })
     }
 
-    /// Where it is for the element at one side: at either end of a periodic axis.
+    /// The position of the face for the element on one side. At the end of a periodic axis it
+    /// depends on the side.
     fn seen_from(&self, x: &Line, side: Side) -> f64 {
         let number = match (self.element(x, side), side) {
             (None, _) => self.number,
@@ -513,7 +516,7 @@ impl Face<'_> {
     }
 }
 
-/// Elements, in weak form.
+/// The scheme of elements in weak form.
 struct Elements<'a> {
     scene: &'a Scene,
     flux: f64,
@@ -521,7 +524,7 @@ struct Elements<'a> {
 }
 
 impl Elements<'_> {
-    /// `∫ c f φ'` in the row of `place`, along `axis`.
+    /// Adds `∫ c f φ'` along `axis` to the row of `place`.
     fn volume(&mut self, place: &[usize], axis: usize, speed: f64) {
         let line = self.scene.line(axis);
         let (first, m) = (place[axis] - place[axis] % line.nodes(), place[axis] % line.nodes());
@@ -536,8 +539,8 @@ impl Elements<'_> {
         }
     }
 
-    /// The flux from the trace before a face to that behind it; `entering` where there is none
-    /// before.
+    /// The flux from the trace `before` a face to the trace `behind` it; the inflow value
+    /// `entering` if there is no trace before it.
     fn flux(
         &self,
         before: Option<&[(usize, f64)]>,
@@ -557,7 +560,7 @@ impl Elements<'_> {
         }
     }
 
-    /// Adds `rate` times a flux to a row.
+    /// Adds `rate` times a flux to the row `row`.
     fn add(&mut self, row: usize, (terms, entering): &Flux, rate: f64) {
         for (column, value) in terms {
             self.system.generator.add(row, *column, rate * value);
@@ -565,8 +568,8 @@ impl Elements<'_> {
         self.system.inflow[row] += rate * entering;
     }
 
-    /// The trace at one side of a face, for a sum over the velocities along its axis; none beyond
-    /// the box.
+    /// The trace on one side of a face of a sum over the velocities along its axis; none beyond the
+    /// box.
     fn trace(&self, face: &Face<'_>, side: Side, velocities: &[(usize, f64)]) -> Option<Trace> {
         let (x, n) = (&self.scene.space[face.axis], self.scene.space.len());
         let element = face.element(x, side)?;
@@ -577,12 +580,13 @@ impl Elements<'_> {
         Some(velocities.iter().map(of).collect())
     }
 
-    /// Transport along `a`: the volume term in the row of `place`; faces once for their lines.
+    /// Adds transport along `a`: the volume term of the row of `place`, and once per line of nodes
+    /// the fluxes through its faces.
     fn transport(&mut self, place: &[usize], a: usize) {
         let n = self.scene.space.len();
         let (x, v) = (&self.scene.space[a], &self.scene.velocity[a]);
         self.volume(place, a, v.node(place[n + a]));
-        // With the first velocity, from the first node of the element above.
+        // Faces are added once: for the first velocity, from the first node of the upper element.
         if place[n + a] != 0 || !place[a].is_multiple_of(x.nodes()) {
             return;
         }
@@ -593,7 +597,7 @@ impl Elements<'_> {
         }
     }
 
-    /// The fluxes through a face.
+    /// Adds the fluxes through a face.
     fn face(&mut self, face: &Face<'_>) {
         let v = &self.scene.velocity[face.axis];
         let jump = self.scene.jump(face.place, face.axis, face.number);
@@ -610,14 +614,15 @@ impl Elements<'_> {
             if velocity < 0.0 {
                 ends.reverse();
             }
-            // Gauss's points are those of the flux: the node alone has a value there.
+            // The flux is integrated at Gauss's points, where only the polynomial of one node is
+            // not zero.
             let weight = velocity.abs() * v.mass(j);
             let ray = Ray { from: ends[0], to: ends[1], weight };
             self.pass(face, &ray, [(); 2].map(|()| Some(vec![(j, 1.0)])));
         }
     }
 
-    /// The flux of a ray, with the values of the velocities' polynomials at both of its ends.
+    /// Adds the flux of a ray; `values` are those of the velocity polynomials at both of its ends.
     fn pass(&mut self, face: &Face<'_>, ray: &Ray, values: [Option<Trace>; 2]) {
         let (scene, a, n) = (self.scene, face.axis, self.scene.space.len());
         let (x, v) = (&scene.space[a], &scene.velocity[a]);
@@ -636,8 +641,8 @@ impl Elements<'_> {
         }
     }
 
-    /// The force along the velocity of `a`: the volume term in the row of `place`; faces once for
-    /// their lines.
+    /// Adds the force along the velocity of `a`: the volume term of the row of `place`, and once
+    /// per line of nodes the fluxes through its faces.
     fn force(&mut self, place: &[usize], a: usize) {
         let (scene, axis) = (self.scene, self.scene.space.len() + a);
         let v = &scene.velocity[a];

@@ -1,4 +1,4 @@
-//! Scenes put together at random, compared with their definition.
+//! Random scenes, compared with their definition.
 
 use super::{Law, Line, Region, Rule, Scene, System, Value};
 use crate::matrices::matrix;
@@ -11,9 +11,9 @@ use crate::support::{
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Scenes written down a second time, from the definition of the scheme alone: the exported matrix,
-/// `b` and `f(0)` are its own to round-off, and the field of a run is `exp(AT) f(0)` of it to the
-/// tolerance.
+/// A second implementation writes the system of random scenes from the definition of the scheme.
+/// The exported matrix, `b` and `f(0)` agree with it to round-off, and the field of a run agrees
+/// with `exp(AT) f(0)` to the tolerance.
 #[test]
 fn random_scenes_are_those_of_the_definition() {
     let count = SCENES_OF_DEFINITION * number_from_environment("PHASEWARP_SCENES", 100) / 100;
@@ -49,11 +49,11 @@ fn random_scenes_are_those_of_the_definition() {
     assert!(10 * fields.1 > 7 * seeds.len(), "only {} of {} solved", fields.1, seeds.len());
 }
 
-/// Scenes of `make test` that are written down a second time.
+/// The number of scenes in `make test`.
 const SCENES_OF_DEFINITION: u64 = 24;
 
-/// Exports the matrix of a scene without its pulse. What it differs by from the definition,
-/// relative to the largest entry.
+/// Exports the matrix of a scene without its pulse. Returns the largest difference from the
+/// definition, relative to the largest entry.
 fn exported_as_defined(
     case: &str,
     place: &Path,
@@ -72,7 +72,7 @@ fn exported_as_defined(
         [numbers("b_f.npy")?, numbers("initial_f.npy")?, numbers("weights.npy")?];
     let size = system.inflow.len();
     near("unknowns", b.len() as f64, size as f64, 0.0)?;
-    // Of entries, and of differences of V over cells.
+    // The scale of the rounding errors of entries and of differences of V.
     let largest = system.generator.largest() + scene.force_scale();
     let mut worst: f64 = 0.0;
     let mut compare = |what: &dyn Fn() -> String, found: f64, expected: f64, scale: f64| {
@@ -91,8 +91,8 @@ fn exported_as_defined(
     Ok(worst)
 }
 
-/// Runs a scene. The distance of the field to the one of the definition, over the tolerance;
-/// nothing where the run was refused.
+/// Runs a scene. Returns the distance of its field from that of the definition, divided by the
+/// tolerance; nothing if the run was refused.
 fn solved_as_defined(
     case: &str,
     place: &Path,
@@ -116,20 +116,20 @@ fn solved_as_defined(
     let difference: Vec<f64> = found.iter().zip(&expected).map(|(f, e)| f - e).collect();
     let error = norm(&difference) / norm(&expected);
     summary.holds(at_most("distance to the definition", error, summary.number("tolerance")?))?;
-    // What the run measured against its own reference is that distance, too.
+    // The error that the run measures against its own reference is this distance, too.
     let measured = summary.number("error_semidiscrete")?;
     summary.holds(near("error_semidiscrete", measured, error, 0.01 * error + 1e-11))?;
     Ok(Some(error / summary.number("tolerance")?))
 }
 
-/// Numbers of cells or elements, and of the degrees.
+/// Choices of the numbers of cells or elements, and of the degrees.
 struct Sizes {
     space: [usize; 4],
     velocity: [usize; 4],
     degrees: [usize; 4],
 }
 
-/// By the number of dimensions, of cells and of elements: at most about 700 unknowns.
+/// The sizes for cells and for elements by dimension: at most about 700 unknowns.
 const SIZES: [[Sizes; 2]; 3] = [
     [
         Sizes { space: [1, 6, 13, 20], velocity: [5, 8, 12, 17], degrees: [0; 4] },
@@ -145,7 +145,7 @@ const SIZES: [[Sizes; 2]; 3] = [
     ],
 ];
 
-/// A scene for the definition, and its case file.
+/// A random scene and its case file.
 fn scene_of_definition(choices: &mut Choices) -> (Scene, String) {
     let dimension = choices.of(&[1, 1, 2, 2, 3]);
     let is_elements = choices.of(&[false, true]);
@@ -189,7 +189,8 @@ fn scene_of_definition(choices: &mut Choices) -> (Scene, String) {
     (Scene { space, velocity, regions, law, initial, inflow, pulse, end }, text)
 }
 
-/// Along each axis linear: the projection on elements is the value at the nodes.
+/// Initial data that are linear along each axis: their projection on elements has their values at
+/// the nodes.
 const INITIAL: [(&str, Value); 3] = [
     ("1 - 0.5*x", |x, _| 1.0 - 0.5 * x[0]),
     ("1 + x*vx", |x, v| 1.0 + x[0] * v[0]),
@@ -203,7 +204,7 @@ const INFLOW: [(&str, Value); 4] = [
     ("0.5 + x*vx", |x, v| 0.5 + x[0] * v[0]),
 ];
 
-/// An axis of space and its velocities: of elements with a face at v = 0.
+/// An axis of space and its velocities. For elements, v = 0 is a face.
 fn lines(choices: &mut Choices, is_elements: bool, sizes: &Sizes) -> [Line; 2] {
     let (lower, width) = (choices.of(&[-1.5, -1.0, -0.3]), choices.of(&[1.0, 1.75, 3.0]));
     let (reach, shift) = (choices.of(&[0.75, 1.0, 1.25]), choices.of(&[0.0, 0.0, 0.2, 0.6]));
@@ -226,7 +227,7 @@ fn lines(choices: &mut Choices, is_elements: bool, sizes: &Sizes) -> [Line; 2] {
 }
 
 impl Line {
-    /// In a case file.
+    /// The line in a case file.
     fn text(&self) -> String {
         let Self { lower, upper, elements, .. } = self;
         let degree = self.nodes() - 1;
@@ -239,7 +240,7 @@ fn region(choices: &mut Choices, dimension: usize) -> Region {
     let (bent, axis) = (choices.of(&[0, 1, 2][..dimension]), choices.of(&[0, 1, 2][..dimension]));
     let mut region = Region {
         axis,
-        // Not the middle of an element, which would be on either side by round-off.
+        // Not the middle of an element: round-off would decide on which side it lies.
         below: choices.of(&[-0.213, 0.017, 0.352]),
         constant: choices.of(&[0.0, 0.2, -0.3, 1e-6, 5.0, 100.0]),
         slope: [0.0; 3],
@@ -251,7 +252,7 @@ fn region(choices: &mut Choices, dimension: usize) -> Region {
 }
 
 impl Region {
-    /// In a case file.
+    /// The region in a case file.
     fn text(&self) -> String {
         let names = ["x", "y", "z"];
         let place = match self.below < f64::INFINITY {

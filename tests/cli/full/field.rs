@@ -1,18 +1,19 @@
-//! The warped field in its file: what streamed runs read, the sum over the modes, memory as
-//! planned.
+//! The warped field in its file: it agrees with streamed runs and with the sum over the modes, and
+//! takes the planned memory.
 
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance,
+    Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance, of_case,
+    on_results, stored_plan,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
 use std::collections::BTreeMap;
 
-/// A full run recovers the bits of the streamed one, on any ranks and mesh, with several fields,
-/// inflow, output times, and modes that see their company; and its files have the same bits on any
-/// ranks.
+/// A full run recovers the same bits as the streamed run on any ranks and mesh, also with several
+/// fields, inflow, output times, and propagators whose modes depend on the batch. Its files have
+/// the same bits on any ranks.
 #[test]
 fn full_runs_recover_what_streamed_ones_do() {
     let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
@@ -56,14 +57,14 @@ fn full_runs_recover_what_streamed_ones_do() {
         ),
     ];
     check_all(&rows, |(name, grid, settings, files)| {
-        let job = (Job::new(["run", &case(name)]).set(grid).set(settings)).set(&[ALL]);
+        let job = (of_case("run", name).set(grid).set(settings)).set(&[ALL]);
         let streamed = directory();
         let dropped = job.clone().on(2).with(["--ranks-x", "1"]).solve(streamed.path())?;
         let expected = datasets(streamed.path())?;
         dropped.require(dropped.value["points"].is_null(), || "points".to_owned())?;
         let mut first: Option<Vec<BTreeMap<String, Stored>>> = None;
         for (ranks, blocks) in [(1, "1"), (2, "1"), (3, "1"), (4, "2")] {
-            // Sparse factors of split space are those of a Krylov solver.
+            // With split space, an implicit method uses a Krylov solver and has other bits.
             if name == &"example1.toml" && settings.len() == 3 && blocks != "1" {
                 continue;
             }
@@ -99,17 +100,17 @@ fn full_runs_recover_what_streamed_ones_do() {
     });
 }
 
-/// The field that is read at p◇, and the plateau, are `e^p w` at the points of the file; the one at
-/// an earlier time likewise.
+/// The field that is read at p◇ and the plateau equal `e^p w` at the points of the file, also at an
+/// earlier time.
 #[test]
-fn readings_at_a_point_are_in_the_file() {
+fn readings_at_a_point_agree_with_the_file() {
     let place = directory();
     let settings = [
         "output.plateau={from=0.5, to=2.5, points=9}",
         "output.field_times=[0.4]",
         "output.warped_field=true",
     ];
-    // A profile that is nowhere much larger than where it is read: nothing amplifies round-off.
+    // This profile is largest near the recovery point, so that round-off is not amplified.
     let rough = ["solver.warp.profile=exponential", "solver.tolerance=1e-2"];
     let job = small(&POINTS).set(&rough).set(&settings).on(3);
     job.solve(place.path()).unwrap();
@@ -132,7 +133,7 @@ fn readings_at_a_point_are_in_the_file() {
     let j = p.iter().position(|p| (p - 1.0).abs() < 1e-9).unwrap();
     let off = distance(&read_at((&w, &p), j), &all["/history/f"].numbers());
     assert!(off < 1e-12, "{off:e}");
-    // The file of a shorter run is within the tolerance of it, at every point.
+    // The file of a shorter run agrees with it to the tolerance.
     let short = directory();
     let job = small(&POINTS).set(&rough).set(&["time.end=0.4", "output.warped_field=true"]);
     job.on(2).solve(short.path()).unwrap();
@@ -141,9 +142,9 @@ fn readings_at_a_point_are_in_the_file() {
     assert!(off < 1e-2, "{off:e}");
 }
 
-/// `w` is the naive sum over the modes of the dense exponential.
+/// `w` equals the direct sum over the modes, each by a dense exponential.
 #[test]
-fn the_warped_field_is_that_of_the_dense_exponential() {
+fn the_warped_field_is_the_sum_of_dense_exponentials() {
     for (profile, points) in [
         (&["solver.warp.profile=designed"][..], &[][..]),
         (&["solver.warp.profile=gaussian"], &POINTS),
@@ -154,11 +155,10 @@ fn the_warped_field_is_that_of_the_dense_exponential() {
         let grid = ["axis.0.x.cells=5", "axis.0.v.cells=6"];
         let scene = ["scheme.interface=conservative", "solver.tolerance=1e-2", "time.end=0.1"];
         let job = small(&grid).set(points).set(&scene).set(profile);
-        // Chebyshev series far below what is compared.
+        // The errors of the Chebyshev series are far below the limit of the comparison.
         job.with(["--mode", "full"]).on(2).solve(place.path()).unwrap();
         let file = datasets_of(&place.path().join("warped_f.h5")).unwrap();
-        let plan = String::from_utf8(file["/plan"].bytes.clone()).unwrap();
-        let plan: serde_json::Value = serde_json::from_str(&plan).unwrap();
+        let plan = stored_plan(place.path().join("warped_f.h5")).unwrap();
         let series = &plan["warp"]["series"];
         let period = series["period"].as_f64().unwrap();
         let coefficients: Vec<Complex64> = (series["coefficients"].as_array().unwrap().iter())
@@ -195,10 +195,10 @@ fn the_warped_field_is_that_of_the_dense_exponential() {
     }
 }
 
-/// Beside results no warped field of another run is left, but the one that the run started from and
-/// what is none of the program's.
+/// A run removes the warped fields of earlier runs, except for the file that it starts from and
+/// files that the program does not write.
 #[test]
-fn older_warped_fields_go() {
+fn older_warped_fields_are_removed() {
     let place = directory();
     let path = place.path();
     let first = small(&["output.field_times=[0.3,0.6]"]).with(["--mode", "full"]);
@@ -227,9 +227,9 @@ fn older_warped_fields_go() {
     assert_eq!(left(), others);
 }
 
-/// A directory that cannot be written is reported before the computation.
+/// A directory with the name of a warped field is refused before the computation.
 #[test]
-fn a_directory_in_the_way_of_a_warped_field_is_refused() {
+fn a_directory_with_the_name_of_a_warped_field_is_refused() {
     let place = directory();
     std::fs::create_dir(place.path().join("warped_f_0001.h5")).unwrap();
     let job = small(&["output.field_times=[0.3]"]).into(place.path());
@@ -238,13 +238,13 @@ fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     job.is_refused(&["warped_f_0001.h5 in it is a directory"]).unwrap();
 }
 
-/// `check-result` checks warped fields too, and names datasets that differ from what was written.
+/// `check-result` also checks warped fields and names the dataset that was changed.
 #[test]
-fn damage_to_a_warped_field_is_noticed() {
+fn damage_to_a_warped_field_is_found() {
     let place = directory();
     let early = ["output.field_times=[0.5]", "output.warped_field=true"];
     small(&early).on(2).solve(place.path()).unwrap();
-    let check = || Job::new(["check-result", &place.path().display().to_string()]).on(2);
+    let check = || on_results("check-result", place.path()).on(2);
     let printed = check().succeed().unwrap().output;
     for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
         assert!(printed.contains(name), "{printed}");
@@ -259,7 +259,7 @@ fn damage_to_a_warped_field_is_noticed() {
     }
     let finished = check().run().unwrap();
     finished.ended(1, &["/w", "warped_f_0001.h5"]).unwrap();
-    // Nor is it a start.
+    // No run starts from the damaged file.
     let from = format!("initial={{warped='{}'}}", path.display());
     let again = small(&[&from]).with(["--force"]);
     let finished = again.into(place.path()).on(2).run().unwrap();
@@ -288,11 +288,11 @@ fn stored_modes_are_planned() {
     assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
     assert_eq!(full["warp"]["points"], 1024);
     for command in ["plan", "check"] {
-        // As asked for by the option, and, for `plan`, the same bytes.
-        // With no memory given, the plan says what is free here, which changes.
+        // The option and the key have the same output. A plan without a memory limit would print
+        // the free memory of this machine, which changes.
         let memory = ["--memory-per-rank", "4GiB"].map(|word| (command == "plan").then_some(word));
         let job = || {
-            let job = Job::new([command, &case("example1.toml")]).set(&settings[..1]);
+            let job = of_case(command, "example1.toml").set(&settings[..1]);
             job.with(memory.into_iter().flatten())
         };
         let option = job().with(["--mode", "full"]).succeed().unwrap();
@@ -301,7 +301,7 @@ fn stored_modes_are_planned() {
         let undone = job().set(&settings[1..]).with(["--mode", "streamed"]);
         let streamed = job().succeed().unwrap().output;
         assert_eq!(undone.succeed().unwrap().output, streamed);
-        // A full run computes what a streamed run omits.
+        // Control: the outputs of full and streamed runs differ.
         assert_ne!(streamed, option.output);
     }
 
@@ -316,19 +316,18 @@ fn stored_modes_are_planned() {
     refused(&classical, "output.warped_field");
 }
 
-/// Peak memory against the planned, where the kept modes are most of it.
+/// The measured peak of memory agrees with the plan if stored modes take most of it.
 #[test]
-fn kept_modes_take_what_was_planned() {
+fn stored_modes_take_the_planned_memory() {
     let rows = [(1, "2048"), (2, "4096")];
     check_all(&rows, |(ranks, points)| {
-        let place = directory();
         let summary = Job::new(["run", &case("example1.toml"), "--mode", "full"])
             .set(&["axis.0.x.cells=96", "axis.0.v.cells=96"])
             .set(&["exact={f='0'}", "time.end=0.001", "solver.tolerance=0.1"])
             .set(&["solver.warp.profile=exponential"])
             .set(&[&format!("solver.warp.points={points}")])
             .on(*ranks)
-            .solve(place.path())?;
+            .summary()?;
         let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
         let peak = anonymous + program_file_bytes(*ranks) as f64;
         let planned = summary.number("memory_planned_bytes_per_rank")?;

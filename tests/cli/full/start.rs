@@ -2,21 +2,21 @@
 
 use super::{POINTS, small, warped};
 use crate::dense::{self};
-use crate::support::{Job, Summary, case, check_all, directory, distance, field};
+use crate::support::{Job, Summary, case, check_all, directory, distance, field, of_case, text_of};
 use phasewarp::problem::case::Case;
 use std::path::Path;
 
-/// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on
-/// other ranks; streamed, full, and with a time between.
+/// A run to T and a second run of length T from its file equal one run to 2T, in the field and in
+/// the whole warped field: on other ranks, streamed and full, and with an output time in between.
 #[test]
-fn runs_go_on_from_a_warped_field() {
+fn a_run_from_a_warped_field_equals_one_longer_run() {
     let tolerances = ["1e-5", "1e-9"];
     check_all(&tolerances, |tolerance| {
         let allowed: f64 = tolerance.parse().map_err(|_| "a tolerance")?;
         let tolerance = format!("solver.tolerance={tolerance}");
         let places = [directory(), directory(), directory(), directory()];
-        // Neither weights nor a profile that depend on the time, and next to nothing in the last
-        // mode, of which the points see the real part only.
+        // Neither weights nor profile depend on the time. The last mode, of which the points show
+        // only the real part, is almost zero.
         let same = ["scheme.interface=conservative", "exact={f='0'}"];
         let run = |end: f64| small(&[&tolerance, &format!("time.end={end}")]).set(&same);
         let full = ["--mode", "full"];
@@ -45,15 +45,16 @@ fn runs_go_on_from_a_warped_field() {
         }
         let warned = |s: &Summary| s.warnings().contains("initial.warped");
         summary.require(warned(&summary) && warned(&streamed), || "no warning".to_owned())?;
-        summary.require(summary.value["mass_initial"].is_null(), || "mass".to_owned())?;
-        summary.require(summary.value["error_estimate"].is_null(), || "estimate".to_owned())
+        summary.require(summary.value["mass_initial"].is_null(), || "a mass_initial".to_owned())?;
+        summary.require(summary.value["error_estimate"].is_null(), || "an estimate".to_owned())
     });
 }
 
-/// The interval of a file holds where f is read, the plateau about it, and hence where a run from
-/// it reads: of narrow Gaussians, whose period is short, too; and where f is read further up.
+/// The interval of a file contains the recovery point and the plateau around it, so that a run can
+/// start from the file: also for narrow Gaussians, whose period is short, and for a recovery point
+/// at large p.
 #[test]
-fn a_run_goes_on_from_the_field_of_any_planned_period() {
+fn a_run_can_start_from_a_field_of_any_planned_period() {
     let rows: [&[&str]; 5] = [
         &["solver.warp.sigma=0.25"],
         &["solver.warp.sigma=0.5"],
@@ -61,7 +62,7 @@ fn a_run_goes_on_from_the_field_of_any_planned_period() {
         &["scheme.flux=0", "scheme.ends=closed", "solver.warp.sigma=0.5"],
         &["solver.warp.sigma=0.5", "solver.warp.shift=20"],
     ];
-    // Coarse, so that what the whole of the time takes is within a period of half of it.
+    // On this coarse grid, the period of a run over half of the time suffices for the whole time.
     let grid = ["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.interface=conservative"];
     check_all(&rows, |settings| {
         let [first, second, whole] = [directory(), directory(), directory()];
@@ -74,9 +75,9 @@ fn a_run_goes_on_from_the_field_of_any_planned_period() {
         let (_, p) = warped(first.path(), "f")?;
         let read = begun.value["probabilities"]["recovery"].as_f64().ok_or("no reading")?;
         let holds = p[0] <= read - 2.0 && read + 2.0 <= p[p.len() - 1];
-        begun.require(holds, || format!("{read} of {} to {}", p[0], p[p.len() - 1]))?;
+        begun.require(holds, || format!("{read} in {} to {}", p[0], p[p.len() - 1]))?;
         if read > 5.0 {
-            // The next run's error would be e^7 times as large.
+            // The error of the next run would be e^7 times as large.
             return Ok(());
         }
         let file = first.path().join("warped_f.h5");
@@ -92,7 +93,8 @@ fn a_run_goes_on_from_the_field_of_any_planned_period() {
     });
 }
 
-/// The plan of a run that starts from a file has the file's points, whether it is measured or not.
+/// The plan of a run that starts from a file has the points of the file, with and without
+/// `--calibrate`.
 #[test]
 fn plans_of_runs_from_a_file_have_its_points() {
     let place = directory();
@@ -109,7 +111,7 @@ fn plans_of_runs_from_a_file_have_its_points() {
         (1, &["--calibrate", "--ranks", "2"]),
     ];
     check_all(&rows, |(ranks, options)| {
-        let plan = Job::new(["plan", &case("example1.toml")])
+        let plan = of_case("plan", "example1.toml")
             .set(&["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"])
             .set(&[&from, "output.warped_field=true"])
             .set(&end)
@@ -124,8 +126,8 @@ fn plans_of_runs_from_a_file_have_its_points() {
     });
 }
 
-/// A field that no profile makes: not separable, every point and cell a value of its own. Its norm
-/// stays, and what is left after no time is what was in the file.
+/// The start may be a field that comes from no profile, with a random value at every point and
+/// cell. Its norm is kept, and after a negligible time it is unchanged.
 #[test]
 fn any_field_may_be_the_start() {
     let place = directory();
@@ -137,8 +139,8 @@ fn any_field_may_be_the_start() {
     let p: Vec<f64> = (0..points).map(|j| -3.0 + 0.2 * j as f64).collect();
     let case = dense::case("example1.toml", &["axis.0.x.cells=7", "axis.0.v.cells=6"]);
     write_field(&written, &case, &p, &values);
-    // HDF5's lock lasts as long as any program that another test starts meanwhile and that inherits
-    // the open file.
+    // A copy: programs that other tests start at the same time inherit the open file and with it
+    // the lock of HDF5.
     std::fs::copy(&written, &path).unwrap();
     let run = |end: f64, to: &Path| {
         let from = format!("initial={{warped='{}'}}", path.display());
@@ -158,7 +160,7 @@ fn any_field_may_be_the_start() {
     run(0.2, long.path()).unwrap();
     let (found, _) = warped(long.path(), "f").unwrap();
     let norm = |w: &[f64]| {
-        // Without the mode N_p/2: the mean of each two neighbours' alternating part taken out.
+        // The mode N_p/2, which alternates from point to point, is subtracted.
         let line = |line: &[f64]| {
             let alternating: f64 =
                 line.iter().enumerate().map(|(j, w)| if j % 2 == 0 { *w } else { -w }).sum::<f64>()
@@ -172,7 +174,7 @@ fn any_field_may_be_the_start() {
     };
     let (before, after) = (norm(&values), norm(&found));
     assert!((after / before - 1.0).abs() < 1e-9, "{before} {after}");
-    assert!(distance(&found, &values) > 0.1, "nothing moved");
+    assert!(distance(&found, &values) > 0.1, "the field did not change");
 }
 
 /// Writes a file that holds `w` on the grid of `case` at the points `p`.
@@ -191,10 +193,10 @@ fn write_field(path: &Path, case: &Case, p: &[f64], w: &[f64]) {
     dataset.create("w").unwrap().write_raw(w).unwrap();
 }
 
-/// At its points `e^{−|p|}` is flat above 0; few points make the trigonometric interpolant ring
-/// between them, and `e^{p◇}` amplifies that.
+/// `e^p w` of `e^{−|p|}` is flat at points above 0. With few points, the trigonometric interpolant
+/// oscillates between them, and `e^{p◇}` amplifies this.
 #[test]
-fn a_start_that_rings_between_its_points_is_refused() {
+fn a_start_that_oscillates_between_its_points_is_refused() {
     let grid = ["axis.0.x.cells=14", "axis.0.v.cells=11"];
     let case = dense::case("example1.toml", &grid);
     let place = directory();
@@ -217,13 +219,12 @@ fn a_start_that_rings_between_its_points_is_refused() {
         let refused = start(points).set(&[&read]).into(directory().path()).on(2).run().unwrap();
         refused.ended(2, &["initial.warped", "e^p w varies by", varies]).unwrap();
     }
-    let good = directory();
-    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).solve(good.path()).unwrap();
+    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).summary().unwrap();
     assert!(!summary.warnings().contains("e^p w varies by"), "{}", summary.warnings());
 }
 
-/// Without weights S has positive eigenvalues: f at p = 0.01 depends on e^p w below 0, where that
-/// of e^(-|p|) is not flat.
+/// Without weights S has positive eigenvalues. Then f at p = 0.01 depends on e^p w below p = 0,
+/// where it is not flat.
 #[test]
 fn a_start_that_is_not_flat_is_refused() {
     let place = directory();
@@ -241,11 +242,11 @@ fn a_start_that_is_not_flat_is_refused() {
         let wording = ["initial.warped", "e^p w varies by 2.", "solver.warp.recovery"];
         refused.ended(2, &wording).unwrap();
     }
-    // Where w is what is asked for, and where nothing comes from below.
+    // A run that only writes w is accepted, and so is one with weights, which does not depend on
+    // p < 0. Both print a warning.
     for (settings, most) in [(&[grows, "output.warped_field=true"][..], "e-1 of"), (&[], "e-3 of")]
     {
-        let asked = directory();
-        let summary = start(settings).solve(asked.path()).unwrap();
+        let summary = start(settings).summary().unwrap();
         let warnings = summary.warnings();
         assert!(warnings.contains("e^p w varies by") && warnings.contains(most), "{warnings}");
     }
@@ -253,7 +254,7 @@ fn a_start_that_is_not_flat_is_refused() {
 
 /// Inconsistent settings are refused by key, before the run.
 #[test]
-fn senseless_starts_are_refused() {
+fn starts_with_inconsistent_settings_are_refused() {
     let place = directory();
     small(&[]).with(["--mode", "full"]).solve(place.path()).unwrap();
     let file = place.path().join("warped_f.h5").display().to_string();
@@ -273,17 +274,15 @@ fn senseless_starts_are_refused() {
         (&[&from, "solver.warp.points=64"], &["solver.warp.points", "initial.warped"]),
         (&[&from, "solver.warp.recovery=250"], &["solver.warp.recovery", "250", "points"]),
     ];
-    check_all(&rows, |(settings, wording)| {
+    // Alone, and on two ranks.
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |(k, (settings, wording))| {
         let to = directory();
-        for ranks in [1, 2] {
-            let job = small(settings).into(to.path()).on(ranks);
-            job.is_refused(wording)?;
-        }
-        Ok(())
+        small(settings).into(to.path()).on(1 + k % 2).is_refused(wording)
     });
-    // Paths are from the case file's directory, whatever the working directory.
+    // A relative path counts from the directory of the case file, not from the working directory.
     let home = directory();
-    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let text = text_of(case("example1.toml")).unwrap();
     std::fs::write(home.path().join("case.toml"), text).unwrap();
     std::fs::copy(&file, home.path().join("start.h5")).unwrap();
     let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);
@@ -294,7 +293,7 @@ fn senseless_starts_are_refused() {
         .unwrap();
     // `check` and `plan` read the file as well.
     for command in ["plan", "check"] {
-        let job = Job::new([command, &case("example1.toml")]).set(&grid);
+        let job = of_case(command, "example1.toml").set(&grid);
         job.clone().set(&[&from]).succeed().unwrap();
         let job = job.set(&["initial={warped='no.h5'}"]);
         job.is_refused(&["initial.warped"]).unwrap();

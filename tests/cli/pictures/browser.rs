@@ -1,11 +1,10 @@
 //! A browser opens the report.
 //!
-//! Skipped, and said so, where there is none; `make browser` installs one. A failure where
-//! `PHASEWARP_BROWSER=required`, as `.ci/run` sets it once it is installed.
+//! If there is no browser, the test is skipped with a message; with `PHASEWARP_BROWSER=required`,
+//! which `.ci/run` sets after the installation, it fails. `make browser` installs one.
 
 use super::{album, look_at};
-use crate::support::{Job, case, directory};
-use std::io::Write;
+use crate::support::{directory, of_case, on_results, skipped, text_of};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -17,7 +16,7 @@ fn browser() -> Option<PathBuf> {
     all.into_iter().find(|p| p.is_file())
 }
 
-/// Runs the browser on a page, in a window of this width, with `more` options; what it prints.
+/// Opens a page in a window of this width, with `more` options. Returns what the browser prints.
 fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<String, String> {
     let profile = directory();
     let mut command = Command::new(browser);
@@ -52,9 +51,9 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Network requests of pages, not of the browser itself, by the browser's log.
+/// The network requests of pages in the browser's log, without those of the browser itself.
 fn requests(log: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(log).unwrap();
+    let text = text_of(log).unwrap();
     let beyond = |line: &&str| {
         line.contains("\"initiator\":\"")
             && !line.contains("\"initiator\":\"not an origin\"")
@@ -69,24 +68,20 @@ fn requests(log: &Path) -> Vec<String> {
 fn a_browser_opens_the_report() {
     let Some(browser) = browser() else {
         let why = "no chromium, chromium-browser or google-chrome; `make browser` installs one";
-        let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/pictures/browser.rs: {why}");
-        return;
+        return skipped("PHASEWARP_BROWSER", "tests/cli/pictures/browser.rs", why);
     };
     let place = directory();
     let marked =
         "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
     let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.fields_every=0.25", marked];
-    let job = Job::new(["run", &case("example1.toml")]).set(&settings).on(2);
+    let job = of_case("run", "example1.toml").set(&settings).on(2);
     job.solve(place.path()).unwrap();
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
+    on_results("report", place.path()).succeed().unwrap();
     let page = place.path().join("report.html");
     let pictures = album(place.path()).pictures.len();
     assert!(pictures >= 6);
 
-    // It is not blank, and makes no requests.
+    // The page is not blank and makes no requests.
     let (shot, log) = (place.path().join("shot.png"), place.path().join("net.json"));
     let log_to = |log: &Path| format!("--log-net-log={}", log.display());
     let options = [format!("--screenshot={}", shot.display()), log_to(&log)];
@@ -94,7 +89,7 @@ fn a_browser_opens_the_report() {
     let (width, height) = look_at(&shot).unwrap();
     assert_eq!((width, height), (1200, 2400));
     assert_eq!(requests(&log), Vec::<String>::new());
-    // Control: a page that does is noticed.
+    // Control: the request of a page is found.
     let requesting = place.path().join("asking.html");
     std::fs::write(&requesting, "<img src=http://127.0.0.1:9/a.png>").unwrap();
     open(&browser, &requesting, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
@@ -102,7 +97,7 @@ fn a_browser_opens_the_report() {
 
     // Every picture is placed and not cut, and no content overflows sideways. A script measures
     // this in a copy of the page, as the page itself forbids scripts.
-    let text = std::fs::read_to_string(&page).unwrap();
+    let text = text_of(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
     // Each button of the track shows its own picture alone.
     let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;\

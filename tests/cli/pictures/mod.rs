@@ -1,19 +1,20 @@
-//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the
-//! file's.
+//! `phasewarp plot` and `phasewarp report`: pictures of every case, with the numbers of the file.
 
 mod browser;
 mod movie;
 
-use crate::support::{Job, case, cases, check_all, datasets, directory, distance, shrunk};
+use crate::support::{
+    Job, cases, check_all, datasets, directory, distance, json_of, of_case, shrunk, stored_plan,
+    text_of,
+};
 use phasewarp::results::figure::{Figure, Layer, Map};
 use phasewarp::results::pictures;
 use phasewarp::results::pictures::Album;
 use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::untrusted;
-use serde_json::Value;
 use std::path::Path;
 
-/// Grids small enough to be solved and drawn in a moment, where [`shrunk`] says nothing.
+/// Settings for grids that are solved and drawn in a moment, in addition to those of [`shrunk`].
 fn tiny(name: &str) -> &'static [&'static str] {
     match name {
         "example1.toml" | "example2.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=21"],
@@ -23,7 +24,7 @@ fn tiny(name: &str) -> &'static [&'static str] {
     }
 }
 
-/// The pixels of a PNG, which must not all be the same.
+/// The width and the height of a PNG, which must not be blank.
 fn look_at(path: &Path) -> Result<(u32, u32), String> {
     let fails = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
     let file = std::fs::File::open(path).map_err(|e| fails(&e))?;
@@ -34,16 +35,16 @@ fn look_at(path: &Path) -> Result<(u32, u32), String> {
     let bytes = info.color_type.samples();
     let first = &pixels[..bytes];
     let others = pixels.chunks_exact(bytes).filter(|p| *p != first).count();
-    // Text and frames alone are more.
+    // Text and frames have more pixels than this.
     if others < 500 {
         return Err(fails(&format!("blank: {others} pixels are not as the first")));
     }
     Ok((info.width, info.height))
 }
 
-/// An SVG is XML and contains these words.
+/// The words of an SVG, which must be well-formed XML.
 fn read_svg(path: &Path) -> Result<String, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = text_of(path)?;
     let document =
         roxmltree::Document::parse(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let words = document.descendants().filter_map(|n| n.text());
@@ -76,11 +77,7 @@ fn every_case_is_drawn() {
     check_all(&rows, |(name, ranks, settings)| {
         let place = directory();
         let path = place.path().display().to_string();
-        Job::new(["run", &case(name)])
-            .set(tiny(name))
-            .set(settings)
-            .on(*ranks)
-            .solve(place.path())?;
+        of_case("run", name).set(tiny(name)).set(settings).on(*ranks).solve(place.path())?;
         let done = Job::new(["plot", &path]).on(*ranks).succeed()?;
         let folder = place.path().join("plots");
         let drawn = names(&folder, ".svg");
@@ -119,7 +116,7 @@ fn every_case_is_drawn() {
             || page.contains("NaN")
         {
             return Err(
-                done.report(&format!("{name}: report lacks {missing:?}, or is not of its own"))
+                done.report(&format!("{name}: report lacks {missing:?}, or loads other files"))
             );
         }
         Ok(())
@@ -145,7 +142,7 @@ fn curve(figure: &Figure, panel: usize, wanted: &str) -> Vec<[f64; 2]> {
     found.unwrap_or_else(|| panic!("no curve {wanted}"))
 }
 
-/// The two uppermost lines of a panel.
+/// The two lines that are drawn last in a panel.
 fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
     let line = |layer: &Layer| match layer {
         Layer::Line { points, .. } => Some(points.clone()),
@@ -168,10 +165,9 @@ fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
 }
 
 #[test]
-fn numbers_drawn_are_those_of_the_file() {
+fn drawn_numbers_are_those_of_the_file() {
     let place = directory();
-    let job =
-        Job::new(["run", &case("example1.toml")]).set(&["axis.0.x.cells=26", "axis.0.v.cells=23"]);
+    let job = of_case("run", "example1.toml").set(&["axis.0.x.cells=26", "axis.0.v.cells=23"]);
     let summary = job.on(2).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let album = album(place.path());
@@ -187,7 +183,7 @@ fn numbers_drawn_are_those_of_the_file() {
         assert_eq!((map.shape, &map.values), ([26, 23], values));
         assert_eq!((map.x, map.y), ([-1.5, 1.5], [-1.5, 1.5]));
     }
-    // The jump, once a map.
+    // Each map has a line at the jump of V.
     let jumps = phase.panels.iter().flat_map(|p| &p.layers).filter_map(|l| match l {
         Layer::Vertical { at, .. } => Some(*at),
         _ => None,
@@ -196,14 +192,14 @@ fn numbers_drawn_are_those_of_the_file() {
 
     let moments = figure(&album, "moments");
     for (panel, name) in ["density", "momentum", "velocity"].iter().enumerate() {
-        // The run lies uppermost, the exact solution below it.
+        // The line of the run is drawn after that of the exact solution.
         let [_, points] = lines(moments, panel);
         let values: Vec<f64> = points.iter().map(|p| p[1]).collect();
         let expected = stored[&format!("/{name}")].numbers();
         let density = stored["/density"].numbers();
         let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
         for ((value, expected), density) in values.iter().zip(expected).zip(density) {
-            // No mean velocity where the density may be zero.
+            // Where the density is almost zero, no mean velocity is drawn.
             let nothing = value.is_nan() && *name == "velocity" && density.abs() < 1e-5 * most;
             assert!(*value == expected || nothing, "{name}: {value} {expected}");
         }
@@ -237,27 +233,26 @@ fn numbers_drawn_are_those_of_the_file() {
     assert_eq!(work, summary.number("matvecs").unwrap());
 }
 
-/// The distance of what is read at `p◇` to itself is no point of the plateau; the components of a
-/// velocity have one kind of colours.
+/// The plateau has no point at `p◇`, where the distance is zero by definition. All components of a
+/// velocity have the same kind of colours.
 #[test]
-fn what_would_mislead_is_not_drawn() {
+fn misleading_points_and_colours_are_not_drawn() {
     let place = directory();
     let settings =
         ["axis.0.x.cells=20", "axis.0.v.cells=16", "output.plateau={from=-1.0,to=1.0,points=5}"];
-    Job::new(["run", &case("example1.toml")]).set(&settings).solve(place.path()).unwrap();
+    of_case("run", "example1.toml").set(&settings).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let drawn = album(place.path());
     let found = curve(figure(&drawn, "plateau"), 0, "");
     assert_eq!(found.len(), stored["/plateau/p"].numbers().len());
-    let plan = String::from_utf8(stored["/plan"].bytes.clone()).unwrap();
-    let plan: Value = serde_json::from_str(plan.trim_end_matches('\0')).unwrap();
+    let plan = stored_plan(place.path().join("result.h5")).unwrap();
     let read_at = plan["warp"]["readings"][0]["point"].as_f64().unwrap();
     for place in found {
         assert_eq!(place[1].is_nan(), (place[0] - read_at).abs() < 1e-9, "{place:?}");
     }
 
     let place = directory();
-    let job = Job::new(["run", &case("barrier2d.toml")]);
+    let job = of_case("run", "barrier2d.toml");
     job.set(&["solver.method=classical"]).solve(place.path()).unwrap();
     let drawn = album(place.path());
     let maps = maps(figure(&drawn, "velocity"));
@@ -269,9 +264,10 @@ fn what_would_mislead_is_not_drawn() {
     }
 }
 
-/// A cloud far from the middle is on the planes, which the caption says; on any ranks the same.
+/// The planes of the pictures go through a cloud far from the middle, which the caption says. They
+/// are the same on any ranks.
 #[test]
-fn planes_go_where_the_data_are() {
+fn planes_go_through_the_largest_density() {
     let cloud =
         "initial.f=exp(-((x + 1)^2 + (y - 0.7)^2)/0.03 - ((vx + 0.5)^2 + (vy - 0.7)^2)/0.1)";
     let settings = [cloud, "solver.method=classical", "time.end=0.02", "exact={}"];
@@ -279,7 +275,7 @@ fn planes_go_where_the_data_are() {
         .into_iter()
         .map(|ranks| {
             let place = directory();
-            let job = Job::new(["run", &case("barrier2d.toml")]).set(&settings).on(ranks);
+            let job = of_case("run", "barrier2d.toml").set(&settings).on(ranks);
             job.solve(place.path()).unwrap();
             let run = untrusted::open(place.path()).unwrap();
             let cut = Cut::usual(&run, &[run.end()]);
@@ -307,10 +303,10 @@ fn planes_go_where_the_data_are() {
         })
         .collect();
     assert_eq!(cuts[0], cuts[1]);
-    // Most of a cloud lies before the barrier at x = -0.4; the plane is a cell further away.
+    // The cloud is next to the barrier at x = -0.4; the plane is one cell further away from it.
     let place = directory();
     let cloud = "initial.f=exp(-((x + 0.5)^2 + y^2)/0.03 - ((vx + 0.5)^2 + vy^2)/0.1)";
-    let job = Job::new(["run", &case("barrier2d.toml")]).set(&settings[1..]).set(&[cloud]);
+    let job = of_case("run", "barrier2d.toml").set(&settings[1..]).set(&[cloud]);
     job.solve(place.path()).unwrap();
     let run = untrusted::open(place.path()).unwrap();
     assert_eq!(Cut::usual(&run, &[run.end()]).cells[0], 2);
@@ -321,7 +317,7 @@ fn planes_are_cut_at_the_given_positions() {
     let place = directory();
     // f = the exact solution after a negligible time: a polynomial that differs along every axis.
     let exact = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
-    let job = Job::new(["run", &case("barrier2d.toml")]).set(&[exact, "solver.tolerance=1e-2"]);
+    let job = of_case("run", "barrier2d.toml").set(&[exact, "solver.tolerance=1e-2"]);
     job.solve(place.path()).unwrap();
     let run = untrusted::open(place.path()).unwrap();
     let cut = Cut::parse(&run, "y=0.3, vx = -0.2,vy=0.1").unwrap();
@@ -361,7 +357,7 @@ fn missing_values_are_reported() {
     let [place, other, empty] = [directory(), directory(), directory()];
     let at = |place: &tempfile::TempDir| place.path().display().to_string();
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
-    let job = Job::new(["run", &case("example1.toml")]);
+    let job = of_case("run", "example1.toml");
     job.clone().set(&small).solve(place.path()).unwrap();
     job.clone().set(&["axis.0.x.cells=22", "axis.0.v.cells=12"]).solve(other.path()).unwrap();
     let nowhere = at(&empty) + "/none";
@@ -378,14 +374,14 @@ fn missing_values_are_reported() {
     }
     std::fs::write(empty.path().join("result.h5"), "nothing of HDF5").unwrap();
     refused(&["plot", &at(&empty)], "result.h5");
-    // Where no directory can be.
+    // A path below a file.
     let file = at(&place) + "/result.h5/below";
     refused(&["plot", &at(&place), "-o", &file], "output directory");
     refused(&["report", &at(&place), "-o", &file], "output directory");
 
-    // As of an older program: files have no checksums, datasets are not there, then the summary.
+    // Results of an older program: without checksums and without some datasets.
     let summary = place.path().join("summary.json");
-    let mut older: Value = serde_json::from_slice(&std::fs::read(&summary).unwrap()).unwrap();
+    let mut older = json_of(&summary).unwrap();
     for key in ["files", "checksum"] {
         older.as_object_mut().unwrap().remove(key);
     }
@@ -401,14 +397,14 @@ fn missing_values_are_reported() {
         names(&place.path().join("plots"), ".svg"),
         ["modes", "phase_space", "profile", "time"]
     );
-    // An empty summary: a report names the missing values, in the page and on the terminal.
+    // With an empty summary, a report names the missing values in the page and on the terminal.
     std::fs::write(place.path().join("summary.json"), "{}").unwrap();
     let done = Job::new(["report", &at(&place)]).on(2).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     for text in ["no wall_seconds", "no error_estimate", "no probabilities"] {
         assert!(done.output.contains(text) && page.contains(text), "{text}");
     }
-    // What was understood is what check says, without what the run left out too.
+    // The page describes the case as `check` does, with its reductions.
     assert!(page.contains("reduced modes l &lt; 0"));
     std::fs::remove_file(place.path().join("summary.json")).unwrap();
     let done = Job::new(["plot", &at(&place)]).succeed().unwrap();
@@ -417,12 +413,12 @@ fn missing_values_are_reported() {
 }
 
 #[test]
-fn another_run_beside() {
+fn two_runs_are_drawn_with_their_difference() {
     let [place, other] = [directory(), directory()];
     for (place, method) in [(&place, "schrodingerized"), (&other, "classical")] {
         let method = format!("solver.method={method}");
         let settings = ["axis.0.x.cells=18", "axis.0.v.cells=16", "time.end=0.9", &method];
-        Job::new(["run", &case("example2.toml")]).set(&settings).solve(place.path()).unwrap();
+        of_case("run", "example2.toml").set(&settings).solve(place.path()).unwrap();
     }
     let [run, beside] = [&place, &other].map(|p| untrusted::open(p.path()).unwrap());
     let album = pictures::draw(&run, Some(&beside), &[]).unwrap();
@@ -430,13 +426,13 @@ fn another_run_beside() {
     let titles: Vec<&str> = maps.iter().map(|m| m.0).collect();
     let difference = "ψ, Schrödingerized − classical";
     assert!(titles.contains(&difference), "{titles:?}");
-    // Both are within the tolerance of the same, but not the same.
+    // The runs agree to the tolerance, but they are not equal.
     let of = |title: &str| &maps.iter().find(|m| m.0 == title).unwrap().1.values;
     let stored = [&place, &other].map(|p| datasets(p.path()).unwrap()["/psi"].numbers());
     assert!(of(difference).iter().zip(&stored[0]).zip(&stored[1]).all(|((d, a), b)| *d == a - b));
     let apart = distance(of("ψ, Schrödingerized"), &stored[1]);
     assert!(apart > 0.0 && apart < 1e-5, "{apart:e}");
-    // The density with the discrete delta function: φ δ(ψ) sums to it.
+    // With the discrete delta function, φ δ(ψ) sums to the density.
     let (concentrated, density) =
         (of("φ δ(ψ), Schrödingerized"), datasets(place.path()).unwrap()["/density"].numbers());
     for (line, density) in concentrated.chunks(16).zip(density) {

@@ -1,7 +1,8 @@
-//! `phasewarp movie`, and the times of a report: the stored times, one scale, the file's numbers.
+//! `phasewarp movie`, and the times in a report: a frame for each stored time, on one scale, with
+//! the numbers of the file.
 
 use super::{curve, maps};
-use crate::support::{Job, case, datasets, directory};
+use crate::support::{Job, datasets, directory, of_case, on_results, text_of};
 use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::pictures::film::Film;
 use phasewarp::results::untrusted;
@@ -9,10 +10,10 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 
-/// Example 1 on a small grid with fields at 0, 0.25, … 1, and `settings`.
+/// Runs example 1 on a small grid with fields at 0, 0.25, … 1, and with `settings`.
 fn run(directory: &Path, settings: &[&str]) {
     let small = ["axis.0.x.cells=26", "axis.0.v.cells=24", "output.fields_every=0.25"];
-    Job::new(["run", &case("example1.toml")]).set(&small).set(settings).solve(directory).unwrap();
+    of_case("run", "example1.toml").set(&small).set(settings).solve(directory).unwrap();
 }
 
 /// A frame of a GIF as it is stored.
@@ -36,7 +37,7 @@ fn frames(path: &Path) -> Vec<Frame> {
     frames
 }
 
-/// Whether there is an `ffmpeg`.
+/// Whether `ffmpeg` is on the `PATH`.
 fn has_ffmpeg() -> bool {
     let path = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&path).any(|place| place.join("ffmpeg").is_file())
@@ -59,7 +60,7 @@ fn a_movie_has_a_frame_for_every_time() {
     assert!((400..2000).contains(&width) && (200..2000).contains(&height), "{width} {height}");
     let delays: Vec<u16> = found.iter().map(|frame| frame.delay).collect();
     assert_eq!(delays, [20, 20, 20, 20, 100]);
-    // Each differs from the one before, in a part of the picture.
+    // Each frame differs from the one before in a part of the picture.
     for frame in &found[1..] {
         let changed = frame.pixels.iter().filter(|pixel| **pixel != 255).count();
         assert!(changed > 500 && changed < frame.pixels.len() / 2, "{changed}");
@@ -72,17 +73,17 @@ fn a_movie_has_a_frame_for_every_time() {
         let words = "movie.webm: left out: there is no ffmpeg on the PATH";
         assert!(done.output.contains(words), "{}", done.output);
     }
-    // Each second time, and the end.
+    // Every third time, and the end.
     Job::new(["movie", &shown, "--every", "3", "-o", &shown]).succeed().unwrap();
     assert_eq!(frames(&place.path().join("movie.gif")).len(), 3);
-    // Movies go as pictures do.
+    // A new run removes movies as it removes pictures.
     run_again(place.path());
     assert!(!folder.join("movie.gif").exists());
 }
 
 fn run_again(directory: &Path) {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
-    let job = Job::new(["run", &case("example1.toml")]).set(&small).with(["--force"]);
+    let job = of_case("run", "example1.toml").set(&small).with(["--force"]);
     job.into(directory).succeed().unwrap();
     let at = directory.display().to_string();
     let refused = Job::new(["movie", &at]).on(2).run().unwrap();
@@ -114,11 +115,11 @@ fn a_video_has_all_frames() {
     let printed = call("for last; do :; done; wc -c > \"$last\"");
     let video = place.path().join("plots/movie.webm");
     assert!(printed.contains("movie.webm") && !printed.contains("left out"), "{printed}");
-    let bytes: usize = std::fs::read_to_string(&video).unwrap().trim().parse().unwrap();
+    let bytes: usize = text_of(&video).unwrap().trim().parse().unwrap();
     let found = frames(&place.path().join("plots/movie.gif"));
     let pixels = found[0].size.map(usize::from);
     assert_eq!(bytes, 3 * found.len() * pixels[0] * pixels[1]);
-    // One that fails leaves the GIF, and no video, nor an older one.
+    // If ffmpeg fails, the GIF stays, and there is no video, not even an older one.
     for script in ["echo broken >&2; exit 3", "echo broken >&2; cat > /dev/null; exit 3"] {
         let printed = call(script);
         assert!(printed.contains("movie.webm: left out: ffmpeg: broken"), "{printed}");
@@ -151,21 +152,21 @@ fn frames_show_the_numbers_of_the_file_on_one_scale() {
         let line = curve(&frame, 1, "computed");
         let values: Vec<f64> = line.iter().map(|point| point[1]).collect();
         assert_eq!(values, density[26 * k..26 * (k + 1)]);
-        // At the start the exact solution is the initial data, of which the grid has averages.
+        // The exact density is close to the computed one.
         let exact: f64 = curve(&frame, 1, "exact").iter().map(|point| point[1]).sum();
         let computed: f64 = values.iter().sum();
         assert!((exact - computed).abs() < 0.1 * computed, "{k}: {exact} {computed}");
         scales.push((map.range, frame.panels[1].y.range));
     }
     assert!(scales.iter().all(|scale| *scale == scales[0] && scale.1.is_some()), "{scales:?}");
-    // At the end the exact density is that of the result.
+    // At the end, the exact density is that of the file.
     let frame = film.frame(film.count() - 1).unwrap();
     let drawn: Vec<f64> = curve(&frame, 1, "exact").iter().map(|point| point[1]).collect();
     assert_eq!(drawn, stored["/density_exact"].numbers());
 }
 
 #[test]
-fn planes_have_the_density_beside_the_exact_one() {
+fn in_two_dimensions_the_exact_density_is_beside_the_computed_one() {
     let place = directory();
     let settings = [
         "axis.0.v.cells=5",
@@ -174,7 +175,7 @@ fn planes_have_the_density_beside_the_exact_one() {
         "output.field_times=[0.1]",
         "exact.kind=\"characteristics\"",
     ];
-    Job::new(["run", &case("barrier2d.toml")]).set(&settings).solve(place.path()).unwrap();
+    of_case("run", "barrier2d.toml").set(&settings).solve(place.path()).unwrap();
     let shown = place.path().display().to_string();
     let slices = ["movie", &shown, "--slice", "y=0.1", "--slice", "x=0"];
     Job::new(slices).succeed().unwrap();
@@ -195,13 +196,13 @@ fn planes_have_the_density_beside_the_exact_one() {
     }
 }
 
-/// In three dimensions each exact density stands below the computed one, and planes go through a
+/// In three dimensions each exact density is below the computed one, and the planes go through a
 /// cell that is not next to the step, which is at the middle face.
 #[test]
-fn space_has_a_row_of_densities_above_the_exact_ones() {
+fn in_three_dimensions_the_exact_densities_are_below_the_computed_ones() {
     let place = directory();
     let settings = ["solver.method=classical", "output.field_times=[0.2]"];
-    Job::new(["run", &case("step3d.toml")]).set(&settings).on(2).solve(place.path()).unwrap();
+    of_case("run", "step3d.toml").set(&settings).on(2).solve(place.path()).unwrap();
     let open = untrusted::open(place.path()).unwrap();
     let cut = Cut::usual(&open, &open.snapshots().unwrap());
     assert_eq!(Cut::middle(&open).cells[0], 3);
@@ -229,8 +230,8 @@ fn space_has_a_row_of_densities_above_the_exact_ones() {
 fn a_report_steps_through_the_times() {
     let place = directory();
     run(place.path(), &["title=\"<script>alert(1)</script>\\u001b[2J \\\" onload=\\\"x\""]);
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    on_results("report", place.path()).succeed().unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     assert_eq!(page.matches("<input type=\"radio\" name=\"time\"").count(), 5);
     assert_eq!(page.matches("\" checked").count(), 1);
     for k in 0..5 {
@@ -242,7 +243,7 @@ fn a_report_steps_through_the_times() {
     assert!(!page.contains("<script") && !page.contains('\u{1b}') && !page.contains(" onload=\"x"));
     // A run with one time has no controls to step through.
     run_again(place.path());
-    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
-    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    on_results("report", place.path()).succeed().unwrap();
+    let page = text_of(place.path().join("report.html")).unwrap();
     assert!(!page.contains("type=\"radio\"") && page.contains("id=\"trust\""));
 }

@@ -1,4 +1,4 @@
-//! The case files, what makes them small, and directories for results.
+//! The case files, settings that make them small, and directories for results.
 
 use super::launch::Job;
 use phasewarp::problem::case::Case;
@@ -18,20 +18,20 @@ pub fn cases() -> Vec<String> {
     names
 }
 
-/// The cases of degree 0, which alone has slopes and two interface laws.
+/// The cases of degree 0. Only this degree has limited slopes and two interface laws.
 pub fn finite_volumes() -> Vec<String> {
     let of_degree_0 = |name: &String| parsed(name, &[]).is_ok_and(|c| c.space.degree() == 0);
     cases().into_iter().filter(of_degree_0).collect()
 }
 
-/// The cases with dissipation: without, a plan takes one mode, which needs no error estimate.
+/// The cases with dissipation. Without it, a plan has one mode, which needs no error estimate.
 pub fn dissipative() -> Vec<String> {
     let dissipates = |name: &String| parsed(name, &[]).is_ok_and(|case| case.flux > 0.0);
     cases().into_iter().filter(dissipates).collect()
 }
 
-/// Settings that make a case small enough for tests of all cases, with faces still on the jumps;
-/// empty for most.
+/// Settings that make a case small enough for tests of all cases, with jumps of `V` still on faces;
+/// none for most cases.
 pub fn shrunk(name: &str) -> &'static [&'static str] {
     match name {
         "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
@@ -66,23 +66,23 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
     }
 }
 
-/// Path of a case file.
+/// The path of a case file.
 pub fn case(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
     path.display().to_string()
 }
 
-/// A case of `cases/` with these settings, as the reader understands it.
+/// A case of `cases/` with these settings, read in this process.
 pub fn parsed(name: &str, settings: &[&str]) -> Result<Case, String> {
     let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
     Case::load(Path::new(&case(name)), &settings).map_err(|e| e.to_string())
 }
 
-/// Room in memory for files, from which on results are kept there.
+/// Results are kept in memory if at least this many bytes are free there.
 const ENOUGH: u64 = 4 << 30;
 
-/// Where results are kept: in memory where there is room, as most of a short run is waiting for the
-/// disk that its results are forced to; below `target/` elsewhere.
+/// The directory of all results: in memory if there is room, otherwise below `target/`. On a disk,
+/// short runs mostly wait until their results are written.
 static RESULTS: LazyLock<&Path> = LazyLock::new(|| {
     let memory = Path::new("/dev/shm");
     let on_disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -91,30 +91,40 @@ static RESULTS: LazyLock<&Path> = LazyLock::new(|| {
     if room >= ENOUGH && writable { memory } else { on_disk }
 });
 
-/// A directory of its own for results, deleted when the test is over.
+/// A new directory for results, deleted when the value is dropped.
 pub fn directory() -> tempfile::TempDir {
     tempfile::tempdir_in(*RESULTS).expect("a temporary directory")
 }
 
-/// The same below `target/`, for runs that are to be met while they write.
+/// The same below `target/`, for tests that act while a run writes to a disk.
 pub fn directory_on_disk() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary directory below target/")
 }
 
-/// The settings of a run with slopes.
+/// The method of a run with limited slopes.
 pub const SLOPES: [&str; 2] = ["solver.method=classical", "solver.classical.integrator=ssp-rk3"];
 
 /// Both interface laws.
 pub const INTERFACES: [&str; 2] = ["hat", "conservative"];
 
+/// A command of the program with a case of `cases/`.
+pub fn of_case(command: &str, name: &str) -> Job {
+    Job::new([command, &case(name)])
+}
+
 /// `phasewarp run` of a case of `cases/`.
 pub fn run(name: &str) -> Job {
-    Job::new(["run", &case(name)])
+    of_case("run", name)
 }
 
 /// `phasewarp check` of a case of `cases/`.
 pub fn check(name: &str) -> Job {
-    Job::new(["check", &case(name)])
+    of_case("check", name)
+}
+
+/// A command of the program with a directory of results.
+pub fn on_results(command: &str, results: impl AsRef<Path>) -> Job {
+    Job::new([command, &results.as_ref().display().to_string()])
 }
 
 /// `phasewarp plan` of a case of `cases/`, for `ranks` ranks.

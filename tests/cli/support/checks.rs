@@ -1,18 +1,19 @@
-//! Common checks of tests: a table of rows, a bound, a tolerance that is met, a refusal.
+//! Common checks: all rows of a table, bounds, and the tolerance of a run.
 
 use super::launch::SLOTS;
 use super::outcome::{Finished, Summary};
 use super::refusal::refused;
+use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// A number of the environment, as `make torture` sets them; else `default`.
+/// The number in an environment variable, which `make torture` sets, or `default`.
 pub fn number_from_environment(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-/// Checks every row of a table, several at a time, and fails with all that failed.
+/// Checks every row of a table, several at a time. Fails with the messages of all rows that failed.
 pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> + Sync) {
     assert!(!rows.is_empty(), "a table without rows tests nothing");
     let next = AtomicUsize::new(0);
@@ -39,7 +40,7 @@ pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> +
     );
 }
 
-/// An error with the whole output of the job, unless `holds`.
+/// Returns an error with the whole output of the job unless `holds`.
 pub fn require(
     holds: bool,
     finished: &Finished,
@@ -48,7 +49,7 @@ pub fn require(
     if holds { Ok(()) } else { Err(finished.report(&what())) }
 }
 
-/// `value` is at most `limit`; written so that NaN fails.
+/// Checks that `value` is at most `limit`. NaN fails.
 pub fn at_most(what: &str, value: f64, limit: f64) -> Result<(), String> {
     if value <= limit {
         Ok(())
@@ -57,7 +58,7 @@ pub fn at_most(what: &str, value: f64, limit: f64) -> Result<(), String> {
     }
 }
 
-/// `value` is `expected` up to `by`; written so that NaN fails.
+/// Checks that `value` differs from `expected` by at most `by`. NaN fails.
 pub fn near(what: &str, value: f64, expected: f64, by: f64) -> Result<(), String> {
     if (value - expected).abs() <= by {
         Ok(())
@@ -66,12 +67,14 @@ pub fn near(what: &str, value: f64, expected: f64, by: f64) -> Result<(), String
     }
 }
 
-/// Properties of every Schrödingerized run with `solver.verify`.
+/// Checks what every Schrödingerized run with `solver.verify` must satisfy: the tolerance is met,
+/// the error estimate is right up to a factor 3 or marked as unreliable, and modes keep their
+/// norms.
 pub fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
     meets_its_tolerance_within(summary, 3.0)
 }
 
-/// The same, with an estimate that may be wrong by `factor`.
+/// The same, with an error estimate that may be wrong by `factor`.
 pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), String> {
     tolerance_is_met(summary)?;
     estimate_is_right_or_silent(summary, factor)?;
@@ -81,13 +84,13 @@ pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), 
     })
 }
 
-/// The error is at most the tolerance.
+/// Checks that the error is at most the tolerance.
 pub fn tolerance_is_met(summary: &Summary) -> Result<(), String> {
     let (error, tolerance) = (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
     summary.holds(at_most("error_semidiscrete", error, tolerance))
 }
 
-/// The estimate is right up to `factor`, or marked as not reliable.
+/// Checks that the error estimate is right up to `factor` or marked as unreliable.
 pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(), String> {
     let (error, estimate) =
         (summary.number("error_semidiscrete")?, summary.number("error_estimate")?);
@@ -99,8 +102,8 @@ pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(),
     })
 }
 
-/// Finished with the required error (`solver.verify`), or refused with a message that contains all
-/// of `wording`.
+/// Checks that a run with `solver.verify` ended with an error of at most `tolerance`, or was
+/// refused with a message that contains all of `wording`.
 pub fn solved_or_refused(
     finished: &Finished,
     directory: &Path,
@@ -119,4 +122,13 @@ pub fn solved_or_refused(
             value["error_semidiscrete"], value["maximum"]
         )
     })
+}
+
+/// Reports that the tests in `file` are skipped, and why. If the environment variable is
+/// `required`, this is a failure.
+pub fn skipped(variable: &str, file: &str, why: &str) {
+    let required = std::env::var(variable).is_ok_and(|v| v == "required");
+    assert!(!required, "{why}");
+    // Not through the test's own output, which is shown of failures only.
+    let _ = writeln!(std::io::stderr(), "SKIPPED: {file}: {why}");
 }

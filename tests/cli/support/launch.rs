@@ -6,7 +6,7 @@ use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -298,19 +298,22 @@ impl Job {
         }
         let slots = Slots::take(self.ranks.unwrap_or(1), self.undisturbed);
         let started = Instant::now();
+        let mut processor_seconds = 0.0;
         let mut child = command.spawn().map_err(|e| fail("not started", &e))?;
         let status = loop {
-            match child.try_wait() {
-                Ok(Some(status)) => break Some(status),
-                Ok(None) if started.elapsed() > self.limit => {
+            match ended(&child).map_err(|e| fail("lost", &e))? {
+                Some((status, seconds)) => {
+                    processor_seconds = seconds;
+                    break Some(status);
+                }
+                None if started.elapsed() > self.limit => {
                     end(&mut child);
                     break None;
                 }
-                Ok(None) => {
+                None => {
                     meanwhile(&mut child, started.elapsed());
                     std::thread::sleep(Duration::from_millis(self.pause));
                 }
-                Err(e) => return Err(fail("lost", &e)),
             }
         };
         let seconds = started.elapsed().as_secs_f64();
@@ -332,6 +335,7 @@ impl Job {
             others: others + &more,
             launcher,
             seconds,
+            processor_seconds,
         };
         match status {
             Some(_) => Ok(finished),
@@ -356,6 +360,24 @@ impl Job {
     pub fn solve(&self, directory: &Path) -> Result<Summary, String> {
         let finished = self.clone().into(directory).succeed()?;
         Summary::read(finished, directory)
+    }
+}
+
+/// The exit status of a process that has ended, and the processor time that it and the processes it
+/// waited for took, in seconds. `child` must not be waited for again after that.
+fn ended(child: &Child) -> std::io::Result<Option<(ExitStatus, f64)>> {
+    let (mut status, id) = (0, child.id() as libc::pid_t);
+    // SAFETY: a struct of integers, for which zeros are values.
+    let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
+    // SAFETY: both places live as long as the call, and the process is a child of this one.
+    match unsafe { libc::wait4(id, &mut status, libc::WNOHANG, &mut usage) } {
+        -1 => Err(std::io::Error::last_os_error()),
+        0 => Ok(None),
+        _ => {
+            let seconds = |time: libc::timeval| time.tv_sec as f64 + 1e-6 * time.tv_usec as f64;
+            let used = seconds(usage.ru_utime) + seconds(usage.ru_stime);
+            Ok(Some((ExitStatus::from_raw(status), used)))
+        }
     }
 }
 

@@ -1,11 +1,12 @@
-//! The outcome of a job: its output by rank, its exit code, its summary.
+//! The outcome of a job: its output by rank, its exit code and its `summary.json`.
 
 use phasewarp::base::text::COLUMNS;
 use serde_json::Value;
 use std::path::Path;
 
-/// The output of rank 0, of the other ranks and of mpirun itself. mpirun marks every piece it gets
-/// from a rank, also in the middle of a line or of a letter, with `[job,rank]<stdout>:`.
+/// Separates the output of rank 0, of the other ranks and of mpirun itself. mpirun marks every
+/// piece that it gets from a rank with `[job,rank]<stdout>:`, also in the middle of a line or of a
+/// letter.
 pub fn untag(bytes: &[u8]) -> [String; 3] {
     let mut printed = [const { Vec::new() }; 3];
     let (mut speaker, mut rest) = (2, bytes);
@@ -23,12 +24,12 @@ pub fn untag(bytes: &[u8]) -> [String; 3] {
     printed.map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The rank of a mark at the start of `bytes`, and what follows it.
+/// The rank in a mark at the start of `bytes`, and the bytes after the mark.
 fn mark(bytes: &[u8]) -> Option<(usize, &[u8])> {
     let after = bytes.strip_prefix(b"[")?;
     let end = after.iter().position(|&byte| byte == b']')?;
     let (job, after) = (std::str::from_utf8(&after[..end]).ok()?, &after[end + 1..]);
-    // A bracket of the text may stand right before a mark.
+    // The text may have a bracket right before a mark.
     if job.contains('[') {
         return None;
     }
@@ -48,8 +49,8 @@ fn marks_are_taken_out_of_words_and_letters() {
     assert_eq!((others.as_str(), launcher.as_str()), ("no\n", "mpirun: [x]\n"));
 }
 
-/// `printed` without the ends of lines that the program put between words so that lines fit: each
-/// behind a line that had no room for the word that follows, which is indented.
+/// Joins the lines that the program wrapped at a limited width: a line is indented and the line
+/// before it had no room for its first word.
 pub fn unwrapped(printed: &str) -> String {
     let width = |text: &str| text.chars().count();
     let mut joined = String::with_capacity(printed.len());
@@ -57,7 +58,7 @@ pub fn unwrapped(printed: &str) -> String {
     for line in printed.split_inclusive('\n') {
         let word = line.split_whitespace().next().unwrap_or_default();
         let room = last.trim_end_matches('\n');
-        // Not a row of a table.
+        // Rows of a table are not joined.
         let has_columns = line.trim().contains("  ");
         let full = !has_columns && width(room) + 1 + width(word) > COLUMNS;
         let is_rest = line.starts_with(' ') && (full || room.ends_with(" \\"));
@@ -74,14 +75,14 @@ pub fn unwrapped(printed: &str) -> String {
     joined
 }
 
-/// A job that came to its end.
+/// A job that has ended.
 #[derive(Clone, Debug)]
 pub struct Finished {
     /// The command.
     pub command: String,
-    /// Exit code of mpirun or of the program; none when a signal ended it.
+    /// Exit code of mpirun or of the program; none if a signal ended it.
     pub code: Option<i32>,
-    /// The same as a shell gives it: 128 and the signal where one ended it.
+    /// The exit code in a shell: 128 plus the signal if a signal ended it.
     pub shell_code: i32,
     /// Both streams of rank 0, as they were printed.
     pub printed: String,
@@ -95,16 +96,18 @@ pub struct Finished {
     pub launcher: String,
     /// Seconds from start to end.
     pub seconds: f64,
+    /// Processor time of it and of all processes below it, in seconds.
+    pub processor_seconds: f64,
 }
 
 impl Finished {
-    /// The standard output, as JSON.
+    /// The standard output, parsed as JSON.
     pub fn json(&self) -> Result<Value, String> {
         serde_json::from_str(&self.output).map_err(|e| self.report(&format!("no JSON: {e}")))
     }
 
-    /// An error with the whole output, unless the job ended with this exit code and an error
-    /// message that contains each of `words`.
+    /// Returns an error with the whole output unless the job ended with this exit code and an error
+    /// message that contains all of `words`.
     pub fn ended(&self, code: i32, words: &[&str]) -> Result<(), String> {
         if self.code != Some(code) {
             return Err(self.report(&format!("exit code {code} expected")));
@@ -112,7 +115,7 @@ impl Finished {
         self.contains(&self.errors, words)
     }
 
-    /// An error with the whole output, unless `printed` contains each of `words`.
+    /// Returns an error with the whole output unless `printed` contains all of `words`.
     pub fn contains(&self, printed: &str, words: &[&str]) -> Result<(), String> {
         match words.iter().find(|words| !printed.contains(**words)) {
             Some(words) => Err(self.report(&format!("\"{words}\" is not printed"))),
@@ -120,14 +123,17 @@ impl Finished {
         }
     }
 
-    /// `what` went wrong, with the command and the whole output.
+    /// The message `what` with the command and the whole output.
     pub fn report(&self, what: &str) -> String {
         let ending = match self.code {
             Some(code) => format!("exit code {code}"),
             None => "ended by a signal".to_owned(),
         };
-        let mut text =
-            format!("{what}\n  command: {}\n  {ending} after {:.1} s", self.command, self.seconds);
+        let (seconds, used) = (self.seconds, self.processor_seconds);
+        let mut text = format!(
+            "{what}\n  command: {}\n  {ending} after {seconds:.1} s ({used:.1} s of a processor)",
+            self.command
+        );
         // mpirun's own message about a nonzero exit code is redundant.
         let launcher = if self.errors.is_empty() { self.launcher.as_str() } else { "" };
         for (who, printed) in [
@@ -136,7 +142,7 @@ impl Finished {
             ("other ranks", &self.others),
             ("mpirun", launcher),
         ] {
-            // Without the frames of a crash.
+            // The stack frames of a crash are left out.
             let lines = printed.lines().filter(|l| !l.starts_with('['));
             let printed = lines.collect::<Vec<_>>().join("\n");
             let printed: String = printed.trim_end().chars().take(1500).collect();
@@ -148,17 +154,17 @@ impl Finished {
     }
 }
 
-/// `summary.json` of a run, with the command that made it.
+/// The `summary.json` of a run, with the command of the run.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// The command.
     pub command: String,
-    /// The file.
+    /// The contents of the file.
     pub value: Value,
 }
 
 impl Summary {
-    /// That of the run `finished`, in `directory`.
+    /// Reads the file of the run `finished` in `directory`.
     pub fn read(finished: Finished, directory: &Path) -> Result<Self, String> {
         let path = directory.join("summary.json");
         let fails =
@@ -168,17 +174,17 @@ impl Summary {
         Ok(Self { command: finished.command, value })
     }
 
-    /// `outcome`, with the command where it is an error.
+    /// `outcome` with the command in its error.
     pub fn holds(&self, outcome: Result<(), String>) -> Result<(), String> {
         outcome.map_err(|what| format!("{what}\n  command: {}", self.command))
     }
 
-    /// The warnings, as text.
+    /// The warnings as one text.
     pub fn warnings(&self) -> String {
         self.value["warnings"].to_string()
     }
 
-    /// A number that must be there.
+    /// A number; an error if the key has none.
     pub fn number(&self, key: &str) -> Result<f64, String> {
         self.value[key].as_f64().ok_or_else(|| {
             format!(
@@ -188,7 +194,7 @@ impl Summary {
         })
     }
 
-    /// A yes or no that must be there.
+    /// A boolean; an error if the key has none.
     pub fn boolean(&self, key: &str) -> Result<bool, String> {
         self.value[key].as_bool().ok_or_else(|| {
             format!(
@@ -198,7 +204,7 @@ impl Summary {
         })
     }
 
-    /// An error that names the command, unless `holds`.
+    /// Returns an error with the command unless `holds`.
     pub fn require(&self, holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
         if holds { Ok(()) } else { Err(format!("{}\n  command: {}", what(), self.command)) }
     }

@@ -1,9 +1,9 @@
-//! Scripts that a Python with packages runs, where there is one.
+//! Python scripts that need packages, which a machine may lack.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Runs the script; its output, as an error if it fails.
+/// Runs the script and returns its standard output, or its error messages if it fails.
 pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, String> {
     let output = Command::new(python).arg(script).args(arguments).output();
     let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
@@ -11,7 +11,7 @@ pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, St
     if output.status.success() { Ok(printed(&output.stdout)) } else { Err(printed(&output.stderr)) }
 }
 
-/// A Python with the packages of the script: that of `target/FOLDER`, or the one on the path.
+/// A Python that has the packages of the script: in `target/FOLDER`, or else on the `PATH`.
 pub fn with_packages(folder: &str, script: &str) -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let found = [target.join(folder).join("bin/python"), "python3".into()];

@@ -1,9 +1,9 @@
-//! Reads `result.h5`: every dataset, bit for bit.
+//! Reads all datasets of `result.h5`, bit for bit.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A dataset: its shape and its bytes as they are in the file.
+/// The shape of a dataset and its bytes as stored in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stored {
     /// Extent of each dimension.
@@ -13,7 +13,7 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// The elements as numbers.
+    /// The elements of a dataset of real numbers.
     pub fn numbers(&self) -> Vec<f64> {
         self.bytes
             .chunks_exact(8)
@@ -22,12 +22,12 @@ impl Stored {
     }
 }
 
-/// Every dataset of `directory/result.h5`, in all groups, by path; attributes are left out.
+/// All datasets of `directory/result.h5` by their paths, in all groups, without attributes.
 pub fn datasets(directory: &Path) -> Result<BTreeMap<String, Stored>, String> {
     datasets_of(&directory.join("result.h5"))
 }
 
-/// The same of another file.
+/// All datasets of a file, in the same way.
 pub fn datasets_of(path: &Path) -> Result<BTreeMap<String, Stored>, String> {
     let read = || {
         let file = hdf5::File::open(path)?;
@@ -48,8 +48,8 @@ fn collect(group: &hdf5::Group, found: &mut BTreeMap<String, Stored>) -> hdf5::R
 fn stored(dataset: &hdf5::Dataset) -> hdf5::Result<Stored> {
     let kind = dataset.dtype()?;
     let mut bytes = vec![0u8; kind.size() * dataset.size()];
-    // SAFETY: all elements, in the type they have in the file, of a fixed size: as many bytes as
-    // there is room for.
+    // SAFETY: all elements are read in the type that they have in the file. It has a fixed size, so
+    // they take as many bytes as the buffer has.
     let status = hdf5::sync::sync(|| unsafe {
         assert!(hdf5_sys::h5t::H5Tdetect_class(kind.id(), hdf5_sys::h5t::H5T_VLEN) == 0);
         assert!(hdf5_sys::h5t::H5Tis_variable_str(kind.id()) == 0);
@@ -68,20 +68,20 @@ fn stored(dataset: &hdf5::Dataset) -> hdf5::Result<Stored> {
     Ok(Stored { shape: dataset.shape(), bytes })
 }
 
-/// `/f` as numbers.
+/// The values of `/f` in `directory/result.h5`.
 pub fn field(directory: &Path) -> Result<Vec<f64>, String> {
     let all = datasets(directory)?;
     let f = all.get("/f").ok_or_else(|| format!("{}: no /f in result.h5", directory.display()))?;
     Ok(f.numbers())
 }
 
-/// Names of the datasets that are not the same in both, or are in one only.
+/// The names of the datasets that differ or that only one of the files has.
 pub fn differences(a: &BTreeMap<String, Stored>, b: &BTreeMap<String, Stored>) -> Vec<String> {
     let names: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
     names.into_iter().filter(|name| a.get(*name) != b.get(*name)).cloned().collect()
 }
 
-/// Relative l2 distance of `a` from `b`.
+/// The relative l2 distance `‖a − b‖/‖b‖`.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len(), "fields of different sizes");
     let square = |terms: &mut dyn Iterator<Item = f64>| terms.map(|t| t * t).sum::<f64>();

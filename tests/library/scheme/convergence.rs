@@ -10,7 +10,7 @@ use phasewarp::problem::exact::Tracer;
 use phasewarp::problem::potential::Potential;
 use phasewarp::scheme::rows::{Row, Scheme};
 
-/// The rows of `A`, for products.
+/// The nonzero entries of `A`, row by row.
 fn rows(case: &Case) -> Vec<Vec<(usize, f64)>> {
     let scheme = Scheme::whole(case).expect("V is finite");
     let mut row = Row::default();
@@ -22,7 +22,7 @@ fn rows(case: &Case) -> Vec<Vec<(usize, f64)>> {
         .collect()
 }
 
-/// A cloud in a harmonic potential turns about the origin: first-order convergence to it.
+/// A cloud in a harmonic potential turns about the origin: the error is of first order.
 #[test]
 fn first_order_convergence_without_a_jump() {
     const TIME: f64 = 0.5;
@@ -43,7 +43,7 @@ fn first_order_convergence_without_a_jump() {
                 .collect();
             let f = points.iter().map(|[x, v]| cloud(*x, *v)).collect();
             let f = evolved(&case, &matrix, f, TIME);
-            // x' = v, v' = −x, traced back.
+            // The exact solution of x' = v, v' = −x.
             let (s, c) = TIME.sin_cos();
             let error: f64 = (points.iter().zip(&f))
                 .map(|([x, v], f)| (f - cloud(c * x - s * v, s * x + c * v)).abs())
@@ -57,10 +57,10 @@ fn first_order_convergence_without_a_jump() {
     }
 }
 
-/// One potential covers both sides of the scheme's `rise`: a face is seen the same way from its two
-/// cells.
+/// Slopes and jumps of the potential on the grid are those of the formulas, and the jump at a face
+/// is the same from both cells.
 #[test]
-fn the_potential_on_the_grid() {
+fn slopes_and_jumps_of_the_potential_are_those_of_its_formulas() {
     for scene in scenes() {
         let space = &scene.case.space;
         let found = Potential::whole(&scene.case).expect("V is finite");
@@ -107,9 +107,8 @@ fn the_potential_on_the_grid() {
     }
 }
 
-/// Without a potential each velocity has the circulant of upwind transport: `−c` on the diagonal,
-/// `c` from the cell behind, around the end too. Written down for one axis, and for another that it
-/// stands beside.
+/// With a constant potential, each velocity has the circulant matrix of upwind transport: `−c` on
+/// the diagonal, and `c` from the upwind cell, also around the end.
 #[test]
 fn transport_around_a_periodic_axis_is_a_circulant() {
     for cells in [1, 2, 3, 7] {
@@ -131,7 +130,7 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
                 expected.generator.add(5 * i + j, 5 * behind + j, rate);
             }
         }
-        // Without inflow, columns sum to zero: the number of particles is conserved.
+        // The columns sum to zero, as the number of particles is conserved.
         assert_same_system(&format!("{cells} cells"), &found, &expected);
         assert!(found.inflow.iter().chain(&found.draw).all(|b| *b == 0.0));
         for j in 0..5 * cells {
@@ -141,10 +140,10 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
     }
 }
 
-/// If the data do not vary along a periodic axis, `A` is invariant under translation along it, to
-/// the last bit.
+/// If the potential does not vary along a periodic axis, `A` is invariant under translation along
+/// it, to the last bit.
 #[test]
-fn rows_move_on_along_a_periodic_axis() {
+fn rows_are_invariant_under_translation_along_a_periodic_axis() {
     for interface in ["hat", "conservative"] {
         let settings = [
             "axis.0.x.cells=6",
@@ -172,8 +171,8 @@ fn rows_move_on_along_a_periodic_axis() {
     }
 }
 
-/// With the conservative interface and all around periodic, columns sum to zero wherever no
-/// velocity leaves its box.
+/// With the conservative interface and periodic axes, columns sum to zero unless velocities leave
+/// the box.
 #[test]
 fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
     let step = "example1.toml";
@@ -187,23 +186,23 @@ fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
     let mut kept = 0;
     for j in 0..found.size {
         let sum: f64 = (0..found.size).map(|i| found.at(i, j)).sum();
-        // The fastest 6 of 24 velocities at both ends may gain more than the box holds; √(0.75² +
-        // 0.4) is far inside.
+        // The jump may carry the 6 fastest of 24 velocities at each end out of the box, but no
+        // others: √(0.75² + 0.4) is far inside.
         if (6..18).contains(&(j % 24)) {
             assert!(sum.abs() < ROUND_OFF * scale, "column {j}: {sum}");
             kept += 1;
         }
     }
     assert_eq!(kept, 72);
-    // Control: the box with ends loses what leaves it.
+    // Control: with open ends, mass leaves the box.
     let ends = ["axis.0.x.cells=6", size[1], size[2]];
     let open = System::of_rows(&case(step, &ends)).generator;
     let lost = |j: usize| (0..open.size).map(|i| open.at(i, j)).sum::<f64>();
     assert!((0..open.size).any(|j| (6..18).contains(&(j % 24)) && lost(j) < -0.1 * scale));
 }
 
-/// A bump that goes around the end, over a smooth potential: first-order convergence to the exact
-/// solution.
+/// A bump that crosses the end of a periodic axis, in a smooth potential, converges to the exact
+/// solution with first order.
 #[test]
 fn first_order_convergence_around_a_periodic_axis() {
     const TIME: f64 = 0.8;
@@ -237,8 +236,8 @@ fn first_order_convergence_around_a_periodic_axis() {
     }
 }
 
-/// Smooth beams through a step, one up and one down, against traced particles: order `k + 1`, from
-/// so many elements to twice as many.
+/// Two smooth beams through a step, one up and one down, converge to the exact solution with order
+/// `k + 1`.
 #[test]
 fn beams_through_a_step_converge_with_order_k_plus_1() {
     for (degree, coarse) in [(1, 112), (2, 26), (3, 16), (4, 14)] {
@@ -253,7 +252,7 @@ fn beams_through_a_step_converge_with_order_k_plus_1() {
     }
 }
 
-/// The relative error in L2 of the beams on `elements` elements per axis.
+/// The relative L2 error of the beams on `elements` elements per axis.
 fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     const TIME: f64 = 0.7;
     let axis = |half: f64| format!("{{ lower = -{half}, upper = {half}, cells = {elements} }}");
@@ -270,7 +269,7 @@ fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     error_of(&case, TIME, |p, time| tracer.value(p, time))
 }
 
-/// The relative error in L2, after `time`, of the solution that `exact` gives at time zero.
+/// The relative L2 error after `time` of the solution that starts from `exact` at time zero.
 fn error_of(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f64 {
     let space = &case.space;
     let points: Vec<[f64; 6]> =
@@ -286,8 +285,8 @@ fn error_of(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f6
     (sums[0] / sums[1]).sqrt()
 }
 
-/// A beam in two dimensions, which turns in a harmonic force along x and streams along y: order
-/// `k + 1`.
+/// A beam in two dimensions, which turns in a harmonic potential along x and streams along y,
+/// converges with order `k + 1`.
 #[test]
 fn a_beam_in_two_dimensions_converges_with_order_k_plus_1() {
     const TIME: f64 = 0.6;
@@ -316,7 +315,7 @@ fn a_beam_in_two_dimensions_converges_with_order_k_plus_1() {
     assert!(orders.iter().all(|off| *off < 0.3), "off by {orders:?}");
 }
 
-/// The beam at `time`, from where its particles were.
+/// The exact beam at `time`.
 fn beam(point: &[f64; 6], time: f64) -> f64 {
     let [x, y, _, vx, vy, _] = *point;
     let (sin, cos) = time.sin_cos();
@@ -325,9 +324,9 @@ fn beam(point: &[f64; 6], time: f64) -> f64 {
         * (1.0 + 0.5 * (std::f64::consts::PI * y + x).sin())
 }
 
-/// A beam in two dimensions that goes down a step along x and streams along y, against traced
-/// particles: order `k + 1` across the jump. Degrees 1 and 3 need grids that take too long here
-/// (`docs/verification.md`).
+/// A beam in two dimensions that goes down a step along x and streams along y converges to the
+/// exact solution with order `k + 1` for degree `k = 2`. Degrees 1 and 3 need grids that take too
+/// long here (`docs/verification.md`).
 #[test]
 fn a_beam_down_a_step_in_two_dimensions_converges_with_order_3() {
     let errors = [[16, 4], [24, 6]].map(|[falling, streaming]| {
@@ -352,10 +351,10 @@ fn a_beam_down_a_step_in_two_dimensions_converges_with_order_3() {
     assert!((order - 3.0).abs() < 0.3, "order {order}, {errors:?}");
 }
 
-/// Of degree 2 and more the energy `v²/2 + V` that is lost anywhere is gained elsewhere, at a step
-/// too; of degree 1 it is not.
+/// For degree 2 and more the energy `v²/2 + V` is conserved inside the box, also at a step. For
+/// degree 1 it is not.
 #[test]
-fn energy_is_transported() {
+fn energy_is_conserved_from_degree_2_on() {
     for degree in [1, 2, 3, 5] {
         for flux in [0.0, 0.4, 1.0] {
             let settings = [
@@ -377,7 +376,8 @@ fn energy_is_transported() {
             for j in 0..a.size {
                 let cell = space.cell(j);
                 let (element, v) = (space.x[0].split(cell[0] as i64).0, space.point(&cell)[3]);
-                // Outflow through an end of the box; the fastest particles leave at the step too.
+                // Outflow through an end of the box; the step carries the fastest particles out of
+                // it, too.
                 let leaves = element == if v > 0.0 { 3 } else { 0 };
                 if leaves || space.v[0].split(cell[1] as i64).0 % 5 == 0 {
                     continue;
@@ -392,8 +392,8 @@ fn energy_is_transported() {
     }
 }
 
-/// `exp(A time) f` by the classical Runge–Kutta method for linear systems, in steps far below what
-/// the error in space needs.
+/// `exp(A time) f` by the classical Runge–Kutta method. Its steps are so short that their error is
+/// far below that in space.
 fn evolved(case: &Case, matrix: &[Vec<(usize, f64)>], mut f: Vec<f64>, time: f64) -> Vec<f64> {
     let steps = (Bounds::new(case).expect("V is finite").rate * time).ceil();
     let dt = time / steps;

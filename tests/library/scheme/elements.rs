@@ -1,5 +1,5 @@
-//! Elements of any degree, mixed by axis: on random scenes the sums of rows and columns, `S ≤ 0`,
-//! and the intervals of the spectrum.
+//! Elements whose degrees differ from axis to axis: sums of rows and columns, `S ≤ 0`, and the
+//! intervals of the spectrum for random scenes.
 
 use crate::dense::{Dense, System, case};
 use faer::{Mat, Side};
@@ -16,14 +16,14 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::HashMap;
 use std::fmt::Write;
 
-/// Most unknowns of a random scene.
+/// The largest number of unknowns of a random scene.
 const MOST_CELLS: usize = 300;
 
-/// Random choices.
+/// Pseudo-random choices.
 struct Dice(ChaCha8Rng);
 
 impl Dice {
-    /// Uniform in `[0, 1)`.
+    /// A number that is uniform in `[0, 1)`.
     fn part(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
@@ -36,13 +36,14 @@ impl Dice {
         self.part() < part
     }
 
-    /// In `[low, high)`, with few digits.
+    /// A number in `[low, high)` with few digits.
     fn number(&mut self, low: f64, high: f64) -> f64 {
         ((low + (high - low) * self.part()) * 1e4).round() / 1e4
     }
 }
 
-/// Elements and degree of each of the `2n` axes: few enough unknowns, not all of degree 0.
+/// The numbers of elements and the degrees of the `2n` axes, with few unknowns and not all of
+/// degree 0.
 fn random_sizes(dice: &mut Dice, n: usize) -> Vec<[usize; 2]> {
     let (elements, degrees) = ([6, 3, 2][n - 1], [9, 6, 4][n - 1]);
     loop {
@@ -55,7 +56,7 @@ fn random_sizes(dice: &mut Dice, n: usize) -> Vec<[usize; 2]> {
     }
 }
 
-/// A box of velocities with 0 on a face, or of one sign, or of both.
+/// A box of velocities; if `on_face`, 0 is a face of it or outside.
 fn random_velocities(dice: &mut Dice, elements: usize, on_face: bool) -> [f64; 2] {
     let width = dice.number(0.2, 1.5);
     let lower = match dice.below(3) {
@@ -66,7 +67,7 @@ fn random_velocities(dice: &mut Dice, elements: usize, on_face: bool) -> [f64; 2
     [lower * width, (lower + elements as f64) * width]
 }
 
-/// A case with slopes and jumps of `V`, ends and periodic axes, inflow.
+/// The text of a case with slopes and jumps of `V`, open ends and periodic axes, and its inflow.
 fn random_case(dice: &mut Dice, n: usize) -> (String, f64) {
     let sizes = random_sizes(dice, n);
     let names = ["x", "y", "z"];
@@ -78,7 +79,7 @@ fn random_case(dice: &mut Dice, n: usize) -> (String, f64) {
         let ([x, kx], [v, kv]) = (sizes[2 * a], sizes[2 * a + 1]);
         let periodic = dice.chance(0.4);
         let boundary = if periodic { ", boundary = 'periodic'" } else { "" };
-        // Slopes jump at the end of a periodic axis.
+        // A potential with slopes jumps at the end of a periodic axis.
         let [lower, upper] = random_velocities(dice, v, jumps || periodic && slopes > 0);
         writeln!(
             text,
@@ -108,7 +109,7 @@ fn random_case(dice: &mut Dice, n: usize) -> (String, f64) {
     (text, inflow)
 }
 
-/// Constant, linear, or curved.
+/// A potential that is constant, linear, or curved.
 fn random_potential(dice: &mut Dice, n: usize, slopes: usize, offset: f64) -> String {
     let mut value = format!("{}", offset + dice.number(0.0, 0.7));
     for name in &["x", "y", "z"][..n] {
@@ -142,9 +143,9 @@ struct Dissected<'a> {
     name: &'a str,
     case: &'a Case,
     system: System,
-    /// The dissipation of each row by itself.
+    /// The damping of each row by its inflow.
     damping: Vec<f64>,
-    /// Volumes of the cells beside their mean.
+    /// The volumes of the cells relative to their mean.
     pi: Vec<f64>,
     /// `D A D⁻¹`.
     weighted: Dense,
@@ -173,7 +174,7 @@ impl<'a> Dissected<'a> {
         }
     }
 
-    /// Constants change by what enters alone.
+    /// A constant field changes only by its inflow.
     fn check_rows(&self, inflow: f64) {
         let System { generator, draw, inflow: entering, .. } = &self.system;
         let round_off = 1e-13 * generator.largest();
@@ -185,7 +186,7 @@ impl<'a> Dissected<'a> {
         }
     }
 
-    /// `Σ_i π_i A_ij` is what leaves cell `j` through the ends of the box.
+    /// `Σ_i π_i A_ij` is the outflow of cell `j` through the ends of the box.
     fn check_columns(&self) {
         let leaving = Leaving::new(self.case);
         let a = &self.system.generator;
@@ -202,7 +203,7 @@ impl<'a> Dissected<'a> {
         }
     }
 
-    /// `S ≤ 0`, by what rows lose on their own account too.
+    /// `S ≤ 0`, also after half of the damping is added.
     fn check_dissipation(&self) {
         let mut s = self.weighted.symmetric();
         let scale = self.weighted.largest();
@@ -215,6 +216,7 @@ impl<'a> Dissected<'a> {
         assert!(high <= 1e-12 * scale, "{}: damped {high:e} of {scale}", self.name);
     }
 
+    /// The spectrum of `μS + iK` lies in the interval of the bounds.
     fn check_intervals(&self) {
         let bounds = Bounds::new(self.case).expect("V is finite");
         for mu in [0.0, 0.03, 0.7, -2.0, 11.0, -300.0] {
@@ -230,7 +232,7 @@ impl<'a> Dissected<'a> {
     }
 }
 
-/// The outflow through the ends of the box, by the formulas.
+/// The outflow through the ends of the box, by formulas.
 struct Leaving<'a> {
     case: &'a Case,
     potential: Potential,
@@ -253,14 +255,15 @@ impl<'a> Leaving<'a> {
         Self { case, potential, couplings }
     }
 
-    /// The part of a cell that leaves in a unit of time.
+    /// The part of a cell that leaves the box per unit of time.
     fn rate(&self, cell: &Cell) -> f64 {
         let space = &self.case.space;
         let n = space.dimension();
         (0..n).map(|a| self.through_space(cell, a) + self.through_velocity(cell, n, a)).sum()
     }
 
-    /// The flux through the upper or lower face of the element, of a function that is 1 at `node`.
+    /// The flux through the face of an element in the direction of `speed`, of the polynomial that
+    /// is 1 at `node`.
     fn flux(axis: &phasewarp::problem::grid::Axis, node: usize, speed: f64) -> f64 {
         let reference = axis.nodes.reference();
         let trace = if speed > 0.0 { &reference.right } else { &reference.left };
@@ -282,7 +285,7 @@ impl<'a> Leaving<'a> {
             let beyond = &coupling.trace(side, j).beyond;
             beyond.iter().map(|(_, part)| part).sum::<f64>()
         };
-        // Nodes that have no trace see no face.
+        // Nodes inside an element have no flux through its faces.
         if flux == 0.0 { 0.0 } else { flux * self.couplings[a].get(&jump).map_or(0.0, beyond) }
     }
 
@@ -318,7 +321,8 @@ fn random_scenes() {
     assert!(jumps > 30 && forces > 30 && open > 30, "{jumps} {forces} {open}");
 }
 
-/// The inflow is evaluated where it enters: at an end of space, or at or beyond an end of velocity.
+/// The inflow is evaluated where particles enter: at an end of a space axis, or at or beyond an end
+/// of a velocity axis.
 #[test]
 fn inflow_is_that_of_the_ends() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(20));
@@ -346,8 +350,8 @@ fn inflow_is_that_of_the_ends() {
     assert!(ends.iter().all(|&found| found > 100), "{ends:?}");
 }
 
-/// The same cases with closed ends, without inflow: `S ≤ 0` within its bounds, and of the central
-/// flux, at jumps and slopes of `V` too, `S = 0`. As is that of elements of degree 0.
+/// Random cases with closed ends and without inflow have `S ≤ 0` within its bounds. With the
+/// central flux they have `S = 0`, also at jumps and slopes of `V`, and also for degree 0.
 #[test]
 fn closed_ends_conserve_the_norm() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(18));
@@ -379,8 +383,8 @@ fn closed_ends_conserve_the_norm() {
     assert!(skew.iter().all(|&found| found > 3), "{skew:?}");
 }
 
-/// Partial reflection is the only dissipation with closed ends and the central flux. With open ones
-/// it loses what leaves the box, and no more.
+/// The dissipation of partial reflection is within its bounds: with closed ends and the central
+/// flux there is no other dissipation, and with open ends only the outflow is lost.
 #[test]
 fn partial_reflection_is_within_its_bounds() {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(19));
@@ -388,7 +392,7 @@ fn partial_reflection_is_within_its_bounds() {
     for number in 0..80 {
         let (mut text, mut inflow) = random_case(&mut dice, [1, 1, 1, 2][number % 4]);
         let part = dice.number(0.0, 1.0);
-        // All of an energy, or more of it the slower it is.
+        // A constant part, or a larger part of slower particles.
         let part = [format!("{part}"), format!("{part}/(1 + E + jump)")][number % 2].clone();
         text = text.replace("[[potential]]\n", &format!("[[potential]]\nreflection = '{part}'\n"));
         let closed = number % 3 > 0;
@@ -414,7 +418,7 @@ fn partial_reflection_is_within_its_bounds() {
     assert!(alone > 3 && opened > 10, "{alone} {opened}");
 }
 
-/// The bound on `−S` beside its largest eigenvalue, where `V` is constant.
+/// For a constant `V`, the bound on `−S` is close to its largest eigenvalue.
 #[test]
 fn the_bound_on_the_dissipation_is_sharp() {
     for degree in 1..=8 {
@@ -433,7 +437,7 @@ fn the_bound_on_the_dissipation_is_sharp() {
     }
 }
 
-/// In two dimensions, of other degrees along each axis.
+/// The same in two dimensions, with different degrees along the axes.
 #[test]
 fn the_bound_on_the_dissipation_is_sharp_in_two_dimensions() {
     for flux in [0.3, 1.0] {
@@ -477,9 +481,9 @@ fn sharp(name: &str, text: &str) {
     assert!((1.0 - 1e-12..1.15).contains(&ratio), "{name}: {ratio}");
 }
 
-/// `V` that jumps inside of an element around `v = 0` is refused, with a box that does.
+/// If `V` jumps, `v = 0` must be a face of the velocity axis. Otherwise the case is refused.
 #[test]
-fn rest_inside_of_an_element_is_refused_at_jumps() {
+fn velocity_0_inside_an_element_is_refused_at_jumps() {
     let of = |velocities: &str| {
         let conservative = "scheme.interface='conservative'";
         case("example1.toml", &["axis.0.x.cells=4", velocities, "scheme.degree=2", conservative])

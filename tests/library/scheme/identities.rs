@@ -1,4 +1,5 @@
-//! Exact identities of the matrix: of sums, signs, parts, mirror images; of random cases too.
+//! Exact identities of the matrix: sums, signs, parts of the grid and mirror images, also for
+//! random cases.
 
 use super::paper::assert_same_system;
 use super::{ROUND_OFF, conservative, scenes};
@@ -12,9 +13,9 @@ use phasewarp::scheme::interface::{sources, velocity};
 use phasewarp::scheme::rows::{Row, Scheme};
 use proptest::prelude::*;
 
-/// Identities of every case: signs, row sums and what they leave to the inflow, order of the
-/// entries, the bound on the rates; column sums where the interface keeps them. `inflow` is the
-/// constant that enters, if it is one.
+/// Checks the identities of every case: the signs and the order of the entries, the row sums, the
+/// inflow, the bound on the rates, and column sums with the conservative interface. `inflow` is the
+/// value of a constant inflow.
 fn identities(name: &str, case: &Case, inflow: Option<f64>) {
     let scheme = Scheme::whole(case).expect("V is finite");
     let rate = Bounds::new(case).expect("V is finite").rate;
@@ -69,8 +70,7 @@ fn identities_of_the_scenes() {
     }
 }
 
-/// The control of the last: the hat interface does make columns that grow, and the check would see
-/// it.
+/// Control of the identities: the hat interface has columns with positive sums.
 #[test]
 fn some_columns_of_the_hat_interface_sum_above_zero() {
     let scene = scenes().swap_remove(0);
@@ -79,13 +79,12 @@ fn some_columns_of_the_hat_interface_sum_above_zero() {
     assert!(highest > 0.1 * a.largest(), "{highest}");
 }
 
-/// Walls far above every kinetic energy of the grid, as users build boxes of: rows at their feet
-/// keep their sums.
+/// The identities hold at walls far above all kinetic energies of the grid.
 #[test]
 fn identities_at_hard_walls() {
     for interface in ["hat", "conservative"] {
         for height in ["1e3", "1e6", "1e9", "1e12"] {
-            // Cells that are no binary fractions, so that energies are rounded.
+            // The widths of the cells are no binary fractions, so that energies are rounded.
             let sets = [
                 "axis.0.x.cells=6".to_owned(),
                 "axis.0.v.cells=22".to_owned(),
@@ -100,8 +99,8 @@ fn identities_at_hard_walls() {
     }
 }
 
-/// Particles from the foot of such a wall are faster than any velocity of the box: the inflow is
-/// evaluated at such a velocity, of the right sign, for any height of the wall.
+/// Particles on a wall that come from its foot are faster than all velocities of the box. The
+/// inflow is evaluated at such a velocity with the right sign, for any height of the wall.
 #[test]
 fn inflow_from_the_foot_of_a_hard_wall() {
     for interface in ["hat", "conservative"] {
@@ -123,7 +122,7 @@ fn inflow_from_the_foot_of_a_hard_wall() {
     }
 }
 
-/// Formulas that meet at a face make a kink and no jump, wherever round-off puts the face.
+/// Formulas with equal values at a face have a kink and no jump, for any rounding of its position.
 #[test]
 fn a_kink_is_not_a_jump() {
     // The face at x = 0 is computed as 0 on the first of these, as -1.6e-17 on the second.
@@ -138,8 +137,7 @@ fn a_kink_is_not_a_jump() {
     }
 }
 
-/// A part of the grid gives the rows that the whole grid gives, and a reused row is as good as a
-/// new one.
+/// A part of the grid has the same rows as the whole grid, also if the memory of a row is reused.
 #[test]
 fn rows_of_a_part_are_rows_of_the_whole() {
     for scene in scenes() {
@@ -168,7 +166,7 @@ fn rows_of_a_part_are_rows_of_the_whole() {
     }
 }
 
-/// `formula` with coordinates `names` negated.
+/// `formula` with the coordinates `names` negated.
 fn mirrored_formula(
     formula: &Expression,
     names: &[&str],
@@ -178,7 +176,7 @@ fn mirrored_formula(
     let mut text = String::new();
     let mut word = String::new();
     for c in formula.text().chars().chain([' ']) {
-        // A word starts with a letter or a digit, so that the e of 1e-3 is none.
+        // A word can start with a digit, so that the e of 1e-3 is no word.
         if c.is_alphanumeric() || c == '.' || c == '_' {
             word.push(c);
             continue;
@@ -194,7 +192,7 @@ fn mirrored_formula(
     Expression::parse(&text, all, constants).expect("still a formula")
 }
 
-/// The case seen in a mirror across `x_a = 0`: `x_a → −x_a`, `v_a → −v_a`.
+/// The mirror image of a case at `x_a = 0`: `x_a → −x_a`, `v_a → −v_a`.
 fn mirrored(case: &Case, a: usize) -> Case {
     const NAMES: [&[&str]; 6] = [&["x"], &["y"], &["z"], &["vx", "v"], &["vy"], &["vz"]];
     let names: Vec<&str> = NAMES[a].iter().chain(NAMES[3 + a]).copied().collect();
@@ -215,7 +213,7 @@ fn mirrored(case: &Case, a: usize) -> Case {
     case
 }
 
-/// Number of the unknown at the mirror image of unknown `i`.
+/// The number of the unknown at the mirror image of unknown `i`.
 fn mirrored_index(space: &PhaseSpace, a: usize, i: usize) -> usize {
     let mut cell = space.cell(i);
     let n = space.dimension();
@@ -245,7 +243,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
                 let tolerance = 1e-14 * system.generator.largest();
                 assert_same(&name, &back.generator, &system.generator, tolerance);
                 assert_same_system(&name, &back, &system);
-                // The case is not its own mirror image; otherwise the test could not fail.
+                // Control: asymmetric cases are not their own mirror images.
                 if hat.name.contains("asymmetric") {
                     let differs = Dense::from_fn(size, |i, j| {
                         image.generator.at(i, j) - system.generator.at(i, j)
@@ -257,7 +255,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
     }
 }
 
-/// A random axis: any box, or one symmetric about zero.
+/// A random axis: any box, or a box that is symmetric about zero.
 fn any_axis(most_cells: usize) -> impl Strategy<Value = String> {
     (-2.0..1.0f64, 0.1..3.0f64, any::<bool>(), 1..=most_cells).prop_map(
         |(lower, length, symmetric, cells)| {
@@ -268,7 +266,7 @@ fn any_axis(most_cells: usize) -> impl Strategy<Value = String> {
     )
 }
 
-/// A region of the potential: where it holds, as a fraction of the first axis's cells, and a
+/// A region of the potential: the position of its edge in [0, 1), and the coefficients of its
 /// formula.
 fn any_region() -> impl Strategy<Value = (f64, [f64; 4])> {
     let coefficient = || prop_oneof![Just(0.0), -0.5..0.5f64];
@@ -295,7 +293,7 @@ fn any_case(n: usize, most_cells: usize) -> impl Strategy<Value = String> {
         for (k, (edge, c)) in regions.iter().enumerate() {
             text += "[[potential]]\n";
             if k + 1 < regions.len() {
-                // Between -2 and 2, where boxes are.
+                // The edge is between -2 and 2, where the boxes are.
                 text += &format!("where = \"{} < ({:?})\"\n", names[across], 4.0 * edge - 2.0);
             }
             let slopes: Vec<String> =

@@ -10,10 +10,10 @@ use crate::dense::case;
 use phasewarp::problem::case::{Case, Interface};
 use phasewarp::problem::grid::Axis;
 
-/// Largest difference between two ways to compute an entry, relative to the largest entry.
+/// The largest difference between two implementations of an entry, relative to the largest entry.
 const ROUND_OFF: f64 = 1e-12;
 
-/// A case, with potential and inflow written a second time.
+/// A case, with a second implementation of its potential and inflow.
 struct Scene {
     name: &'static str,
     case: Case,
@@ -39,7 +39,7 @@ fn slopes([c, ..]: [f64; 3], [x, ..]: [f64; 3]) -> f64 {
     if c < 0.0 { 0.2 * x } else { 0.2 - 0.2 * x }
 }
 
-/// Every scene, with the paper's interface.
+/// All scenes, with the interface of the paper.
 fn scenes() -> Vec<Scene> {
     let scene = |name, file, overrides: &[&str], potential, inflow| Scene {
         name,
@@ -55,7 +55,7 @@ fn scenes() -> Vec<Scene> {
             step_down,
             nothing,
         ),
-        // No face at zero, velocity or space: V jumps at the face below, ξ = 0 stands still.
+        // Neither x = 0 nor v = 0 is a face: V jumps at the face below, and ξ = 0 does not move.
         scene(
             "example 1, 9x7",
             "example1.toml",
@@ -102,7 +102,7 @@ fn scenes() -> Vec<Scene> {
             slopes,
             |[x, ..], [v, ..]| 2.0 + x - 0.3 * v,
         ),
-        // No reflected partner on the grid, and few sources: rows at the step live on the inflow.
+        // Reflected velocities are not on the grid, so that rows at the step take much inflow.
         scene(
             "positive velocities, down",
             "example1.toml",
@@ -194,7 +194,7 @@ fn scenes() -> Vec<Scene> {
             },
             |[x, y, z], [vx, vy, vz]| x + 2.0 * y + 3.0 * z + 4.0 * vx + 5.0 * vy + 6.0 * vz,
         ),
-        // Around the end V jumps from -0.3 to -0.3: no jump; then from -0.1 to -0.3.
+        // V is -0.3 at both ends of the periodic axis, so it does not jump there.
         scene(
             "periodic, slopes with a jump",
             "slope_jump.toml",
@@ -275,7 +275,7 @@ fn scenes() -> Vec<Scene> {
     ]
 }
 
-/// Whether an axis of a scene closes on itself: the paper has none.
+/// Whether a scene has a periodic axis; the paper has none.
 fn periodic(scene: &Scene) -> bool {
     scene.case.space.periodic.contains(&true)
 }
@@ -290,7 +290,7 @@ fn conservative(scene: Scene) -> Scene {
     Scene { case, ..scene }
 }
 
-/// A uniform axis, continued beyond its ends; cells are counted from 0.
+/// A uniform axis that continues beyond its ends; its cells count from 0.
 #[derive(Clone, Copy)]
 struct Lattice {
     lower: f64,
@@ -319,7 +319,7 @@ impl Lattice {
         0 <= k && k < self.cells
     }
 
-    /// All cells, and as many on either side as any source of these tests may need.
+    /// All cells and, on both sides, enough cells for all sources of these tests.
     fn widely(&self) -> std::ops::Range<i64> {
         -60..self.cells + 60
     }

@@ -1,5 +1,5 @@
-//! The matrix against the paper's blocks in one dimension, its sums in any, and the overlap of
-//! energies.
+//! The matrix against the blocks of the paper in one dimension, its sums in any dimension, and the
+//! overlap of energies.
 
 use super::{Lattice, ROUND_OFF, Scene, conservative, periodic, scenes, symmetric};
 use crate::dense::{Dense, System, assert_close, assert_same};
@@ -14,12 +14,12 @@ fn g_reflection(z: f64) -> f64 {
     1.0 - g_transmission(z)
 }
 
-/// The paper's section 4.2: `A = −A_1 − A_2`, `b = −b_1 − b_2` from the blocks `B_i^u`, `B_i^l`,
+/// Section 4.2 of the paper: `A = −A_1 − A_2`, `b = −b_1 − b_2` from the blocks `B_i^u`, `B_i^l`,
 /// `C_i`, `D_i`.
 ///
-/// Its halves `j ≤ N_ξ/2` and `j > N_ξ/2` are the signs of `ξ_j`; its partner `j'` is the hat
-/// function at `−ξ_j`, which is the same on boxes symmetric about zero; sums over `k` run on beyond
-/// the box and meet the inflow there.
+/// The halves `j ≤ N_ξ/2` and `j > N_ξ/2` of the paper are the signs of `ξ_j`. Its partner `j'` is
+/// replaced by the hat function at `−ξ_j`, which is the same on boxes symmetric about zero. Sums
+/// over `k` continue beyond the box, where the values are those of the inflow.
 fn paper_in_one_dimension(scene: &Scene) -> System {
     let space = &scene.case.space;
     let (x, xi) = (Lattice::new(&space.x[0]), Lattice::new(&space.v[0]));
@@ -29,8 +29,8 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
     };
     let inflow = |i: i64, k: i64| (scene.inflow)([x.centre(i), 0.0, 0.0], [xi.centre(k), 0.0, 0.0]);
 
-    // ξ_j² + 2 (V of the cell particles go to − V of the cell they come from) at face q, between
-    // cells q − 1 and q.
+    // ξ_j² + 2 (V of the cell to which particles go − V of the cell from which they come) at face
+    // q, between cells q − 1 and q.
     let energy = |q: i64, j: i64| {
         let square = xi.centre(j).powi(2);
         if q == 0 || q == x.cells {
@@ -54,8 +54,8 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
         for j in 0..nv as i64 {
             let row = i as usize * nv + j as usize;
             let rate = xi.centre(j).abs() / x.width;
-            // The face particles come through, and the cell behind it: B^l for ξ_j > 0, B^u for ξ_j
-            // < 0.
+            // The face through which particles come, and the cell behind it: B^l for ξ_j > 0, B^u
+            // for ξ_j < 0.
             let (q, behind) = if xi.centre(j) > 0.0 { (i, i - 1) } else { (i + 1, i + 1) };
             a1.add(row, row, rate);
             for k in xi.widely() {
@@ -98,17 +98,18 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
     }
 }
 
-/// A source of an interface row.
+/// A source of a row at an interface.
 struct Share {
     across: bool,
     velocity: i64,
     weight: f64,
 }
 
-/// Sources of velocity cell `j` behind a face where V rises by `rise` towards it.
+/// The sources of velocity cell `j` behind a face at which V rises by `rise` towards them.
 type Sources = fn(lattice: Lattice, j: i64, rise: f64) -> Vec<Share>;
 
-/// The paper's: `a^T h(±√(ξ² + 2 rise) − ξ_k)` across, `a^R` at `−ξ_j` on the same side.
+/// The sources of the paper: `a^T h(±√(ξ² + 2 rise) − ξ_k)` across the face, and `a^R` at `−ξ_j` on
+/// the same side.
 fn sources_of_the_paper(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     let xi = lattice.centre(j);
     let energy = xi * xi + 2.0 * rise;
@@ -121,16 +122,17 @@ fn sources_of_the_paper(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     lattice.widely().map(share).collect()
 }
 
-/// By overlap, on boxes symmetric about zero: cell `k` holds the kinetic energies between those of
-/// its two faces. Those of cell `j`, raised by `rise`, are given to the cells of its sign; what
-/// lies below the slowest moving cell is reflected.
+/// The sources by overlap of energies, on boxes symmetric about zero. Cell `k` has the kinetic
+/// energies between those of its two faces. The energies of cell `j`, raised by `rise`, are shared
+/// by the cells of the same sign. Energies below those of the slowest moving cell are reflected.
 fn sources_by_overlap(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     let half = 0.5 * lattice.width;
     let energies = |k: i64| {
         let speed = lattice.centre(k).abs();
         (0.5 * (speed - half).powi(2), 0.5 * (speed + half).powi(2))
     };
-    // Even: a face at zero. Odd: a cell that does not move, and the next begins at its face.
+    // An even number of cells has a face at zero. For an odd number, the slowest moving cell begins
+    // at the face of a cell that does not move.
     let floor = if lattice.cells % 2 == 0 { 0.0 } else { 0.5 * half * half };
     let xi = lattice.centre(j);
     let (low, high) = energies(j);
@@ -155,7 +157,7 @@ fn sources_by_overlap(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     shares
 }
 
-/// Section 6: the sums over cells and axes, in any dimension, with any interface.
+/// Section 6 of the paper: the sums over cells and axes, in any dimension, with any interface.
 fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
     let space = &scene.case.space;
     let n = space.x.len();
@@ -226,7 +228,7 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
             let there = around(a, behind);
             source[a] = there;
             if moves && x[a].holds(there) {
-                // Around the end, the face has another number there.
+                // Around the end of a periodic axis, the face has another number.
                 let face_there = face + there - behind;
                 let rise = potential(&own, a, face) - potential(&source, a, face_there);
                 for share in sources(v[a], j, rise) {
@@ -260,7 +262,7 @@ pub fn assert_same_system(name: &str, found: &System, expected: &System) {
 }
 
 #[test]
-fn the_paper_s_blocks_in_one_dimension() {
+fn the_matrix_has_the_blocks_of_the_paper_in_one_dimension() {
     let mut seen = 0;
     for scene in scenes() {
         if scene.case.space.dimension() == 1 && !periodic(&scene) {
@@ -273,7 +275,7 @@ fn the_paper_s_blocks_in_one_dimension() {
 }
 
 #[test]
-fn the_paper_s_sums_in_any_dimension() {
+fn the_matrix_has_the_sums_of_the_paper_in_any_dimension() {
     for scene in scenes() {
         let found = System::of_rows(&scene.case);
         let expected = cell_by_cell(&scene, sources_of_the_paper);
@@ -292,7 +294,7 @@ fn the_conservative_interface_by_overlap_of_energies() {
         let found = System::of_rows(&scene.case);
         let expected = cell_by_cell(&scene, sources_by_overlap);
         assert_same_system(scene.name, &found, &expected);
-        // The two interfaces are not the same thing.
+        // Control: the two interfaces differ.
         let paper = cell_by_cell(&scene, sources_of_the_paper).generator;
         let differs =
             Dense::from_fn(paper.size, |i, j| paper.at(i, j) - expected.generator.at(i, j));

@@ -1,4 +1,4 @@
-//! How far bounds of the spectra of `S` and `H` are above what Lanczos finds.
+//! The ratios of the bounds on the spectra of `S` and `H` to the values that Lanczos finds.
 
 use crate::dense::{case, noise};
 use faer::{Mat, Side};
@@ -8,16 +8,17 @@ use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
 use std::path::Path;
 
-/// Steps of Lanczos.
+/// The number of Lanczos steps.
 const STEPS: usize = 90;
 
-/// `μ` of the forms `μS + iK` that are compared.
+/// The values of `μ` for which `μS + iK` is compared.
 const MUS: [f64; 4] = [0.0, 0.5, -2.0, 9.0];
 
-/// Those forms and, last, `S` alone.
+/// The number of these forms and, last, `S` alone.
 const FORMS: usize = MUS.len() + 1;
 
-/// A number for each form. Their Krylov spaces are built side by side: the matrix is read once.
+/// A value for each form. Their Krylov spaces are built at the same time, which reads the matrix
+/// once.
 type Each<T> = [T; FORMS];
 
 /// `D A D⁻¹` and its transpose, by rows.
@@ -29,7 +30,7 @@ struct Sparse {
 #[derive(Default)]
 struct Tridiagonal {
     diagonal: Vec<f64>,
-    /// The entries beside the diagonal, and the norm of what is left.
+    /// The entries next to the diagonal, and last the norm of the remaining vector.
     beside: Vec<f64>,
 }
 
@@ -39,7 +40,7 @@ impl Tridiagonal {
         self.beside.last().is_some_and(|&b| b < 1e-12)
     }
 
-    /// Least and largest eigenvalue.
+    /// The least and the largest eigenvalue.
     fn ends(&self) -> [f64; 2] {
         let m = self.diagonal.len();
         let t = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
@@ -71,7 +72,7 @@ impl Sparse {
         Self { rows }
     }
 
-    /// Each form times its vector of `x`.
+    /// The product of each form with its vector in `x`.
     fn apply(&self, x: &[Each<Complex64>]) -> Vec<Each<Complex64>> {
         let sum = |row: &[(usize, f64)]| {
             let mut sum = Each::<Complex64>::default();
@@ -92,8 +93,8 @@ impl Sparse {
         products.collect()
     }
 
-    /// Least and largest eigenvalue of each form on a Krylov space of `steps` vectors: inner bounds
-    /// of its spectrum.
+    /// The least and the largest eigenvalue of each form on a Krylov space of `steps` vectors:
+    /// inner bounds of its spectrum.
     fn ends(&self, steps: usize) -> Each<[f64; 2]> {
         let size = self.rows[0].len();
         let norms = |x: &[Each<Complex64>]| -> Each<f64> {
@@ -131,15 +132,15 @@ impl Sparse {
                 break;
             }
             before = x;
-            // A space that is over stays as it is: what follows of it is not read.
+            // A space that cannot grow stays as it is, and its later vectors are not used.
             x = scaled(y, b.map(|b| b.max(f64::MIN_POSITIVE)));
         }
         std::array::from_fn(|k| spaces[k].ends())
     }
 }
 
-/// The violations of the bounds of a case, and the largest ratios of the intervals and of the bound
-/// of `S` to the values that Lanczos finds.
+/// Checks the bounds of a case. Returns the largest ratio of an interval, or of the bound of `S`,
+/// to the value that Lanczos finds.
 fn widest(name: &str, case: &Case) -> f64 {
     let bounds = Bounds::new(case).expect("V is finite");
     let generator = Sparse::new(case);
@@ -161,7 +162,7 @@ fn widest(name: &str, case: &Case) -> f64 {
     }
 }
 
-/// `V` along x, and its name.
+/// Potentials along x: name and formulas.
 const POTENTIALS: [(&str, &str); 8] = [
     ("constant", "[{value='0'}]"),
     ("step", "[{where='x<0',value='0.2'},{value='0'}]"),
@@ -173,7 +174,7 @@ const POTENTIALS: [(&str, &str); 8] = [
     ("wave", "[{value='0.3*cos(pi*x)'}]"),
 ];
 
-/// A case in one dimension, of about so many unknowns an axis.
+/// A case in one dimension with about `nodes` unknowns per axis.
 fn scene(potential: &str, degrees: [usize; 2], flux: f64, ends: &str, nodes: usize) -> Case {
     let elements = degrees.map(|k| nodes / (k + 1) / 4 * 4);
     let (ends, boundary) = match ends {
@@ -190,7 +191,8 @@ fn scene(potential: &str, degrees: [usize; 2], flux: f64, ends: &str, nodes: usi
     Case::parse("scene", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
-/// One half of all `V`, pairs of degrees and fluxes, with open ends, closed ones, and periodic.
+/// The bounds are sharp for half of the combinations of `V`, degrees and fluxes, with open, closed
+/// and periodic ends.
 #[test]
 fn bounds_are_sharp_in_one_dimension() {
     let mut found = Vec::new();
@@ -201,7 +203,7 @@ fn bounds_are_sharp_in_one_dimension() {
             for (f, flux) in [0.0, 0.3, 0.5, 1.0].into_iter().enumerate() {
                 let number = p + d + f;
                 let ends = ["open", "closed", "open", "periodic"][number / 2 % 4];
-                // The waves of a periodic scene must not jump.
+                // The potential of a periodic scene must not jump at the end.
                 let periodic_slope = ends == "periodic" && name.contains("slope");
                 let case = scene(potential, *degrees, flux, ends, 72);
                 if number % 2 == 1 || !case.is_galerkin() || periodic_slope {
@@ -215,15 +217,15 @@ fn bounds_are_sharp_in_one_dimension() {
     report(found, 1.15);
 }
 
-/// The wave is flat at the open ends and steep elsewhere in their elements: with the central flux
-/// there is no other dissipation, and the bound uses only the steepest force of an element.
+/// With the central flux, only the open ends dissipate. The wave is flat at the ends and steep
+/// inside the elements there, and the bound uses the largest force of an element.
 #[test]
 fn bounds_hold_where_the_ends_alone_dissipate() {
     let case = scene(POTENTIALS[7].1, [3, 3], 0.0, "open", 72);
     report(vec![(widest("wave", &case), "wave".to_owned())], 1.35);
 }
 
-/// The cases of the program on small grids, without inflow.
+/// The bounds are sharp for the cases of `cases/` on small grids, without inflow.
 #[test]
 fn bounds_are_sharp_on_the_cases() {
     let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/cases"));
@@ -242,9 +244,10 @@ fn bounds_are_sharp_on_the_cases() {
             _ => &[(0, 0.5), (1, 0.25), (2, 0.5)],
         };
         for (k, &(degree, flux)) in trials.iter().enumerate() {
-            // Measure-valued data and inflow have messages that name the settings they refuse.
+            // Closed ends are refused with inflow.
             let ends = if given.enters() || (k + rotated) % 2 == 0 { "open" } else { "closed" };
-            // Axes of slopes with fewer than some twelve elements: docs/high-order.md.
+            // Bounds are less sharp on axes with slopes and fewer than about twelve elements
+            // (docs/high-order.md).
             let nodes = [if degree > 4 { 144 } else { 72 }, 12, 5][n - 1] / (degree + 1);
             let mut settings = vec![
                 format!("scheme.degree={degree}"),
@@ -268,8 +271,9 @@ fn bounds_are_sharp_on_the_cases() {
     report(found, 1.15);
 }
 
-/// Two dimensions: jumps at a corner and at a square, slopes along both axes. With four elements an
-/// axis, waves are not as short as the bounds of cut lines allow.
+/// The bounds are sharp in two dimensions, for jumps at a corner and at a square and for slopes
+/// along both axes. The limit is larger, as four elements per axis do not contain the shortest
+/// waves that the bounds allow.
 #[test]
 fn bounds_are_sharp_in_two_dimensions() {
     let potentials = [
@@ -312,6 +316,6 @@ fn report(mut found: Vec<(f64, String)>, most: f64) {
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let line = |(ratio, name): &(f64, String)| format!("{ratio:.3} {name}\n");
     let worst: String = found.iter().take(30).map(line).collect();
-    println!("of {} scenes the bounds are most above in\n{worst}", found.len());
+    println!("the largest ratios of {} scenes:\n{worst}", found.len());
     assert!(found[0].0 < most, "{worst}");
 }

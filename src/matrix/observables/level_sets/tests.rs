@@ -107,7 +107,7 @@ fn streaming_error(slopes: std::ops::Range<f64>, cells: usize) -> f64 {
     (0..points).filter_map(error).fold(0.0, f64::max)
 }
 
-/// Where the level set is steeper than 1 the bell is two cells wide, and the density converges with
+/// If the level set is steeper than 1, the bell is two cells wide, and the density converges with
 /// the first order.
 #[test]
 fn density_of_a_rarefying_beam_converges() {
@@ -117,8 +117,8 @@ fn density_of_a_rarefying_beam_converges() {
     assert!(errors[4] < 1e-3, "{errors:?}");
 }
 
-/// Where it is less steep the paper's width is not a whole number of half cells: an error stays,
-/// below 6 %.
+/// If it is less steep, the paper's width is not a whole number of half cells: an error below 6 %
+/// remains.
 #[test]
 fn density_of_a_dense_beam_is_good_to_six_per_cent() {
     let errors = [240, 960].map(|cells| streaming_error(0.3..1.0, cells));
@@ -138,7 +138,7 @@ fn widths_by_the_gradient_suit_every_axis_and_by_the_determinant_one() {
     // Example 3: one axis slowed down from 0.6 to 0.4; the bell is 1.5 cells wide along it.
     assert!(error(DeltaWidth::Determinant, [2.0 / 3.0, 1.0]) < 1e-13);
     assert!(error(DeltaWidth::Gradient, [2.0 / 3.0, 1.0]) < 1e-13);
-    // One axis drawn apart, the other together.
+    // One axis stretched, the other compressed.
     for lambda in [[3.0, 0.4], [0.4, 3.0], [-2.5, 0.4], [2.0, 3.0]] {
         let gradient = error(DeltaWidth::Gradient, lambda);
         assert!(gradient < 1e-12, "{lambda:?}: {gradient}");
@@ -158,8 +158,8 @@ fn determinants() {
     assert_eq!(determinant(&turned), 1.0);
 }
 
-/// At the ends of the box the differences are one-sided, with one cell there is none, and support
-/// beyond the box is cut.
+/// At the ends of the box differences are one-sided; a single cell has none. Support beyond the box
+/// is cut off.
 #[test]
 fn ends_of_the_box() {
     let value = |i: usize| [3.0, 5.0, 9.0][i];
@@ -175,7 +175,7 @@ fn ends_of_the_box() {
     // A quarter of a cell beyond the last centre.
     let part = 0.5 * (1.0 + (PI * 0.25).cos());
     assert!((at(0.9875) - part).abs() < 1e-13, "{}", at(0.9875));
-    // One velocity cell holds all of a beam at its centre.
+    // A single velocity cell contains the whole of a beam at its centre.
     let v = [axis(0.0, 1.0, 1)];
     let one = density(&v, DeltaWidth::Determinant, |_| 1.0, &[&|v| v[0] - 0.5]);
     assert_eq!(one, 1.0);

@@ -40,8 +40,8 @@ fn moments(space: &PhaseSpace, phi: Function<'_>, psi: &[Function<'_>]) -> Vec<[
     sums
 }
 
-/// A zero inside of an element, on a face between two, and at either end of the velocity box counts
-/// once; one beyond the box does not. The slope divides.
+/// A zero inside an element, on a face between two, or at an end of the velocity box counts once;
+/// one beyond the box does not. The density is divided by the slope.
 #[test]
 fn zeros_count_once_wherever_they_are() {
     for degree in 1..=8 {
@@ -78,7 +78,7 @@ fn streamed(time: f64, degree: usize, elements: usize) -> Vec<[f64; 3]> {
     let found =
         moments(&space, &|p| 2.0 + start(p).cos(), &[&|p| p[3] - AMPLITUDE * start(p).sin()]);
     let faces = space.x[0].cell_faces();
-    // Where particles from equal parts of [−4π, 4π] are at the end; each part is spread evenly.
+    // The final positions of particles from equal parts of [−4π, 4π]; each part is spread evenly.
     let mut mass = vec![0.0; found.len()];
     let parts = 400_000;
     let end = |k: i32| {
@@ -106,7 +106,8 @@ fn relative_l1(cells: &[[f64; 3]]) -> f64 {
     error / cells.iter().map(|[_, exact, width]| exact * width).sum::<f64>()
 }
 
-/// Where particles draw together, too, the density of a smooth beam has the order of the degree.
+/// The density of a smooth beam converges with the order of the degree, also where it is
+/// compressed.
 #[test]
 fn density_converges_with_the_degree() {
     for (degree, elements) in [(1, 40), (2, 20), (3, 12), (4, 10)] {
@@ -114,7 +115,7 @@ fn density_converges_with_the_degree() {
             [1, 2].map(|finer| relative_l1(&streamed(0.5, degree, finer * elements)));
         let order = (coarse / fine).log2();
         println!("degree {degree}: {coarse:.2e}, {fine:.2e}, order {order:.2}");
-        // The exact averages are good to 2e-8.
+        // The exact averages have errors of 2e-8.
         assert!(
             fine < 3e-3 && (order > degree as f64 - 0.3 || fine < 1e-7),
             "{degree}: {coarse:e} {fine:e}"
@@ -122,7 +123,8 @@ fn density_converges_with_the_degree() {
     }
 }
 
-/// Past caustics, where the density is infinite, cell averages converge and mass is kept.
+/// After caustics have formed, where the density is infinite, cell averages converge and mass is
+/// conserved.
 #[test]
 fn caustics_are_integrated() {
     let [coarse, fine] = [16, 64].map(|elements| {
@@ -173,7 +175,7 @@ fn shares_sum_to_one() {
             let plane = |a: usize| move |p: &[f64; 6]| s * p[3 + a] - p[a] + 0.113;
             let planes = [plane(0), plane(1)];
             let planes: Vec<Function<'_>> = planes[..n].iter().map(|r| r as Function<'_>).collect();
-            // Everything is found: the surface lies inside of the box along x.
+            // The whole surface is found, as it is inside the box along x.
             let volume = |i: usize| {
                 let cell = space.cell(i * space.velocity_cells());
                 space.x.iter().zip(cell).map(|(x, i)| x.weight(i)).product::<f64>()

@@ -1,5 +1,5 @@
-//! Zeros of polynomials with known zeros: simple, multiple, at the ends and on halving points,
-//! none.
+//! Polynomials with known zeros: simple and multiple ones, at the ends and at points where boxes
+//! are halved, and without zeros.
 
 use super::*;
 
@@ -53,8 +53,8 @@ fn known_zeros_are_found_once_and_no_others() {
     }
 }
 
-/// A double zero is none; a simple one beside it is found, and so are the two of a polynomial a
-/// little below.
+/// A double zero is not found. A simple one next to it is, and so are both zeros if the polynomial
+/// is shifted slightly down.
 #[test]
 fn double_zeros_are_no_zeros() {
     assert!(zeros_of_roots(&[0.3, 0.3], 1.0).is_empty());
@@ -72,7 +72,7 @@ fn double_zeros_are_no_zeros() {
 type Function<'a> = &'a dyn Fn(&[f64]) -> f64;
 
 /// Coefficients of `f`, a polynomial of the degrees `shape − 1`, by interpolation at equidistant
-/// points: the last axis fastest.
+/// points; the last axis is the fastest.
 fn coefficients(shape: &[usize], f: Function<'_>) -> Vec<f64> {
     let cells: usize = shape.iter().product();
     let point = |mut i: usize| -> Vec<f64> {
@@ -113,7 +113,7 @@ fn zeros_of_two_and_three_polynomials() {
             assert!(off.abs() < 1e-9 && (zero[0] - zero[1] + offset).abs() < 1e-9, "{zero:?}");
         }
     }
-    // Two, two and one: four zeros, some on faces between halves.
+    // Two, two and one zeros along the axes: four in all, some on faces between halves.
     let shape = [3, 3, 2];
     let functions: [Function<'_>; 3] = [
         &|t| (t[0] - 0.25) * (t[0] - 0.7),
@@ -130,7 +130,7 @@ fn zeros_of_two_and_three_polynomials() {
     }
 }
 
-/// Components that are zero on a line in common end, with no zero found.
+/// The search ends for components that are zero on a common line, and finds no zero.
 #[test]
 fn common_lines_end() {
     let shape = [2, 2];

@@ -1,15 +1,15 @@
-//! What followed boxes leave, added up on a share of the space cells.
+//! The deposits of followed boxes, added up on a share of the space cells.
 
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use std::ops::Range;
 
-/// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a
-/// cell's face count for the cell above.
+/// Cells with less than this fraction of the largest mass count as empty: particles within 1e-11 of
+/// a face are in the cell above it, and may leave a trace of mass there.
 const EMPTY: f64 = 1e-9;
 /// Points further apart than this fraction of a cell are not neighbours on a branch.
 const GAP: f64 = 1e-6;
 
-/// What a first box leaves in a cell.
+/// The mass that a first box leaves in a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deposit {
     /// Number of the box on its sheet.
@@ -53,9 +53,9 @@ pub struct MultivaluedVelocity {
 pub struct ExactMoments {
     /// `ρ`, row-major.
     pub density: Vec<f64>,
-    /// `ρ u_a`, one vector an axis.
+    /// `ρ u_a`, one vector per axis.
     pub momentum: Vec<Vec<f64>>,
-    /// `u_a`, one vector an axis; NaN where there is nothing.
+    /// `u_a`, one vector per axis; NaN in empty cells.
     pub velocity: Vec<Vec<f64>>,
     /// The whole multivalued velocity, in one dimension.
     pub curve: Option<MultivaluedVelocity>,
@@ -73,7 +73,7 @@ pub struct SheetSums<'a> {
 }
 
 impl<'a> SheetSums<'a> {
-    /// Nothing on the space cells of `share`, one range an x-axis.
+    /// No mass on the space cells of `share`, which has one range per space axis.
     pub fn new(space: &'a PhaseSpace, share: &'a [Range<usize>]) -> Self {
         let cells = share.iter().map(ExactSizeIterator::len).product();
         Self {
@@ -86,7 +86,7 @@ impl<'a> SheetSums<'a> {
         }
     }
 
-    /// Adds a deposit in a cell of the share. Bits depend on the order of deposits.
+    /// Adds a deposit in a cell of the share. The bits of the sums depend on the order of deposits.
     pub fn add(&mut self, deposit: &Deposit) {
         let (mut rest, mut place, mut stride) = (deposit.cell, 0, 1);
         for (axis, range) in self.space.x.iter().zip(self.share).rev() {
@@ -100,8 +100,8 @@ impl<'a> SheetSums<'a> {
         }
     }
 
-    /// Adds a piece to the curve: its ends, the first only where a branch begins. Pieces come in
-    /// their order.
+    /// Adds the next piece of the curve: its second end, and its first end if it begins a branch.
+    /// Pieces must be added in their order along the curve.
     pub fn draw(&mut self, line: &Line) {
         let width = [self.space.x[0].width(), self.space.v[0].width()];
         let [first, last] = line.ends;
@@ -131,7 +131,7 @@ impl<'a> SheetSums<'a> {
         self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()))
     }
 
-    /// The moments, where `largest` is the largest mass in a cell of all shares.
+    /// The moments; `largest` is the largest mass in a cell of any share.
     pub fn finish(self, largest: f64) -> ExactMoments {
         let space = self.space;
         let mut volumes = Vec::with_capacity(self.mass.len());

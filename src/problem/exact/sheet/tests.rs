@@ -10,7 +10,7 @@ struct Scene<'a> {
     lower: f64,
     upper: f64,
     cells: usize,
-    /// Where, and the value there.
+    /// Condition and value of each region of `V`.
     potential: &'a [(&'a str, &'a str)],
     density: &'a str,
     velocity: &'a [&'a str],
@@ -340,13 +340,13 @@ fn the_way_forward_is_the_way_back() {
             0.0,
         ];
         let there = forward.follow(&point, 0.8);
-        if there.left.is_some() {
+        if there.remaining.is_some() {
             continue;
         }
         stayed += 1;
         histories.insert(there.history);
         let here = back.follow(&there.point, 0.8);
-        assert_eq!(here.left, None);
+        assert_eq!(here.remaining, None);
         for (a, b) in point.iter().zip(here.point) {
             assert!((a - b).abs() < 1e-9, "{point:?} {there:?} {here:?}");
         }

@@ -1,8 +1,7 @@
-//! The choices of a case that studies vary: the cells of its grid, a table of words and numbers,
-//! and the values that are compared.
+//! The settings of a case that studies vary, and the profiles and propagators that they compare.
 //!
-//! A choice that studies shall vary is one line of [`CHOICES`]: advice then writes it as a setting,
-//! and the cost model keeps apart the matrices that differ by it.
+//! To vary another setting, add a line to [`CHOICES`]: advice then prints it as a `--set` option,
+//! and the cost model distinguishes matrices that differ by it.
 
 use crate::base::text::word;
 use crate::problem::case::{
@@ -17,13 +16,13 @@ pub struct Choice {
     pub key: &'static str,
     /// The value of a case, as `--set` takes it.
     pub value: fn(&Case) -> String,
-    /// The method that has it; none where both do.
+    /// The method that uses it; none if both do.
     pub method: Option<Method>,
     /// Whether the rows of `A` depend on it.
     pub rows: bool,
 }
 
-/// The interface law of degree 0; empty for elements, which match traces by energy.
+/// The interface law of degree 0; empty for elements, whose traces are coupled by energy.
 fn interface(case: &Case) -> String {
     if case.is_galerkin() { String::new() } else { word(&case.interface) }
 }
@@ -74,7 +73,7 @@ pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorM
     PROPAGATORS.into_iter().filter(|(_, method)| method.order() > 0)
 }
 
-/// The choices that the rows of `A` depend on, beside grid and potential.
+/// The choices that determine the rows of `A`, in addition to grid and potential.
 pub fn row_choices(case: &Case) -> String {
     let rows = CHOICES.iter().filter(|choice| choice.rows).map(|choice| (choice.value)(case));
     let degrees = case.space.axes().map(|axis| axis.nodes.degree.to_string());

@@ -1,19 +1,20 @@
-//! The cases of a sweep, and their growth.
+//! The cases that panels measure, and their growth.
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::problem::potential::overlooked;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
-use crate::study::trial::{final_fields_only, ranks};
+use crate::study::trial::final_fields_only;
 
 /// Most Lanczos steps.
 pub const LANCZOS: usize = 4000;
 
 /// `case` by modes, with no output but the fields at its end, and without comparisons.
-pub fn of(case: &Case) -> Case {
+pub fn by_modes(case: &Case) -> Case {
     Case {
         verify: false,
         exact: None,
@@ -24,7 +25,7 @@ pub fn of(case: &Case) -> Case {
 }
 
 /// Notes of a panel that was measured on the grid of `used` instead of that of `case`.
-pub fn notes(case: &Case, used: &Case) -> Vec<String> {
+pub fn grid_notes(case: &Case, used: &Case) -> Vec<String> {
     let [shape, coarse] = [case, used].map(|case| grid_name(&case.space));
     let mut notes = Vec::new();
     if shape != coarse {
@@ -48,7 +49,7 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
 /// Refuses a case whose growth at jumps is zero by construction.
 ///
 /// # Errors
-/// Of elements, and with partial reflection.
+/// With elements, and with partial reflection.
 pub fn refuse_elements(case: &Case) -> Result<()> {
     match case.is_galerkin() {
         true => Err(Error::input(
@@ -59,12 +60,12 @@ pub fn refuse_elements(case: &Case) -> Result<()> {
     }
 }
 
-/// `case` assembled on the ranks there are. Collective.
+/// `case` assembled on all ranks. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
 pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
-    Prepared::new(world, case, &ranks(world))
+    Prepared::new(world, case, &Resources::unlimited(world))
 }
 
 /// `λ⁺` of an assembled case. Collective.

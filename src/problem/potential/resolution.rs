@@ -1,5 +1,5 @@
-//! The formula of `V` compared with the scheme's approximation between the points at which it is
-//! evaluated.
+//! The formula of `V` compared with the scheme's approximation of it, between the points at which
+//! the scheme evaluates the formula.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::Case;
@@ -7,42 +7,42 @@ use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::pieces::{ElementLines, energy_scale, piece, region};
 
-/// Points of an element, along each axis, at which both are compared.
+/// Number of points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;
-/// Largest number of lines that are examined, over all axes. Of a larger grid, lines spread over it
-/// are.
+/// Largest number of lines that are examined, over all axes. On a larger grid they are spread
+/// evenly.
 const MOST_LINES: usize = 1 << 16;
-/// Differences are noticed above this part of the range of `V` in the region ...
+/// Differences below this part of the range of `V` in the region are ignored.
 const NOTICED: f64 = 0.01;
-/// ... and above this part of the largest `v²/2` of the box.
+/// Differences below this part of the largest `v²/2` of the box are ignored.
 const OF_ENERGY: f64 = 1e-3;
 
-/// Where `V` as the scheme takes it is farthest from `V` as it is written.
+/// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unresolved {
     /// The region.
     pub region: usize,
     /// The axis along which it was found.
     pub axis: usize,
-    /// The place.
+    /// The point.
     pub point: [f64; 6],
-    /// `V` there by the formula.
+    /// `V` by the formula.
     pub written: f64,
-    /// `V` there as the scheme takes it.
+    /// `V` as the scheme approximates it.
     pub taken: f64,
-    /// Number of examined elements with such places, along this axis.
+    /// Number of examined elements with a difference above the limit, along this axis.
     pub elements: usize,
 }
 
 impl Unresolved {
-    /// How far apart the two are.
+    /// Distance of the two values.
     pub fn difference(&self) -> f64 {
         (self.written - self.taken).abs()
     }
 }
 
 /// The scheme's approximation of `V` on a line through an element.
-struct Taken {
+struct LineApproximation {
     /// The points at which `V` is evaluated, in `[−1, 1]`.
     nodes: Vec<f64>,
     /// The points of the comparison.
@@ -51,9 +51,9 @@ struct Taken {
     rows: Vec<Vec<f64>>,
 }
 
-impl Taken {
-    /// Of degree 0 the line between the faces; of a higher degree `k` the integral, from the lower
-    /// face on, of the polynomial through the slopes at the `k + 1` nodes.
+impl LineApproximation {
+    /// For degree 0: linear between the faces. For a higher degree `k`: the integral, from the
+    /// lower face on, of the polynomial through the slopes at the `k + 1` nodes.
     fn new(nodes: Nodes) -> Self {
         let points: Vec<f64> =
             (0..POINTS).map(|j| (2 * j + 1) as f64 / POINTS as f64 - 1.0).collect();
@@ -87,14 +87,14 @@ impl Taken {
 
 /// The comparison in a region along an axis.
 #[derive(Clone, Default)]
-struct Compared {
-    /// Largest difference of each element.
+struct Differences {
+    /// Largest difference in each element.
     differences: Vec<f64>,
-    /// The worst place.
+    /// The point of the largest difference.
     worst: Option<Unresolved>,
 }
 
-impl Compared {
+impl Differences {
     fn add(&mut self, place: Unresolved) {
         self.differences.push(place.difference());
         if self.worst.as_ref().is_none_or(|worst| worst.difference() < place.difference()) {
@@ -102,7 +102,7 @@ impl Compared {
         }
     }
 
-    /// The worst place, if it is above `limit`.
+    /// The point of the largest difference, if that is above `limit`.
     fn beyond(self, limit: f64) -> Option<Unresolved> {
         let elements = self.differences.iter().filter(|d| **d > limit).count();
         let worst = self.worst.filter(|_| elements > 0)?;
@@ -110,18 +110,19 @@ impl Compared {
     }
 }
 
-/// Where `V` differs most from what the scheme takes for it, one place a region and axis; within a
-/// region only, as edges that miss the faces are known otherwise. Along each axis it is looked at
-/// on lines through the centres of elements.
+/// The points at which `V` differs most from the scheme's approximation, one per region and axis,
+/// on lines along the axis through centres of elements. Both are compared within a region only;
+/// [`overlooked`](crate::problem::potential::overlooked) finds edges that miss the faces.
 pub fn unresolved(case: &Case) -> Vec<Unresolved> {
-    let taken: Vec<Taken> = case.space.x.iter().map(|axis| Taken::new(axis.nodes)).collect();
-    let none: [Compared; MAX_DIMENSION] = Default::default();
+    let taken: Vec<LineApproximation> =
+        case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();
+    let none: [Differences; MAX_DIMENSION] = Default::default();
     let mut found = vec![none; case.potential.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
     let lines = ElementLines::new(&case.space);
     for element in lines.spread(MOST_LINES / taken.len()) {
         let centre = lines.centre(&element);
-        // Undefined conditions are an error elsewhere.
+        // Undefined conditions are reported by `Potential::new`.
         let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.level.is_none()) else {
             continue;
         };
@@ -145,11 +146,11 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
         .collect()
 }
 
-/// The worst place on the line of an element whose points are `at`, in `region`; widens `range` by
-/// the values of `V` there.
+/// The point of the largest difference, within region `own`, on the line of an element whose points
+/// are `at(ξ)`. Widens `range` to include the values of `V` on the line.
 fn worst_on_line(
     case: &Case,
-    taken: &Taken,
+    taken: &LineApproximation,
     own: usize,
     at: impl Fn(&f64) -> [f64; 6],
     range: &mut [f64; 2],
@@ -160,7 +161,7 @@ fn worst_on_line(
     for (point, row) in taken.points.iter().map(at).zip(&taken.rows) {
         let written = formula.eval(&point);
         let taken: f64 = row.iter().zip(&nodal).map(|(weight, value)| weight * value).sum();
-        // A value that is not finite at these points is an error elsewhere.
+        // `Potential::new` reports values that are not finite where the scheme needs them.
         let finite = written.is_finite() && taken.is_finite();
         if !finite || region(&case.potential, &point).ok() != Some(own) {
             continue;
@@ -177,12 +178,12 @@ fn worst_on_line(
 mod tests {
     use super::*;
 
-    /// Of degree `k` the slopes of polynomials of degree `k + 1` are met, so these are taken as
-    /// they are; those of the next degree are not.
+    /// For degree `k` the approximation of polynomials of degree `k + 1` is exact, as their slopes
+    /// are met at the nodes; that of the next degree is not.
     #[test]
     fn polynomials_are_taken_as_they_are_up_to_a_degree() {
         for degree in 0..LARGEST_DEGREE {
-            let taken = Taken::new(Nodes::of_space(degree));
+            let taken = LineApproximation::new(Nodes::of_space(degree));
             let worst = |power: usize| {
                 let value = |xi: f64| xi.powi(power as i32) - 0.5 * xi + 2.0;
                 let found = taken.rows.iter().map(|row| -> f64 {

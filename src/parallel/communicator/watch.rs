@@ -1,0 +1,210 @@
+//! A watch on ranks that were stopped for ever (SIGSTOP): MPI waits for them without end.
+//!
+//! The ranks of a node watch each other in a ring, each the next one. A thread looks at the next
+//! rank's state once a second, and counts how often in succession it finds it stopped. It counts
+//! its own looks and no time: where the whole job is suspended (by Slurm, by a checkpoint of the
+//! machine), the watch is suspended with it. A rank that a debugger holds is in another state.
+
+use super::Group;
+use crate::base::log::report;
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::*;
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Builder, JoinHandle, park_timeout, sleep};
+use std::time::Duration;
+
+/// Variable of the environment: after so many seconds a stopped rank ends the job, with 0 never.
+const VARIABLE: &str = "PHASEWARP_STOPPED_SECONDS";
+/// Its value where it is not set.
+const USUAL_LOOKS: u32 = 60;
+/// Between two looks.
+const PAUSE: Duration = Duration::from_secs(1);
+/// How long a launcher may take to end a job of which a rank was killed.
+const LAUNCHER: Duration = Duration::from_secs(10);
+/// Far more than the thread needs; what it does not touch takes no memory.
+const STACK: usize = 256 << 10;
+
+/// The thread that watches another rank, until dropped.
+pub(super) struct Watch {
+    thread: JoinHandle<()>,
+    is_over: Arc<AtomicBool>,
+}
+
+impl Watch {
+    /// Watches the next rank of this node. None where there is no other, where the system does not
+    /// tell, or the user wants none. Collective over `world`, of all ranks.
+    pub(super) fn start(world: &Group) -> Option<Self> {
+        let looks = looks(world.rank());
+        let node = world.communicator.split_shared(world.rank() as i32);
+        let mine = [u64::from(std::process::id()), own_start(), world.rank() as u64];
+        let mut all = vec![0u64; mine.len() * node.size() as usize];
+        node.all_gather_into(&mine[..], &mut all[..]);
+        let next = (node.rank() as usize + 1) % node.size() as usize;
+        let &[id, start, rank] = all.chunks_exact(mine.len()).nth(next)? else { return None };
+        if looks == 0 || id == mine[0] {
+            return None;
+        }
+        let watched = Watched {
+            rank,
+            id: Pid::from_raw(i32::try_from(id).ok()?)?,
+            stat: File::open(format!("/proc/{id}/stat")).ok()?,
+            looks,
+        };
+        // The number is that of another process where each rank has its own process table.
+        if start == 0 || watched.look()?.start != start {
+            return None;
+        }
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = Arc::clone(&is_over);
+        let thread = Builder::new().stack_size(STACK).spawn(move || watched.watch(&over));
+        Some(Self { thread: thread.ok()?, is_over })
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        self.thread.thread().unpark();
+    }
+}
+
+/// The number that [`VARIABLE`] gives.
+fn looks(rank: usize) -> u32 {
+    let Some(value) = std::env::var_os(VARIABLE) else { return USUAL_LOOKS };
+    let number = value.to_str().and_then(|text| text.parse().ok());
+    number.unwrap_or_else(|| {
+        if rank == 0 {
+            let value = value.display();
+            report(&format!(
+                "warning: {VARIABLE}={value} is no number of seconds (0 or more, 0: never); \
+                 {USUAL_LOOKS} are taken"
+            ));
+        }
+        USUAL_LOOKS
+    })
+}
+
+/// The start of this process, as [`Look::start`]; 0 if unknown.
+fn own_start() -> u64 {
+    let look = File::open("/proc/self/stat").ok().and_then(|stat| Look::at(&stat));
+    look.map_or(0, |look| look.start)
+}
+
+/// What the system says of a process.
+#[derive(Debug, PartialEq, Eq)]
+struct Look {
+    /// `T` where a signal stopped it.
+    state: u8,
+    /// When it started, in the system's ticks. With its number it names one process of a machine.
+    start: u64,
+}
+
+impl Look {
+    /// Reads `/proc/…/stat`; none of a process that has ended. Allocates nothing.
+    fn at(stat: &File) -> Option<Self> {
+        let mut text = [0; 1024];
+        let length = stat.read_at(&mut text, 0).ok()?;
+        Self::parse(&text[..length])
+    }
+
+    /// As in `12 (name) T 1 …`, where the name may be anything.
+    fn parse(text: &[u8]) -> Option<Self> {
+        let name_end = text.iter().rposition(|&byte| byte == b')')?;
+        let mut fields = text.get(name_end + 2..)?.split(|&byte| byte == b' ');
+        let state = *fields.next()?.first()?;
+        // The 22nd field of all; the state is the third.
+        let start = std::str::from_utf8(fields.nth(22 - 4)?).ok()?.parse().ok()?;
+        Some(Self { state, start })
+    }
+}
+
+/// The rank that is watched.
+struct Watched {
+    rank: u64,
+    id: Pid,
+    /// Open, so that it never shows another process of the same number.
+    stat: File,
+    /// Looks in succession that find it stopped before the job is ended.
+    looks: u32,
+}
+
+impl Watched {
+    fn look(&self) -> Option<Look> {
+        Look::at(&self.stat)
+    }
+
+    /// Returns when it is over, or the other process is. Allocates nothing until the job is ended.
+    fn watch(&self, is_over: &AtomicBool) {
+        let mut stopped = 0;
+        while stopped < self.looks {
+            park_timeout(PAUSE);
+            if is_over.load(Ordering::Relaxed) {
+                return;
+            }
+            match self.look() {
+                Some(Look { state: b'T', .. }) => stopped += 1,
+                Some(_) => stopped = 0,
+                None => return,
+            }
+        }
+        self.end_job();
+    }
+
+    /// Launchers end a job of which a rank was killed. Where one does not, this rank ends it.
+    fn end_job(&self) {
+        report(&format!(
+            "phasewarp: rank {} (process {}) was stopped by a signal {} s ago; ending the job",
+            self.rank,
+            self.id.as_raw_nonzero(),
+            self.looks
+        ));
+        let _ = kill_process(self.id, Signal::KILL);
+        sleep(LAUNCHER);
+        if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
+            SimpleCommunicator::world().abort(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_state_is_read_whatever_the_name_is() {
+        let rest = " T 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 777 20 21";
+        let expected = Look { state: b'T', start: 777 };
+        for name in ["phasewarp", "a) R 1 2 (b", ") S"] {
+            let text = format!("12 ({name}){rest}\n");
+            assert_eq!(Look::parse(text.as_bytes()).as_ref(), Some(&expected), "{text}");
+        }
+        assert_eq!(Look::parse(b"12 (name"), None);
+        assert_eq!(Look::parse(b""), None);
+    }
+
+    /// A process of this test is stopped, goes on, and ends.
+    #[test]
+    fn a_process_is_seen_stopped_running_and_ended() {
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().expect("a process");
+        let stat = File::open(format!("/proc/{}/stat", child.id())).expect("its state");
+        let id = Pid::from_child(&child);
+        let seen = |wanted: Option<u8>| {
+            (0..500).any(|_| {
+                sleep(Duration::from_millis(10));
+                Look::at(&stat).map(|look| look.state) == wanted
+            })
+        };
+        kill_process(id, Signal::STOP).expect("a signal");
+        assert!(seen(Some(b'T')), "{:?}", Look::at(&stat));
+        kill_process(id, Signal::CONT).expect("a signal");
+        assert!(seen(Some(b'S')), "{:?}", Look::at(&stat));
+        child.kill().expect("a signal");
+        child.wait().expect("an end");
+        assert!(seen(None), "{:?}", Look::at(&stat));
+        assert!(own_start() > 0);
+    }
+}

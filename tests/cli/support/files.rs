@@ -1,0 +1,68 @@
+//! The files in a directory, and their contents.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// The files of a run of example1.toml, sorted by name.
+pub const RESULT_FILES: [&str; 6] =
+    ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
+
+/// The names in a directory, sorted; none if it cannot be read.
+pub fn names_in(directory: &Path) -> Vec<String> {
+    let entries = fs::read_dir(directory).into_iter().flatten();
+    let mut names: Vec<String> =
+        entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect();
+    names.sort();
+    names
+}
+
+/// The contents of all files in a directory and below it, by their names.
+pub fn contents(directory: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for name in names_in(directory) {
+        let path = directory.join(&name);
+        if path.is_dir() {
+            let below = contents(&path).into_iter();
+            found.extend(below.map(|(file, bytes)| (format!("{name}/{file}"), bytes)));
+        } else {
+            found.insert(name, fs::read(&path).expect("a file"));
+        }
+    }
+    found
+}
+
+/// Copies the contents of a directory.
+pub fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
+}
+
+/// The text of a file.
+pub fn text_of(path: impl AsRef<Path>) -> Result<String, String> {
+    let path = path.as_ref();
+    fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// The value in a file of JSON.
+pub fn json_of(path: impl AsRef<Path>) -> Result<Value, String> {
+    let path = path.as_ref();
+    serde_json::from_str(&text_of(path)?).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// The plan in a file of results.
+pub fn stored_plan(path: impl AsRef<Path>) -> Result<Value, String> {
+    let stored = super::datasets_of(path.as_ref())?;
+    let text = String::from_utf8_lossy(&stored.get("/plan").ok_or("no /plan")?.bytes);
+    serde_json::from_str(text.trim_end_matches('\0')).map_err(|e| format!("/plan: {e}"))
+}
