@@ -104,10 +104,16 @@ pub struct Blocking {
 }
 
 impl Blocking {
-    /// Bytes a row of a blocking while it is made, with this number of velocities at a cell. A tile
-    /// has at least these or [`FEWEST_ROWS`] rows.
-    pub fn bytes_per_row(velocities: usize) -> f64 {
-        200.0 / velocities.clamp(1, FEWEST_ROWS) as f64
+    /// Bytes of a blocking while it is made, for this number of rows with `velocities` at a cell. A
+    /// tile has at least these or [`FEWEST_ROWS`] rows.
+    pub fn most_bytes(rows: u64, velocities: u64) -> u64 {
+        Self::bytes_of(rows, velocities.clamp(1, FEWEST_ROWS as u64))
+    }
+
+    /// Bytes of a blocking while it is made, for this number of rows in tiles of at least
+    /// `tile_rows`.
+    pub fn bytes_of(rows: u64, tile_rows: u64) -> u64 {
+        200 * rows / tile_rows
     }
 
     /// The blocking of least modelled time, for the caches of this machine; `None` if single steps

@@ -380,7 +380,7 @@ impl<'a> FullestRank<'a> {
         };
         // Its moments at every time.
         let times = 1 + case.shown_times().count() as u64;
-        let moments = 8 * MOMENTS as u64 * times * space_cells;
+        let moments = 8 * self.moments_of_a_point() * times * space_cells;
         Some(("exact solution".to_owned(), values + 80 * points + moments))
     }
 
@@ -410,7 +410,13 @@ impl<'a> FullestRank<'a> {
     /// Moments at the output times, and the exact ones, or a copy while they are written.
     fn early_moments(&self) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
-        2 * 8 * MOMENTS as u64 * points * self.case.times.len() as u64
+        2 * 8 * self.moments_of_a_point() * points * self.case.times.len() as u64
+    }
+
+    /// Number of values that the moments have at a point: density, momentum and mean velocity along
+    /// each axis, kinetic energy.
+    fn moments_of_a_point(&self) -> u64 {
+        2 + 2 * self.case.space.dimension() as u64
     }
 }
 

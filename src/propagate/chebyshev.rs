@@ -318,10 +318,10 @@ impl Descriptor for ChebyshevMethod {
         // the recurrence.
         let vectors = 2 + 2 * u64::from(share.case.varies());
         let batch = vectors * size_of::<Lanes>() as u64 * share.length;
-        let order = Blocking::bytes_per_row(share.case.space.velocity_cells());
+        let velocities = share.case.space.velocity_cells() as u64;
         vec![
             (format!("batch of {LANES} modes"), batch),
-            ("order of the blocking".to_owned(), (order * share.rows as f64) as u64),
+            ("order of the blocking".to_owned(), Blocking::most_bytes(share.rows, velocities)),
         ]
     }
 

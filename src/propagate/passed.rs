@@ -80,11 +80,12 @@ impl<'a> PassedMoments<'a> {
     pub fn bytes(share: &MatrixShare<'_>, points: u64, times: u64, largest_degree: u64) -> u64 {
         let space = &share.case.space;
         let (moments, velocities) = (space.dimension() as u64 + 2, space.velocity_cells());
-        let order = Blocking::bytes_per_row(velocities) * share.rows as f64;
+        // A tile has all velocities.
+        let order = Blocking::bytes_of(share.rows, velocities as u64);
         8 * LANES as u64 * times * (largest_degree + 1 + points * moments)
             + 8 * points * velocities as u64
             + size_of::<Lanes>() as u64 * share.length
-            + order as u64
+            + order
     }
 
     /// Sets the times that the next leg passes, and the factor of each lane, without the phase of

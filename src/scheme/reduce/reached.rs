@@ -246,25 +246,28 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
     let scheme = case.enters().then(|| Scheme::whole(case)).transpose()?;
     let mut row = Row::default();
     let velocities = space.velocity_cells();
-    let mut holds = |element: &Cell| {
-        let initial = &case.fields[0].initial;
-        let found = match &points {
-            // NaN is detected and refused later.
-            None => initial.eval(&space.point(element)) != 0.0,
-            Some(points) => points.find(&case.space, initial, element),
-        };
-        found
-            || scheme.as_ref().is_some_and(|scheme| {
-                case.space.cells_of(element).any(|index| {
-                    scheme.row(&mut row, index);
-                    row.inflow[0] != 0.0
-                })
+    let initial = &case.fields[0].initial;
+    let mut enters = |element: &Cell| {
+        scheme.as_ref().is_some_and(|scheme| {
+            case.space.cells_of(element).any(|index| {
+                scheme.row(&mut row, index);
+                row.inflow[0] != 0.0
             })
+        })
     };
     for point in (first..space.space_cells()).step_by(of) {
-        for index in point * velocities..(point + 1) * velocities {
-            let element = space.cell(index);
-            if holds(&element) {
+        let elements: Vec<Cell> =
+            (point * velocities..(point + 1) * velocities).map(|index| space.cell(index)).collect();
+        let holds: Vec<bool> = match &points {
+            // NaN is detected and refused later.
+            None => {
+                let centres: Vec<[f64; 6]> = elements.iter().map(|e| space.point(e)).collect();
+                initial.at_points(&centres, 0.0).into_iter().map(|f| f != 0.0).collect()
+            }
+            Some(points) => elements.iter().map(|e| points.find(&case.space, initial, e)).collect(),
+        };
+        for (element, holds) in elements.into_iter().zip(holds) {
+            if holds || enters(&element) {
                 for (plane, [lowest, highest]) in planes.iter_mut().zip(&mut ends) {
                     let (i, j) = (element[plane.axis], element[n + plane.axis]);
                     let at = plane.at(i, j);
