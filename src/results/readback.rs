@@ -169,8 +169,8 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
-/// By name, a share of the checksum of each dataset of `all`, and the stored checksum. Calls `visit`
-/// with the name and the values of each piece that is read.
+/// By name, a share of the checksum of each dataset of `all`, and the stored checksum. Calls
+/// `visit` with the name and the values of each piece that is read.
 pub(crate) fn sums_of(
     share: FileShare,
     all: BTreeMap<String, Dataset>,

@@ -42,8 +42,8 @@ impl<'a> PricedGrid<'a> {
         Self { system, candidates: all.map(priced).collect() }
     }
 
-    /// The cheapest candidates of up to `most` values of the parameter, the cheapest first, of those
-    /// that cost `limit` at most. Collective.
+    /// The cheapest candidates of up to `most` values of the parameter, the cheapest first, of
+    /// those that cost `limit` at most. Collective.
     pub fn cheapest(&mut self, most: usize, limit: f64) -> Vec<CostedChoice> {
         let (_, ranks) = rank_of(self.system);
         let mut order: Vec<usize> = (0..self.candidates.len()).collect();

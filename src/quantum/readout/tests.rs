@@ -33,7 +33,7 @@ fn case(readout: &str) -> Case {
 
 const SHARE: [Range<usize>; 2] = [0..2, 0..3];
 
-/// A field and weights of no symmetry.
+/// A field and weights without symmetry.
 fn data() -> (Vec<f64>, Vec<f64>) {
     let f = (0..36).map(|i| 1.5 + (1.7 * f64::from(i)).sin()).collect();
     let pi = (0..36).map(|i| 1.0 + f64::from(i * i % 7)).collect();
@@ -44,13 +44,13 @@ fn data() -> (Vec<f64>, Vec<f64>) {
 const RECOVERY: f64 = 0.4;
 const SPACING: f64 = 0.1;
 
-/// `Σ e^{−2p_k}` over `slices` points from `p◇` on.
+/// `Σ e^{−2p_k}` over the first `slices` points from `p◇`.
 fn square(slices: usize) -> f64 {
     (0..slices).map(|k| (-2.0 * (RECOVERY + SPACING * k as f64)).exp()).sum()
 }
 
-/// Probabilities of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇`
-/// is read.
+/// Probabilities of reading the slice at `p◇` of an enlarged state with auxiliary unknowns and the
+/// norm `state`.
 fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabilities {
     let weighted = norm(f.iter().zip(pi).map(|(f, pi)| f * pi.sqrt()));
     let (field, auxiliary) = (norm(f.iter().copied()), 0.7);
@@ -79,7 +79,7 @@ fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabi
     }
 }
 
-/// Read at the slice of a state of norm 31.
+/// The probabilities of one slice of a state with the norm 31.
 fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
     probabilities_of(f, pi, 31.0, 1)
 }
@@ -90,7 +90,7 @@ fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut ReadoutSource<'_>)) 
     rows_of(case, cell, &probabilities(&f, &pi), change)
 }
 
-/// The same of another state.
+/// The same for other probabilities.
 fn rows_of(
     case: &Case,
     cell: [usize; 2],
@@ -134,7 +134,7 @@ fn overlaps_are_inner_products(slices: usize) {
     let p = probabilities_of(&f, &pi, 31.0, slices);
     let c_f = number(&p.norm_of_field);
     for (k, row) in rows_of(&case, [1, 2], &p, |_| {}).iter().take(3).enumerate() {
-        // χ, ζ, F and the part of w at p_k over all of phase space, one number after the other.
+        // χ, ζ, F and the part of w at the points p_k, each as one vector over all of phase space.
         let (mut chi, mut zeta) = (vec![0.0; 36], vec![0.0; 36]);
         for i in 0..36 {
             let point = case.space.point(&case.space.cell(i));
@@ -213,8 +213,8 @@ fn bounds_and_costs_of_the_paper() {
     let p = probabilities(&f, &pi);
     let [density, momentum] = [0, 1].map(|k| rows(&case, [0, 0], |_| {})[k].measured.clone());
     let (c_f, p_all) = (number(&p.norm_of_field), number(&p.at_slice.all));
-    // C_f Δv √N_v (ε_obs + (|o| + ε_obs) η + ε_F), Δv = 1/2, N_v = 6; of amplitude estimation with
-    // what amplification loses by a P that is off.
+    // C_f Δv √N_v (ε_obs + (|o| + ε_obs) η + ε_F), Δv = 1/2, N_v = 6. For amplitude estimation,
+    // with the loss of amplification by the error of P.
     let by_shots = |m: &row::Measured, prefactor: f64| {
         let (e, eta) = (measurement::hadamard_bound(1000.0), (40f64.ln() / 1000.0).sqrt());
         prefactor * (e + (number(&m.overlap).abs() + e) * eta + 1e-8)
@@ -229,12 +229,13 @@ fn bounds_and_costs_of_the_paper() {
     // Ξ₂ = N_vy Σ v_x² = 2 (0.25 + 0.25 + 2.25).
     let expected = by_shots(&momentum[0], c_f * 0.5 * 5.5f64.sqrt());
     assert!((number(&momentum[0].bound) - expected).abs() < 1e-12);
-    // The enlarged state: the same shots, 1/√P times the error but for the weights, and no C_f.
+    // The enlarged state with the same shots: the error is 1/√P times as large, up to the weights,
+    // and C_f is not needed.
     let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt()));
     let of_enlarged = 0.5 * (c_f / p_all.sqrt()) * undone * measurement::hadamard_bound(1000.0);
     assert!((number(&density[3].bound) - of_enlarged - prefactor * 1e-8).abs() < 1e-12);
     assert!((number(&density[0].evolutions_repeated) * p_all / 1000.0 - 1.0).abs() < 1e-14);
-    // C_f as well as from the shots that succeed.
+    // C_f is as accurate as from the successful shots.
     let eta = (40f64.ln() / 1000.0).sqrt();
     let of_norm = number(&density[0].evolutions_norm);
     let register = (of_norm / 7.0 + 1.0) / 2.0;
@@ -250,7 +251,7 @@ fn bounds_and_costs_of_the_paper() {
 }
 
 #[test]
-fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
+fn an_accuracy_is_met_with_the_shots_that_it_needs() {
     let (f, pi) = data();
     let p = number(&probabilities(&f, &pi).at_slice.all);
     let at = |accuracy: f64| {
@@ -263,30 +264,31 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
                 continue;
             }
             assert!(number(&a.bound) <= 0.1 && number(&b.bound) <= 0.01);
-            assert!(number(&a.bound) > 0.04, "more than it takes: {a:?}");
-            // 1/ε² shots, 1/ε evaluations rounded to a power of two.
+            assert!(number(&a.bound) > 0.04, "too many shots: {a:?}");
+            // The number of shots grows like 1/ε², that of evaluations like 1/ε, rounded to a power
+            // of two.
             let grown = match a.estimator.coherent() {
                 true => (number(&b.evaluations) / number(&a.evaluations), 8.0..=16.0),
-                // The product of both errors is a part of 1e-2 of the coarse one.
+                // The product of both errors is 1e-2 of the coarse error.
                 false => (number(&b.shots) / number(&a.shots), 97.0..=101.0),
             };
             assert!(grown.1.contains(&grown.0), "{grown:?}");
         }
     }
-    // From the enlarged state, 1/P times the shots and 1/√P times the evaluations, less the gain by
-    // the weights.
+    // The enlarged state needs 1/P times the shots and 1/√P times the evaluations, reduced by the
+    // gain of the weights.
     let density = &fine[0].measured;
     let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())) / 6f64.sqrt();
     let shots = number(&density[3].shots) / number(&density[0].shots);
-    // With the postselected state, C_f takes a part of the shots.
+    // With the postselected state, a part of the shots measures C_f.
     let with_norm = 1.0 + number(&density[0].overlap) / 2f64.sqrt();
     let expected = (undone / with_norm).powi(2) / p;
     assert!((shots / expected - 1.0).abs() < 1e-2, "{shots} {expected}");
     let evaluations = number(&density[4].evaluations) / number(&density[1].evaluations);
-    // Half of the accuracy is C_f's.
+    // C_f uses up half of the accuracy.
     let ratio = 2.0 * evaluations * p.sqrt() / undone;
     assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
-    // Readouts that the state does not allow.
+    // Readouts that are impossible with the state.
     let why = |rows: &[ReadoutRow]| rows[0].measured[0].estimate.to_string();
     assert!(why(&at(1e-9)).contains("the state's own error"), "{}", why(&at(1e-9)));
     // A measurement that is too long to be emulated still has a cost.
@@ -316,7 +318,8 @@ fn bounds_hold_with_the_stated_probability() {
         }
     }
     for (k, row) in missed.iter().enumerate() {
-        // Twice the doubt of one measurement where two are needed; three standard deviations more.
+        // Twice the probability of a wrong measurement, because two are needed, and three standard
+        // deviations.
         for (estimator, &m) in OverlapEstimator::ALL.iter().zip(row) {
             let doubt = if k > 2 || !estimator.enlarged() { 0.1 } else { 0.05 };
             let most = seeds as f64 * doubt + 3.0 * (seeds as f64 * doubt).sqrt();
@@ -344,7 +347,7 @@ fn a_measured_norm_is_in_the_moments_and_not_in_their_quotients() {
             beyond += usize::from(row.observable == Observable::Density && off > alone);
         }
     }
-    // The overlap's own error explains one in twenty.
+    // The error of the overlap itself explains one in twenty.
     assert!(beyond > seeds / 5, "{beyond}");
     assert!(missed.iter().all(|&m| m <= seeds / 10), "{missed:?}");
 }
@@ -376,7 +379,7 @@ fn a_measurement_of_the_x_register_is_no_density() {
         all += marginal;
         ratios.push(marginal / number(&rows[0].value));
     }
-    // Probabilities, and not in proportion to the density.
+    // They are probabilities, but not proportional to the density.
     assert!((all - 1.0).abs() < 1e-14);
     let most = ratios.iter().copied().fold(0.0, f64::max);
     let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
@@ -389,7 +392,7 @@ fn unknown_numbers_have_a_reason() {
     let negative = rows(&case, [0, 0], |source| source.least = -0.1);
     assert!(negative[0].measured[2].estimate.to_string().contains("negative"));
     assert!(negative[0].measured[0].estimate.value().is_some());
-    // Within the state's own error it is round-off.
+    // A number smaller than the error of the state is round-off.
     let hardly = rows(&case, [0, 0], |source| source.least = -1e-9);
     assert!(hardly[0].measured[2].estimate.value().is_some());
     assert!(negative[1].measured[2].estimate.to_string().contains("either sign"));
@@ -405,14 +408,14 @@ fn unknown_numbers_have_a_reason() {
 }
 
 #[test]
-fn cells_do_not_see_each_other() {
+fn cells_are_measured_independently() {
     let both = case("cells = [[0, 0], [1, 1]]\nseed = 5");
     let alone = case("cells = [[1, 1]]\nseed = 5");
     let other = case("cells = [[1, 1]]\nseed = 6");
     let of = |case: &Case| rows(case, [1, 1], |_| {});
     assert_eq!(of(&both), of(&alone));
     assert_ne!(of(&alone), of(&other));
-    // Every number of a row is drawn for itself.
+    // The numbers of a row are drawn independently.
     let first = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 0 }).bits();
     let second = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 3 }).bits();
     assert_ne!(first, second);

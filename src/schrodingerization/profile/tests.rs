@@ -20,7 +20,7 @@ fn exponential(alpha: &str) -> Choice {
 /// An `α(p)` that jumps, and with it `g`.
 const JUMP: &str = "5 if p < -1 else 2";
 
-/// Every profile whose values do not jump, and tolerances that it can afford here.
+/// All continuous profiles, each with tolerances that it reaches in these tests.
 fn profiles() -> Vec<(Choice, &'static [f64])> {
     vec![
         (GAUSSIAN, &[1e-2, 1e-6, 1e-11]),
@@ -43,7 +43,7 @@ fn profiles() -> Vec<(Choice, &'static [f64])> {
     ]
 }
 
-/// The same, and a profile whose values jump.
+/// The same, and a profile with a jump.
 fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     let jump: (Choice, &[f64]) = (exponential(JUMP), &[1e-1, 1e-2]);
     profiles().into_iter().chain([jump]).collect()
@@ -127,15 +127,15 @@ fn a_formula_without_p_is_the_constant() {
     }
 }
 
-/// `smooth` far out, where its formula changes: the formula without cancellation agrees with
-/// quadrature at 40.
+/// The coefficients of `smooth` at 40, from which another formula is used: the formula without
+/// cancellation agrees with quadrature.
 #[test]
 fn smooth_coefficients_agree_where_their_formulas_meet() {
     for order in 1..=MOST_ORDER {
         let g = Smooth::new(order);
         let (below, above) = (g.coefficient(40.0), g.coefficient(40.0 * (1.0 + 1e-15)));
         assert!((below - above).norm() < 1e-15, "{order}: {below} {above}");
-        // And values match the exponentials to the order, at both ends.
+        // At both ends, the values match the exponentials up to the order.
         for h in [1e-3, 1e-2f64] {
             let close =
                 |a: f64, b: f64| (a - b).abs() <= 1e-14 + 1e3 * (20.0 * h).powi(order as i32 + 1);
@@ -169,7 +169,7 @@ fn smooth_coefficients_are_those_of_quadrature() {
     }
 }
 
-/// The periodic sum, from values.
+/// The periodic sum of the values of `g`.
 fn periodic(g: &dyn ProfileShape, period: f64, p: f64) -> f64 {
     (-6..=6).map(|m| g.value(p + period * f64::from(m))).sum()
 }
@@ -239,7 +239,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
             for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
                 let mut demand = ProfileRequirements::new(tolerance, growth, decay, 0.0);
                 if Profile::plan(&choice, &demand).is_none() {
-                    // Round-off forbids this tolerance, but not a slightly larger one.
+                    // Round-off makes this tolerance impossible, but not a slightly larger one.
                     let least = Profile::smallest_tolerance(&choice, &demand).expect("possible");
                     assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
                     continue;
@@ -285,10 +285,10 @@ fn series_reach_as_far_as_readings() {
     }
 }
 
-/// `c_l` of samples is `Σ_m c_{l+mN}` of the analytic ones, where the ends of the interval are far
-/// out.
+/// The coefficient `c_l` of samples is `Σ_m c_{l+mN}` of the analytic coefficients if the interval
+/// is long.
 #[test]
-fn samples_alias() {
+fn coefficients_of_samples_are_sums_of_analytic_ones() {
     for (choice, _) in profiles() {
         let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         let g = shape(&profile);
@@ -349,7 +349,8 @@ fn low_somma_is_as_published() {
     }
 }
 
-/// The error of the interpolant at a point, with twice and four times the points: the order.
+/// The order of convergence of the interpolant at a point, from its errors with both numbers of
+/// points.
 fn order(g: &dyn ProfileShape, point: f64, phase: f64, points: [usize; 2], sampled: bool) -> f64 {
     let interval = [-42.0 - phase, 38.0 - phase];
     let error = |n: usize| {
@@ -368,10 +369,10 @@ fn order(g: &dyn ProfileShape, point: f64, phase: f64, points: [usize; 2], sampl
     (error(points[0]) / error(points[1])).log2() / (points[1] as f64 / points[0] as f64).log2()
 }
 
-/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r),
-/// and where `α(p)` leaves the first `r` derivatives without a jump; the same for samples and for
-/// `ĝ`, and for corners on and off the grid. (On it, the leading term away from a corner of odd `r`
-/// vanishes: the order is higher.)
+/// Near the corner the order is 1, far from it 2. For smooth(r), and for an `α(p)` with which the
+/// first `r` derivatives do not jump, the orders are `r + 1` and `r + 2`. This holds for samples
+/// and for `ĝ`, and for corners on the grid and between its points. (On the grid, the leading term
+/// far from a corner of odd `r` vanishes, so the order is higher.)
 #[test]
 fn orders_in_the_number_of_points() {
     let rows: [(Choice, f64, [usize; 2]); 8] = [
@@ -387,8 +388,8 @@ fn orders_in_the_number_of_points() {
     for (choice, expected, points) in rows {
         let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         for sampled in [true, false] {
-            // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine
-            // one.
+            // Cell sizes that divide 1: the corner is on the grid, or a third of a cell from a
+            // point of the coarse and of the fine grid.
             for phase in [0.0, 80.0 / 3.0 / points[0] as f64] {
                 let g = shape(&profile);
                 let at = order(g, 0.0, phase, points, sampled);
@@ -404,7 +405,7 @@ fn orders_in_the_number_of_points() {
             }
         }
     }
-    // Faster than any power: the order grows with every doubling.
+    // Convergence is faster than any power: the order grows with each doubling of the points.
     for (choice, points) in
         [(GAUSSIAN, 20), (Choice::LowSomma { c: Some(2.0) }, 30), (Choice::Acl { beta: 0.75 }, 80)]
     {

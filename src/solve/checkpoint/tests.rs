@@ -1,5 +1,5 @@
-//! Checkpoints written by the ranks of any mesh and read on any other, and the runs that may
-//! continue from them.
+//! Checkpoints that one mesh writes and another one reads, and the runs that may continue from
+//! them.
 
 #[path = "../../../tests/support/fuzz.rs"]
 mod fuzzing;
@@ -34,7 +34,7 @@ fn space(x: &[usize]) -> PhaseSpace {
     }
 }
 
-/// A test value: of array `array`, at number `index` of the whole grid.
+/// The test value of array `array` at number `index` of the whole grid.
 fn value(array: usize, index: usize) -> u64 {
     crate::base::checksum::of_run((1000 * array + index) as u64, std::iter::once(7))
 }
@@ -43,7 +43,7 @@ fn real(array: usize, index: usize) -> f64 {
     value(array, index) as i64 as f64
 }
 
-/// Points of the box as numbers of the whole grid.
+/// The points of a block, as numbers in the whole grid.
 fn global_points(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<usize> {
     let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
     let runs = crate::parallel::partition::common_runs(ranges, &whole);
@@ -159,7 +159,7 @@ impl<'a> Rank<'a> {
         }
     }
 
-    /// Writes its file below `directory`; returns its record.
+    /// Writes the rank's file below `directory`; returns the record of the file.
     fn write(&self, directory: &Path) -> file::Written {
         let points = global_points(self.space, &self.block);
         let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
@@ -200,8 +200,8 @@ impl<'a> Rank<'a> {
         written
     }
 
-    /// Reads its parts of the files that the ranks of `from` wrote, and compares results and modes;
-    /// returns its part of the sums.
+    /// Reads the rank's parts of the files that the ranks of `from` wrote, and compares results and
+    /// modes; returns the rank's part of the sums.
     fn read(&self, directory: &Path, from: &ProcessMesh) -> Vec<Vec<i64>> {
         let own = file::points(&self.block);
         let sum = |width: &usize| vec![0; 2 * width * own];
@@ -251,9 +251,9 @@ fn expected_result(space: &PhaseSpace, share: &[Range<usize>], k: usize, width: 
 }
 
 #[test]
-fn what_a_mesh_wrote_is_read_on_any_other() {
+fn files_of_a_mesh_are_read_on_any_other() {
     let mesh = |space: &[usize], groups: usize| ProcessMesh { space: space.to_vec(), groups };
-    // Some shares are empty: more groups than layers of a block.
+    // With more groups than layers of a block, some ranks have no results.
     let line = [(1, 1), (3, 1), (1, 4), (4, 3), (2, 7)].map(|(x, groups)| mesh(&[x], groups));
     let plane = [([1, 1], 2), ([2, 3], 1), ([5, 1], 2), ([1, 4], 3)];
     let plane = plane.map(|(space, groups)| mesh(&space, groups));
@@ -429,7 +429,7 @@ fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
 }
 
 /// A file with a few changes of its words, its length and numbers of its header. Half of the files
-/// then get the length that their header says.
+/// then get the length that the header gives.
 fn changed(whole: &[u8], random: &mut Random) -> Vec<u8> {
     const NUMBERS: [&str; 8] =
         ["0", "1", "2", "7", "-1", "4294967296", "1152921504606846976", "18446744073709551615"];
@@ -498,13 +498,13 @@ fn different_runs_are_distinguished() {
         let why = own.difference(&other);
         assert!(why.as_ref().is_some_and(|why| why.contains(word)), "{why:?}");
     }
-    // The key before the file was read.
+    // A setting of a start file that is not read yet makes no difference.
     let unread = change(&|f| f.start = start(([4, 5], 6), None));
     assert_eq!(unread.difference(&own), None);
 }
 
 #[test]
-fn mode_groups_together() {
+fn progress_of_mode_groups_is_added() {
     let statistics =
         |kept, defect, applications| BatchStatistics { kept, defect, applications, solves: 2 };
     let state = |finished: &[usize], statistics: BatchStatistics| GroupProgress {

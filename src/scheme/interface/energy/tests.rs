@@ -1,4 +1,4 @@
-//! Tests of the operator at one face: sums, contraction, energy, polynomials, slivers.
+//! Tests of the operator at one face: sums, contraction, energy, polynomials, very short pieces.
 
 use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare, check_axis};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
@@ -14,7 +14,8 @@ const ROUND_OFF: f64 = 1e-13;
 /// Rounding of the velocity of a node or face, relative to the fastest of the box.
 const ROUNDED: f64 = 2.0 * f64::EPSILON;
 
-/// A reflected part of what may be transmitted, by the normal energy on the slow side.
+/// The reflected part of particles fast enough for transmission, as a function of the normal energy
+/// on the slow side.
 type Reflection = fn(f64) -> f64;
 
 const REFLECTIONS: [(&str, Reflection); 5] = [
@@ -89,7 +90,7 @@ impl CoupledFace {
     fn transported(&self, trace: Trace, g: impl Fn(FaceSide, f64) -> f64) -> f64 {
         let coupling = self.trace(trace);
         let inside = coupling.partners.iter().map(|s| s.weight * g(s.side, self.velocity(s.node)));
-        // Particles that keep the sign of their velocity are on the other side; the others were
+        // Particles that keep the sign of their velocity were transmitted; the others were
         // reflected.
         let up = self.velocity(trace.1) > 0.0;
         let side = |v: f64| if (v > 0.0) == up { trace.0.opposite() } else { trace.0 };
@@ -149,7 +150,7 @@ impl CoupledFace {
         }
     }
 
-    /// The shares that traces give are the shares that traces receive: `M_in (M_in⁻¹B) = (M_out
+    /// The parts that traces send equal the parts that traces receive: `M_in (M_in⁻¹B) = (M_out
     /// (M_out⁻¹Bᵀ))ᵀ`.
     fn check_adjoint(&self, name: &str) {
         let weight = |of: Trace, with: Trace| {
@@ -167,7 +168,7 @@ impl CoupledFace {
         }
     }
 
-    /// `(v²/2 + V)^m`, of degree `2m ≤ k` on both sides, arrives as it left.
+    /// `(v²/2 + V)^m`, of degree `2m ≤ k` on both sides, is unchanged by the face.
     fn check_energy(&self, name: &str) {
         let fastest = self.fastest();
         for power in 1..=self.axis.nodes.degree / 2 {
@@ -236,8 +237,8 @@ fn random_faces() {
     }
 }
 
-/// Faces of one side map to those of the other up to some units in the last place: pieces of zero
-/// length, and slivers.
+/// Faces of one side map to those of the other up to some units in the last place. The pieces
+/// between them have length zero or nearly zero.
 #[test]
 fn grazing_pieces() {
     let mut random = ChaCha8Rng::seed_from_u64(16);
@@ -298,9 +299,9 @@ fn a_wall_mirrors_polynomials() {
     }
 }
 
-/// The entries of `B` against sums over a fine grid of slow velocities.
+/// The entries of `B` against sums over a fine grid of velocities on the slow side.
 #[test]
-fn the_projection_of_what_arrives() {
+fn entries_are_those_of_a_sum_over_velocities() {
     const POINTS: usize = 40_000;
     let values = |axis: &Axis, v: f64| {
         let at = axis.position(v);
@@ -331,7 +332,7 @@ fn the_projection_of_what_arrives() {
         let (low, high) = (FaceSide::Below, FaceSide::Above);
         let step = 1.5 / POINTS as f64;
         for q in 0..POINTS {
-            // `V` rises: slow above.
+            // `V` increases, so the slow side is above.
             let u = (q as f64 + 0.5) * step;
             let (w, part) = ((u * u + 2.0 * rise).sqrt(), reflection(0.5 * u * u));
             add((low, w), (high, u), step * u * (1.0 - part));
@@ -358,7 +359,7 @@ fn the_projection_of_what_arrives() {
     }
 }
 
-/// Of degree 0 the energy intervals of cells overlap: the conservative law.
+/// With degree 0, the law is the conservative one, by overlaps of the cells' energy intervals.
 #[test]
 fn degree_0_is_the_conservative_law() {
     let mut random = ChaCha8Rng::seed_from_u64(17);
@@ -366,8 +367,8 @@ fn degree_0_is_the_conservative_law() {
     for _ in 0..200 {
         let axis = random_axis(&mut random, 0);
         let rise = random_rise(&mut random, &axis);
-        // The law of degree 0 reflects, at the slowest face of a box of one sign, all that is
-        // slower than anything in the box; the coupling only below the threshold.
+        // At the slowest face of a box of one sign, the law of degree 0 reflects all particles that
+        // are slower than the box allows. The coupling reflects only those below the threshold.
         if axis.lower > 0.0 || axis.upper < 0.0 {
             continue;
         }
@@ -404,7 +405,7 @@ fn degree_0_is_the_conservative_law() {
     }
 }
 
-/// One element around `v = 0` has no face to move to.
+/// A single element around `v = 0` has no face that could be moved to 0.
 #[test]
 fn an_element_around_zero_is_refused() {
     for elements in [1, 3, 4] {

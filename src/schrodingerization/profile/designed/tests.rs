@@ -29,8 +29,8 @@ fn value(series: &Series, k: i64) -> f64 {
     terms.sum()
 }
 
-/// Largest `|g − e^{−p}|/ε` on the domain, on a grid unlike the design's: equally spaced, and by
-/// powers of 1.1 towards its ends.
+/// Largest `|g − e^{−p}|/ε` on the domain, at other points than those of the design: equidistant
+/// ones, and at distances from the ends that grow by a factor of 1.1.
 fn worst(demand: &ProfileRequirements, series: &Series) -> f64 {
     let [lower, upper] = domain(demand);
     let unit = series.period / TURN as f64;
@@ -85,15 +85,16 @@ fn table_of_designs() {
     }
 }
 
-/// On the domain of dependence, and as far beyond it as it is read, the series is `e^{−p}` to
-/// within the tolerance. It keeps its digits, and takes at most half of the Gaussian's applications
-/// (a third of many).
+/// On the domain of dependence and in the whole range of recovery points, the series is `e^{−p}` up
+/// to the tolerance. Its round-off is small. It takes at most half of the Gaussian's applications,
+/// and at most a third of large numbers of them.
 #[test]
 fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     for (i, decay) in DECAYS.into_iter().enumerate() {
         for (j, growth) in GROWTHS.into_iter().enumerate() {
             for digits in 2..=12 {
-                // A third of them, each row and column and, of the long ones, few digits.
+                // A third of the combinations, with each row and column; of long times, only with
+                // few digits.
                 let chosen = (i + j + digits as usize).is_multiple_of(3);
                 if !chosen || (decay > 600.0 && digits > 9) {
                     continue;
@@ -114,7 +115,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
-                // The plan takes this design.
+                // The plan contains this design.
                 let planned = Profile::plan(&ProfileChoice::Planned, &demand);
                 assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
             }
@@ -122,8 +123,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     }
 }
 
-/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows have a
-/// large error for every gap.
+/// With a cut-off that is a tenth below the limit of the two-constants theorem, the least-squares
+/// fit has a large error for each gap.
 #[test]
 fn cut_off_is_near_the_optimum() {
     for digits in [6, 9, 11] {
@@ -137,7 +138,7 @@ fn cut_off_is_near_the_optimum() {
     }
 }
 
-/// Refusals by round-off, growth and settings by hand.
+/// Designs are refused because of round-off, of growth, and of settings by hand.
 #[test]
 fn refused_where_it_is_not_possible() {
     let smallest = |choice, growth| {
@@ -166,7 +167,7 @@ fn refused_where_it_is_not_possible() {
     }
 }
 
-/// For another recovery point the profile is moved: `e^{p◇} c_l e^{iμ_l p◇}` do not change.
+/// For another recovery point, the profile is shifted: `e^{p◇} c_l e^{iμ_l p◇}` do not change.
 #[test]
 fn recovery_point_by_hand_moves_it() {
     let mut demand = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
@@ -181,16 +182,16 @@ fn recovery_point_by_hand_moves_it() {
     }
 }
 
-/// Very short and very long times, and demands that leave hardly any digits, are met or refused
-/// without a panic.
+/// Designs for very short and very long times, and with a tolerance close to round-off, succeed or
+/// are refused without a panic.
 #[test]
-fn extremes() {
+fn extreme_demands_are_met_or_refused() {
     for decay in [0.0, 1e-9, 1e-3, 0.2, 1.9e4, 2.1e4] {
         for growth in [0.0, 5.0] {
             for (tolerance, reach) in
                 [(0.1, 0.0), (0.1, 2.0), (1e-4, 0.0), (1e-10, 0.0), (1e-10, 2.0)]
             {
-                // The longest take a second each: one of them.
+                // Only one of the longest, which take a second each.
                 if decay > 1e3 && (tolerance < 1e-3 || growth > 0.0) {
                     continue;
                 }
@@ -206,8 +207,8 @@ fn extremes() {
     }
 }
 
-/// The modes that single precision would take, beside those of double precision: the table of
-/// docs/performance.md: `cargo test --release --lib modes_of_single_precision -- --ignored
+/// The numbers of modes in single and in double precision, for the table of docs/performance.md:
+/// `cargo test --release --lib modes_of_single_precision -- --ignored
 /// --nocapture`.
 #[test]
 #[ignore = "prints a table"]
