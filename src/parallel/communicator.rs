@@ -25,7 +25,7 @@ use std::time::Instant;
 pub struct World {
     universe: mpi::environment::Universe,
     /// Over after MPI is.
-    _watch: Option<watch::Watch>,
+    _watch: Option<watch::RankWatch>,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
     /// The time at which MPI was started.
@@ -53,7 +53,7 @@ impl World {
                 world.abort(1);
             }
         }));
-        let watch = watch::Watch::start(&Group { communicator: universe.world() });
+        let watch = watch::RankWatch::start(&universe.world());
         Some(Self { universe, _watch: watch, start_seconds, started })
     }
 

@@ -345,15 +345,9 @@ impl Record {
         let weights_table = bounds.weighted.then(|| {
             WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
         });
-        let costs = accesses.costs(
-            &EvolutionRequirements {
-                highest,
-                points,
-                period: series.period,
-                tolerance: fine.clone(),
-            },
-            &probabilities.evolutions(),
-        );
+        let period = series.period;
+        let demand = EvolutionRequirements { highest, points, period, tolerance: fine.clone() };
+        let costs = accesses.costs(&demand, &probabilities.evolutions());
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -364,7 +358,7 @@ impl Record {
             weighted: bounds.weighted,
             setup: CountSetup::new(case, &series, planned),
             points,
-            period: series.period,
+            period,
             walk_tolerance: fine,
             nonzeros: exact(d),
             largest_entry: exact(largest),

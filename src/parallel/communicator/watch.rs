@@ -5,7 +5,6 @@
 //! its own looks and no time: where the whole job is suspended (by Slurm, by a checkpoint of the
 //! machine), the watch is suspended with it. A rank that a debugger holds is in another state.
 
-use super::Group;
 use crate::base::log::report;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
@@ -29,18 +28,19 @@ const LAUNCHER: Duration = Duration::from_secs(10);
 const STACK: usize = 256 << 10;
 
 /// The thread that watches another rank, until dropped.
-pub(super) struct Watch {
+pub(super) struct RankWatch {
     thread: JoinHandle<()>,
     is_over: Arc<AtomicBool>,
 }
 
-impl Watch {
+impl RankWatch {
     /// Watches the next rank of this node. None where there is no other, where the system does not
     /// tell, or the user wants none. Collective over `world`, of all ranks.
-    pub(super) fn start(world: &Group) -> Option<Self> {
-        let looks = looks(world.rank());
-        let node = world.communicator.split_shared(world.rank() as i32);
-        let mine = [u64::from(std::process::id()), own_start(), world.rank() as u64];
+    pub(super) fn start(world: &SimpleCommunicator) -> Option<Self> {
+        let rank = world.rank();
+        let looks = looks(rank);
+        let node = world.split_shared(rank);
+        let mine = [u64::from(std::process::id()), own_start(), rank as u64];
         let mut all = vec![0u64; mine.len() * node.size() as usize];
         node.all_gather_into(&mine[..], &mut all[..]);
         let next = (node.rank() as usize + 1) % node.size() as usize;
@@ -65,7 +65,7 @@ impl Watch {
     }
 }
 
-impl Drop for Watch {
+impl Drop for RankWatch {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
         self.thread.thread().unpark();
@@ -73,7 +73,7 @@ impl Drop for Watch {
 }
 
 /// The number that [`VARIABLE`] gives.
-fn looks(rank: usize) -> u32 {
+fn looks(rank: i32) -> u32 {
     let Some(value) = std::env::var_os(VARIABLE) else { return USUAL_LOOKS };
     let number = value.to_str().and_then(|text| text.parse().ok());
     number.unwrap_or_else(|| {
