@@ -130,7 +130,9 @@ pub const NAMES: [&str; 11] = [
 pub fn refuse(case: &Case) -> Result<()> {
     let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
     if case.method == Method::Classical {
-        return wrong("solver.method = \"classical\" has no quantum side; \"schrodingerized\" has");
+        return wrong(
+            "solver.method = \"classical\" has no quantum algorithm; choose \"schrodingerized\"",
+        );
     }
     if !matches!(case.data, Data::Density) {
         return wrong(

@@ -280,7 +280,7 @@ fn advice_matches_the_shortcomings_of_the_run() {
         ("smooth-beams.toml", words(&degree_2), &[some, "(at least ", "finds a grid"], &["slopes"]),
         ("example1.toml", words(&degree_3), &[all, "(at least 1.2 ", "example1.toml"], &["slopes"]),
         ("smooth-beams.toml", words(&degree_8), &["more cells (at least"], &["scheme.degree"]),
-        ("smooth-beams.toml", vec![], &["solver.tolerance = 2e-3 would do"], &["10 %"]),
+        ("smooth-beams.toml", vec![], &["solver.tolerance = 2e-3 would suffice"], &["10 %"]),
         ("example1.toml", vec![], &["(at least 2.6 ", "or a scheme.degree above 0"], &["slopes"]),
         ("example1.toml", vec![CLASSICAL], &["above 0 or slopes (scheme.limiter)"], &["tolerance"]),
         (

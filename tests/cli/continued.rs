@@ -234,7 +234,10 @@ fn what_cannot_go_on_is_refused() {
         (given("advise", &[start]), &["initial.field", "advice takes other grids"]),
         (given("chart", &[start]), &["initial.field", "which a chart varies"]),
         (given("stability", &[start]), &["initial.field", "a formula"]),
-        (run("example1.toml").set(&[start]), &["time.start", "initial.field", "is missing"]),
+        (
+            run("example1.toml").set(&[start]),
+            &["time.start", "initial.field", "a later start needs"],
+        ),
     ];
     // A directory without results, for runs without -o.
     let apart = directory();

@@ -156,7 +156,7 @@ fn deviations_are_reported_before_and_after() {
             &["initial.velocity is outside of the velocity box for"],
         ),
         ("barriers.toml", &[], &["narrowest region of V: potential.0, 8 cells along x"]),
-        ("step_up.toml", &["potential.1.value=1e3"], &["x, 1000, is far above", "for a wall"]),
+        ("step_up.toml", &["potential.1.value=1e3"], &["x, 1000, is far above", "as a wall does"]),
         ("periodic2d.toml", &["axis.0.x.cells=24"], &["mass at the start: "]),
     ];
     check_all(rows, |(name, settings, words)| {

@@ -133,7 +133,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ("initial.density=v^2", &["initial.density", "unknown name \"v\""]),
         ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
         ("output.delta_width=wide", &["output.delta_width", "determinant", "gradient"]),
-        ("axis.0.x.degree=1", &["axis.0.v.degree", "0 on a velocity axis", "1 or more"]),
+        ("axis.0.x.degree=1", &["axis.0.v.degree", "a degree of 1 or more expected", "1 or more"]),
         ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
         ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];

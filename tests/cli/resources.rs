@@ -141,7 +141,7 @@ fn resources_are_consistent_in_every_format() {
         Ok(())
     });
     for (name, settings, words) in [
-        ("example1.toml", "solver.method=classical", "no quantum side"),
+        ("example1.toml", "solver.method=classical", "has no quantum algorithm"),
         ("pulsed_inflow.toml", "solver.tolerance=1e-4", "depends on t"),
         ("example1.toml", "initial={warped='w.h5'}", "a file holds any"),
     ] {
