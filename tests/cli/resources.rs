@@ -143,7 +143,7 @@ fn resources_are_consistent_in_every_format() {
     for (name, settings, words) in [
         ("example1.toml", "solver.method=classical", "has no quantum algorithm"),
         ("pulsed_inflow.toml", "solver.tolerance=1e-4", "depends on t"),
-        ("example1.toml", "initial={warped='w.h5'}", "a file holds any"),
+        ("example1.toml", "initial={warped='w.h5'}", "a file may hold any other"),
     ] {
         for more in [None, Some("--optimise")] {
             let job = of_case("resources", name).with(more);

@@ -413,8 +413,8 @@ fn probabilities_are_those_of_the_evolved_state() {
     /// The same in a window, whose readings have ten times that tolerance.
     const OF_WINDOW: f64 = 2e-2;
     /// Error of a reading in the window, in tolerances. The window ends where a single rate of
-    /// decay has 10; `K` mixes the rates (10.4 for `acl`).
-    const OF_READING: f64 = 11.0;
+    /// decay has 10; `K` mixes the rates (11.1 for `exponential`).
+    const OF_READING: f64 = 12.0;
     with_system(|system, dense| {
         let time = system.case.duration();
         let mut compared = 0;
@@ -447,24 +447,27 @@ fn probabilities_are_those_of_the_evolved_state() {
             let state_tolerance = planned.state_tolerance;
             let bounds = system.bounds;
             let state = PlannedState { bounds, series, point, state_tolerance, time, points: held };
-            let stated = Probabilities::new(&state, system.norms, &LabelledNumber::exact).window;
-            let [begin, end] = stated.expect("a window");
+            let stated = Probabilities::new(&state, system.norms, &LabelledNumber::exact);
+            let [begin, end] = stated.window.expect("a window");
             let slices = (0..held).filter(|&k| point + k as f64 * width <= end).count();
             let part = |k: usize| squares(&points[k]) / whole;
             assert_eq!(begin, point);
             let own: f64 = (0..slices).map(part).sum();
             assert!((own / window - 1.0).abs() < OF_WINDOW, "{:?}: {own} {window}", found.profile);
-            // Each of them is the field, and the window is more than the slice.
+            // Each of them is the field, and all together to the bound that is stated.
+            let (mut squares_off, mut weights) = (0.0, 0.0);
             for (k, w) in points[..slices].iter().enumerate() {
                 let scale = (point + k as f64 * width).exp();
                 let off = w.iter().zip(&dense.last).map(|(w, f)| (scale * w - f).powi(2));
                 let off = off.sum::<f64>().sqrt() / dense.norms.field;
-                assert!(
-                    off < OF_READING * system.case.tolerance,
-                    "{:?} {k}: {off:e}",
-                    found.profile
-                );
+                let limit = OF_READING * system.case.tolerance;
+                assert!(off < limit, "{:?} {k}: {off:e}", found.profile);
+                squares_off += (off / scale).powi(2);
+                weights += scale.powi(-2);
             }
+            let off = (squares_off / weights).sqrt();
+            let limit = stated.window_error.expect("a bound") * system.case.tolerance;
+            assert!(off < limit, "{:?}: {off:e} {limit:e}", found.profile);
             assert!(slices > 4, "{:?}: {slices}", found.profile);
             compared += 1;
         }
