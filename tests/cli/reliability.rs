@@ -185,7 +185,7 @@ fn a_second_run_in_a_directory_is_refused() {
     let refusal = refusal.expect("a second run").expect("its end");
     refusal.ended(2, &["another run writes into it (run.lock: process", "-o"]).unwrap();
     assert_eq!(names_in(path), RESULT_FILES);
-    on_results("check-result", &path).on(2).succeed().unwrap();
+    on_results("check-result", path).on(2).succeed().unwrap();
     // Leftovers of a killed run do not block another run.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
