@@ -84,7 +84,7 @@ fn modified(path: &Path) -> Option<SystemTime> {
 /// `None` if they do not differ.
 fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let path = directory.join(RESULT);
-    untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
+    untrusted::inspect(&path, Inspection::Description).map_err(hdf5::Error::from)?;
     let file = File::open(path)?;
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
     let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
@@ -143,7 +143,7 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
 
 /// Whether `path` is an HDF5 file that this program wrote.
 fn is_of_this_program(path: &Path) -> bool {
-    let is_sound = untrusted::inspect(path, Inspection::Shapes).is_ok();
+    let is_sound = untrusted::inspect(path, Inspection::Description).is_ok();
     let program = || File::open(path).and_then(|file| text_attribute(&file, "program"));
     is_sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
 }

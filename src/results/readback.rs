@@ -186,8 +186,8 @@ pub(crate) fn sums_of(
     all.into_iter().map(sum).collect()
 }
 
-/// A share of the checksum of a dataset.
-fn sum_of(
+/// A share of the checksum of a dataset. Calls `visit` with the values of each piece.
+pub(crate) fn sum_of(
     FileShare { rank, ranks }: FileShare,
     dataset: &Dataset,
     mut visit: impl FnMut(&[f64]) -> Hdf5Result<()>,

@@ -17,7 +17,8 @@ use crate::parallel::communicator::Group;
 use crate::results::dataset::RESULT;
 use crate::results::pictures::stored::Stored;
 use crate::results::readback::{
-    ChecksumParts, FileShare, compare, datasets, differs, numbers, sound, sums_of,
+    ChecksumParts, FileShare, compare, datasets, differs, numbers, read_text, sound, sum_of,
+    sums_of, text_attribute,
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
@@ -60,14 +61,14 @@ static ROLE: OnceLock<ProcessRole> = OnceLock::new();
 /// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
-    /// Names and shapes of all datasets.
-    Shapes,
-    /// The same, and the values of a share of each dataset.
+    /// Names and shapes of all datasets, and all attributes and texts: what a run is compared by.
+    Description,
+    /// Names and shapes of all datasets, and the values of a share of each.
     Values(FileShare),
     /// `result.h5` in a directory: all values, and everything that pictures need.
     Directory,
-    /// The datasets of a warped field from which a run starts.
-    Start,
+    /// The dataset of this name from which a run starts, its axes, and what describes them.
+    Start(String),
     /// The datasets of these names and their values, for a table.
     Table(Vec<String>),
 }
@@ -185,10 +186,13 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
-        Inspection::Shapes => {
+        Inspection::Description => {
             let opened = opened()?;
             let all = datasets(&opened).map_err(reason)?;
-            shapes(&all, bytes).map_err(reason).map(|_| ChecksumParts::new())
+            shapes(&all, bytes).map_err(reason)?;
+            described(&opened);
+            all.values().for_each(|dataset| described(dataset));
+            Ok(ChecksumParts::new())
         }
         Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
         Inspection::Directory => {
@@ -212,8 +216,8 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
             }
             Ok(ChecksumParts::new())
         }
-        Inspection::Start => {
-            start(&opened()?, bytes)?;
+        Inspection::Start(name) => {
+            start(&opened()?, bytes, &name)?;
             Ok(ChecksumParts::new())
         }
     }
@@ -263,12 +267,42 @@ fn holds_numbers(name: &str) -> bool {
     name.starts_with("/axis/") || ["f", "phi", "psi", "w", "density", "momentum"].contains(&last)
 }
 
-/// Checks the datasets of a warped field from which a run starts: `/w` and its axes.
-fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
-    let Some(chunk) = named(file, bytes, "w")? else { return Ok(()) };
+/// Reads the attributes of a file or a dataset, and the text of a dataset, as far as they can be
+/// read. What cannot be read is reported by those that need it; what never ends, ends here.
+fn described(location: &hdf5::Location) {
+    for name in location.attr_names().unwrap_or_default() {
+        let _ = text_attribute(location, &name);
+        progress(0);
+    }
+    if let Ok(dataset) = location.as_dataset() {
+        let _ = read_text(&dataset);
+    }
+}
+
+/// Reads what a run reads that starts from the dataset `name`: attributes, the case that made the
+/// file, the axes, and the values where they are stored in chunks, which HDF5 finds by an index.
+fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
+    let chunk = named(file, bytes, name)?.unwrap_or(0);
     allow(chunk);
+    described(file);
     let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
-    axes.iter().try_for_each(|name| named(file, bytes, name).map(|_| ()))
+    for other in axes.iter().map(String::as_str).chain(["case", name]) {
+        named(file, bytes, other)?;
+        let Ok(dataset) = file.dataset(other) else { continue };
+        described(&dataset);
+        if other.starts_with("axis/") {
+            let _ = numbers(other, &dataset);
+        }
+        if other == name && chunk > 0 {
+            let all = FileShare { rank: 0, ranks: 1 };
+            let read = sum_of(all, &dataset, |_| {
+                progress(chunk);
+                Ok(())
+            });
+            read.map_err(|e| format!("/{name}: {e}"))?;
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is

@@ -276,7 +276,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
 fn checked_points(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
-    let file = untrusted::open_given(path, Inspection::Start)?;
+    let file = untrusted::open_given(path, Inspection::Start("w".to_owned()))?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());
     if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {
