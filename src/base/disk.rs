@@ -5,7 +5,7 @@ use crate::base::machine;
 use crate::base::text::{bytes_text, visible};
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Creates `directory` and checks that it is writable. Called by one rank.
@@ -78,10 +78,21 @@ pub fn write_text(path: &Path, text: &str) -> Result<()> {
 /// # Errors
 /// [`Error::Output`].
 pub fn read_text(path: &Path) -> Result<String> {
-    match std::fs::metadata(path) {
-        Ok(found) if !found.is_file() => Err(failure(path, &"is no file")),
-        Ok(_) => std::fs::read_to_string(path).map_err(|e| failure(path, &e)),
-        Err(e) => Err(failure(path, &e)),
+    let read = || {
+        let mut text = String::new();
+        open_regular(path)?.read_to_string(&mut text).map(|_| text)
+    };
+    read().map_err(|e| failure(path, &e))
+}
+
+/// Opens a regular file. A pipe is refused, as opening it may wait for ever.
+///
+/// # Errors
+/// Of the file system, or that it is no file.
+pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
+    match std::fs::metadata(path)?.is_file() {
+        true => File::open(path),
+        false => Err(io::Error::other("is no file")),
     }
 }
 

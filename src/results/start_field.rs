@@ -1,5 +1,6 @@
 //! The result from which a run continues (`initial.field`), checked before anything is computed.
 
+use crate::base::disk::read_text as read_file;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
@@ -75,7 +76,7 @@ fn stored_case(file: &File) -> Option<Case> {
 /// Relative l2 distance of the `f` in a directory to the semi-discrete solution since time 0;
 /// `None` if its summary does not give one.
 fn error_of(directory: &Path) -> Option<f64> {
-    let text = std::fs::read_to_string(directory.join("summary.json")).ok()?;
+    let text = read_file(&directory.join("summary.json")).ok()?;
     let summary: Value = serde_json::from_str(&text).ok()?;
     if summary["continued"].is_object() {
         return summary["continued"]["error_total"].as_f64();

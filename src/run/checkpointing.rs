@@ -1,6 +1,6 @@
 //! The checkpoints of a run: where they are, and the one that it continues from.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
@@ -8,6 +8,7 @@ use crate::solve::checkpoint::store::{Generation, Store};
 use crate::solve::checkpoint::watch::CheckpointTimes;
 use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -26,7 +27,7 @@ impl Checkpointing {
     /// `program_start`. Collective.
     ///
     /// # Errors
-    /// As [`Store::open`].
+    /// As [`Store::open`]; [`Error::Directory`] if a link is in the place of their directory.
     pub fn open(
         prepared: &Prepared,
         output: &Output<'_>,
@@ -42,6 +43,7 @@ impl Checkpointing {
             return Ok(None);
         };
         let folder = output.directory.join("checkpoint");
+        prepared.communicator.world.on_first_rank(|| refuse_link(&folder))?;
         let mut store = Store::new(folder, Fingerprint::new(case, warp), case.space.clone());
         let generation = if options.resume {
             earlier(prepared, &mut store, log)?
@@ -64,6 +66,19 @@ impl Checkpointing {
             let path = self.store.directory().display();
             log.line(&format!("warning: {path} could not be removed: {error}"));
         }
+    }
+}
+
+/// Refuses a symbolic link in the place of the directory of checkpoints: what it leads to belongs to
+/// others.
+fn refuse_link(folder: &Path) -> Result<()> {
+    match std::fs::symlink_metadata(folder) {
+        Ok(found) if found.is_symlink() => Err(Error::Directory {
+            path: folder.to_owned(),
+            reason: "it is a symbolic link, which is not followed; -o gives another directory"
+                .to_owned(),
+        }),
+        _ => Ok(()),
     }
 }
 

@@ -39,7 +39,7 @@ use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,
 };
 use crate::study::advise::trials::Trials;
-use crate::study::budget::refuse_slow_potential;
+use crate::study::budget::refuse_slow_grid;
 use crate::study::trial::refuse_start_from_file;
 
 /// Part of the budget up to which schemes are run by modes; the rest is for other fluxes of the
@@ -69,7 +69,7 @@ pub struct Request {
 /// error of a trial if none succeeds.
 pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceReport> {
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
-    refuse_slow_potential(world, case, request.budget)?;
+    refuse_slow_grid(world, case, request.budget)?;
     let mut study = Study::new(world, case, request)?;
     let mut advised = study.search();
     while study.may_find_cheaper(&advised) && study.trials.budget.count_anew() {

@@ -25,7 +25,7 @@ use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
-use crate::study::budget::{Budget, refuse_slow_potential};
+use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::chart::attempts::Attempts;
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
@@ -46,7 +46,7 @@ mod tests;
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_too_large_here(world, case)?;
-    refuse_slow_potential(world, case, limit.as_secs_f64())?;
+    refuse_slow_grid(world, case, limit.as_secs_f64())?;
     let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);

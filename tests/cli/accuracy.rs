@@ -499,6 +499,10 @@ fn a_missed_tolerance_is_reported_in_the_last_line() {
         let again = again.into(place.path()).with(["--resume"]).run().unwrap();
         again.ended(1, &[missed[0], "solver.strict"]).unwrap();
         assert!(again.output.contains("the run is finished"), "{}", again.report("resumed"));
+        // An estimate that is only rough counts where it is far above the tolerance.
+        let euler = "solver.propagator={method='backward-euler',step=0.2}";
+        let rough = job(&[euler, strict]);
+        rough.ended(1, &[missed[0], "(roughly estimated, relative l2)", "solver.strict"]).unwrap();
         let met = job(&[verify, strict]);
         assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
     }

@@ -322,22 +322,45 @@ fn evaluating_a_fine_grid_is_limited_by_the_budget() {
     let at = |command: &str| Job::new([command, &case("barrier2d.toml"), "--budget", "1s"]);
     let stability = at("stability").into(place.path()).set(&fine).set(&coarse).run();
     let stability = stability.expect("an end");
-    one_message(&stability, &[2], "to evaluate V once on 8.100e7 cells").unwrap();
+    one_message(&stability, &[2], "evaluating V and bounds on 8.100e7 cells of space").unwrap();
+    let long = |command: &str| {
+        let job = of_case(command, "example1.toml").with(["--budget", "2s"]);
+        job.set(&["axis.0.x.cells=4000000", "axis.0.v.cells=8"])
+    };
+    for job in [long("advise").with(["--accuracy", "0.1"]), long("chart").into(place.path())] {
+        one_message(&job.run().expect("an end"), &[2], "--budget 2 s: ").unwrap();
+    }
     let square = ["axis.0.x.cells=4000", "axis.0.v.cells=4000"];
     // An algorithm that visits every line of the grid for each line would take minutes.
     let check = of_case("plan", "example1.toml").set(&square);
     check.succeed().expect("a plan");
 }
 
-/// A pipe with the name of a result file is refused; the program does not wait for its data.
+/// A pipe with the name of a file is refused; the program does not wait for its data.
 #[test]
 fn a_pipe_in_the_place_of_a_file_is_refused() {
+    let pipe = |path: &Path| {
+        let made = std::process::Command::new("mkfifo").arg(path).status();
+        assert!(made.is_ok_and(|status| status.success()));
+    };
     let place = copied();
     let summary = place.path().join("summary.json");
     fs::remove_file(&summary).expect("a file");
-    let made = std::process::Command::new("mkfifo").arg(&summary).status();
-    assert!(made.is_ok_and(|status| status.success()));
+    pipe(&summary);
     let at = place.path().display().to_string();
     let finished = Job::new(["check-result", &at]).run().expect("an end");
     one_message(&finished, &[1], "summary.json").unwrap();
+    // The error of a field from which a run starts is not known without its summary.
+    let other = directory();
+    let from = format!("initial.field='{at}/result.h5'");
+    let settings = [&from, "initial.f=''", "time.start=0.3", "time.end=0.31"];
+    let later = small().set(&settings).into(other.path()).run().expect("an end");
+    later.ended(2, &["initial"]).or_else(|_| soon(&later)).unwrap();
+    // A checkpoint with a pipe in it is not complete.
+    let checkpoint = directory();
+    let generation = checkpoint.path().join("checkpoint/000001");
+    fs::create_dir_all(&generation).expect("a directory");
+    pipe(&generation.join("manifest.json"));
+    let resumed = small().with(["--resume"]).into(checkpoint.path()).succeed().expect("a run");
+    assert!(resumed.printed.contains("is not complete"), "{}", resumed.report("a warning"));
 }

@@ -245,6 +245,26 @@ fn links_and_pipes_are_not_followed() {
     }
 }
 
+/// Directories of others in the place of checkpoints keep their files, and a link in the place of
+/// the directory of checkpoints is refused.
+#[test]
+fn foreign_files_beside_checkpoints_stay() {
+    let place = directory();
+    let path = place.path().join("results");
+    let foreign = path.join("checkpoint/000123");
+    fs::create_dir_all(&foreign).expect("a directory");
+    fs::write(foreign.join("data"), b"text").expect("a file");
+    let finished = run().into(&path).succeed().expect("a run");
+    assert_eq!(fs::read(foreign.join("data")).expect("a file"), b"text");
+    finished.contains(&finished.printed, &["warning", "checkpoint could not be removed"]).unwrap();
+    let other = place.path().join("other");
+    fs::create_dir(&other).expect("a directory");
+    std::os::unix::fs::symlink(&foreign, other.join("checkpoint")).expect("a link");
+    let refused = run().on(2).into(&other).run().expect("an end");
+    refused.ended(2, &["checkpoint", "symbolic link"]).unwrap();
+    assert_eq!(fs::read(foreign.join("data")).expect("a file"), b"text");
+}
+
 /// A directory that not all ranks share is refused before the solve.
 #[test]
 fn a_directory_that_not_all_ranks_share_is_refused() {

@@ -12,6 +12,7 @@
 //! | 1 | checksum of all words before ([`crate::base::checksum`]) |
 
 use crate::base::checksum::of_run;
+use crate::base::disk::open_regular;
 use crate::parallel::partition::common_runs;
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
@@ -188,7 +189,7 @@ impl Sink {
 
 /// Checks that the file is as it was written.
 pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
+    let file = open_regular(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();
     if bytes != written.bytes {
         let expected = written.bytes;
@@ -263,7 +264,7 @@ pub struct Destination<'a> {
 impl RankFile {
     /// Opens a file and reads its header.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path)?;
+        let file = open_regular(path)?;
         let mut start = [0; 2];
         read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
         if start[0] != MARK || start[1] > LONGEST_HEADER {

@@ -1,6 +1,7 @@
 //! The directory of checkpoints.
 
 use crate::base::checksum;
+use crate::base::disk::read_text;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::{ProcessMesh, common_runs};
@@ -9,6 +10,7 @@ use crate::solve::checkpoint::file;
 use crate::solve::checkpoint::file::{Destination, Header, RankFile, Written};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
 use std::fs;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -260,7 +262,7 @@ impl Store {
         for number in found {
             let path = self.generation(number);
             let text = match world.rank() {
-                0 => fs::read_to_string(path.join(MANIFEST)).unwrap_or_default(),
+                0 => read_text(&path.join(MANIFEST)).unwrap_or_default(),
                 _ => String::new(),
             };
             let text = world.broadcast_text(&text);
@@ -424,10 +426,27 @@ fn complete(directory: &Path, number: u64) -> bool {
     generation(directory, number).join(MANIFEST).is_file()
 }
 
-/// Removes a generation, the manifest first: half of one does not count.
+/// Removes the files of a generation, the manifest first, as half of one does not count, and then
+/// its directory, which stays if it holds anything else.
 fn remove(directory: &Path) -> std::io::Result<()> {
     let _ = fs::remove_file(directory.join(MANIFEST));
-    fs::remove_dir_all(directory)
+    for entry in fs::read_dir(directory)? {
+        let path = entry?.path();
+        if is_own(&path) {
+            fs::remove_file(path)?;
+        }
+    }
+    fs::remove_dir(directory)
+}
+
+/// Whether a file has a name that this module gives.
+fn is_own(path: &Path) -> bool {
+    let text = |part: Option<&OsStr>| part.and_then(OsStr::to_str).unwrap_or_default().to_owned();
+    let (stem, ending) = (text(path.file_stem()), text(path.extension()));
+    let number = stem.strip_prefix("rank-").map(str::as_bytes);
+    let of_rank = number.is_some_and(|n| n.len() >= 5 && n.iter().all(u8::is_ascii_digit));
+    (of_rank && ["bin", UNFINISHED].contains(&ending.as_str()))
+        || (stem == "manifest" && ending == UNFINISHED)
 }
 
 fn open(path: &Path) -> Result<RankFile> {

@@ -10,6 +10,9 @@ use crate::study::advise::trials::cells;
 use crate::study::advise::{ROUND_OFF, Study};
 use crate::study::grids::shape_text;
 
+/// Most budgets, as counted, that the run on the first grid may take. A budget counts about a third
+/// of what a core does ([`crate::study::budget`]).
+const MOST_BUDGETS: f64 = 4.0;
 /// Part of the budget for the grid searches of all schemes.
 const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
@@ -77,8 +80,16 @@ impl Study<'_> {
     /// The last one, if no scheme could be tried.
     pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
         let schemes = self.schemes();
-        // The first scheme is tried in any case.
         let first = self.start(schemes[0]);
+        // The first scheme is tried even if the budget holds it only roughly.
+        if !self.trials.is_cheap(schemes[0], &first, MOST_BUDGETS)? {
+            return Err(Error::Input(format!(
+                "--budget {} s: it holds no run on the first grid to try, {}; fewer cells \
+                 (axis.N.x.cells) or a longer --budget",
+                self.trials.budget.limit(),
+                shape_text(&first)
+            )));
+        }
         let mut found: Vec<(SchemeChoice, SearchResult)> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
             // Each scheme has an equal share of the budget for grids.
