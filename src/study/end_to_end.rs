@@ -42,7 +42,9 @@ use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{Candidate, DensityTask, OVER_CHARACTERISTICS};
 use crate::study::end_to_end::text::verdict;
-use crate::study::end_to_end::traced::{BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity};
+use crate::study::end_to_end::traced::{
+    BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
+};
 use crate::study::grids::of_degree;
 
 /// Degrees that are compared.
@@ -102,20 +104,7 @@ impl EndToEnd {
                 }
             },
         ];
-        let mut baselines = vec![fastest_stepping(&upwind, case, accuracy)];
-        if !case.is_galerkin() && !case.varies() {
-            let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
-            let found = MeasuredScheme::new(world, &steeper, &exact);
-            let found = found.map_err(|error| case.reason(&error));
-            baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
-        }
-        baselines.extend(match case.reflects() {
-            true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
-            false => [
-                by_quadrature(world, &traced, accuracy),
-                by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
-            ],
-        });
+        let baselines = classical_methods(&task, &at_point, &traced, &upwind);
         let mut sentences = verdict(&quantum, &baselines, density_of_mean);
         if traced.error > accuracy {
             let TracedDensity { error, traces, .. } = traced;
@@ -138,6 +127,32 @@ impl EndToEnd {
     }
 }
 
+/// The classical methods. Collective.
+fn classical_methods(
+    task: &DensityTask<'_>,
+    at_point: &DensityAtPoint<'_>,
+    traced: &TracedDensity,
+    upwind: &[Candidate],
+) -> Vec<ClassicalMethod> {
+    let DensityTask { world, exact, accuracy, .. } = *task;
+    let case = at_point.case;
+    let mut baselines = vec![fastest_stepping(upwind, case, accuracy)];
+    if !case.is_galerkin() && !case.varies() {
+        let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
+        let found = MeasuredScheme::new(world, &steeper, exact);
+        let found = found.map_err(|error| case.reason(&error));
+        baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
+    }
+    baselines.extend(match case.reflects() {
+        true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
+        false => [
+            by_quadrature(world, traced, accuracy),
+            by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
+        ],
+    });
+    baselines
+}
+
 /// What errors of `case` are measured against.
 ///
 /// # Errors
@@ -157,11 +172,7 @@ fn exact_of(case: &Case) -> Result<Exact> {
 }
 
 /// The exact `f(T)`: by the formula where `V` reflects in part, else by characteristics.
-fn exact_values<'a>(
-    case: &'a Case,
-    exact: &'a Exact,
-    tracer: &'a Tracer<'a>,
-) -> Box<dyn Fn(&[f64; 6]) -> f64 + 'a> {
+fn exact_values<'a>(case: &'a Case, exact: &'a Exact, tracer: &'a Tracer<'a>) -> Values<'a> {
     match exact {
         Exact::Formula(formula) if case.reflects() => {
             Box::new(|at| formula.at_points(std::slice::from_ref(at), case.end)[0])

@@ -8,7 +8,7 @@ use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::Accesses;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::optimise::pricing::{PLANNED, preparation};
+use crate::quantum::optimise::pricing::{MOST_MODES, PLANNED, preparation};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
@@ -180,9 +180,6 @@ struct ModesOfRegister {
     highest: f64,
 }
 
-/// Modes of a candidate that the scan takes, at most.
-const MOST_SCANNED: usize = 1 << 14;
-
 /// Costs by formulas of the documents, without the cost model's code.
 struct Twin<'a> {
     system: &'a System<'a>,
@@ -207,7 +204,7 @@ impl<'a> Twin<'a> {
         let Preparation { series, point, state_tolerance, .. } =
             preparation(&of_candidate, bounds, ratio).ok()?;
         let held = points(&series).next_power_of_two();
-        if series.modes() > MOST_SCANNED || held < 2 {
+        if series.modes() > MOST_MODES || held < 2 {
             return None;
         }
         let time = case.duration();

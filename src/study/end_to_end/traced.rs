@@ -21,13 +21,16 @@ pub(super) const MOST_SAMPLED: usize = 1 << 20;
 /// Traces of Monte Carlo between two looks at its deviation: no fewer are ever taken.
 pub(super) const BATCH: usize = 4096;
 
+/// `f` at a point of phase space.
+pub(super) type Values<'a> = Box<dyn Fn(&[f64; 6]) -> f64 + 'a>;
+
 /// The density at a point, as an integral of `f` over the velocities.
 pub(super) struct DensityAtPoint<'a> {
     pub case: &'a Case,
     /// The point, its velocities zero.
     pub point: [f64; 6],
     /// `f(T)` at a point of phase space.
-    pub value: Box<dyn Fn(&[f64; 6]) -> f64 + 'a>,
+    pub value: Values<'a>,
 }
 
 /// The density at a point, by values of `f` there.
@@ -114,7 +117,8 @@ fn adaptive(
             .iter()
             .zip(&parts)
             .any(|(panel, part)| part.error == worst && panel.width < NARROWEST);
-        if !(error > absolute.max(relative * sum.abs())) || narrow || !may_go_on() {
+        let met = error.is_nan() || error <= absolute.max(relative * sum.abs());
+        if met || narrow || !may_go_on() {
             return Integral { value: sum, error };
         }
         let mut finer = Vec::with_capacity(panels.len() + 1);
