@@ -205,8 +205,8 @@ pub struct Record {
     pub period: f64,
     /// Nonzeros, measured, against the paper's bounds.
     pub sparsity: Sparsity,
-    /// The evolution's part of `ε√P`, to which it is approximated: beside the field that is measured
-    /// in it, an error of the whole state is `1/√P` times as large.
+    /// The evolution's part of `ε√P`, to which it is approximated: beside the field that is
+    /// measured in it, an error of the whole state is `1/√P` times as large.
     pub walk_tolerance: LabelledNumber,
     /// What the errors of the field add up to.
     pub error_budget: ErrorBudget,
@@ -299,8 +299,8 @@ pub struct Comparison {
     pub not_unitary: Option<String>,
     /// Why the cheapest set-up is the case's own, where it is.
     pub cheapest_is_own: Option<String>,
-    /// Why the case's own set-up is not the cheapest though it takes fewer gates; none where it does
-    /// not.
+    /// Why the case's own set-up is not the cheapest though it takes fewer gates; none where it
+    /// does not.
     pub own_not_taken: Option<String>,
     /// Why choices are not among those that were compared: how many, and the reason of the first.
     pub not_compared: Option<String>,

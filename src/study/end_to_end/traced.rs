@@ -58,23 +58,23 @@ fn first_panels(n: usize) -> usize {
 
 /// An integral over the unit interval and its error.
 #[derive(Clone, Copy)]
-struct Integral {
+struct SimpsonIntegral {
     value: f64,
     error: f64,
 }
 
 /// A part of an axis with five values, a quarter of it apart.
-struct Panel {
+struct SimpsonPanel {
     start: f64,
     width: f64,
     values: [f64; 5],
 }
 
-impl Panel {
-    fn integral(&self) -> Integral {
+impl SimpsonPanel {
+    fn integral(&self) -> SimpsonIntegral {
         let Self { width, values: [a, b, c, d, e], .. } = self;
         let value = width / 12.0 * (a + 4.0 * b + 2.0 * c + 4.0 * d + e);
-        Integral { value, error: 2.0 * (width / 6.0 * (a + 4.0 * c + e) - value).abs() }
+        SimpsonIntegral { value, error: 2.0 * (width / 6.0 * (a + 4.0 * c + e) - value).abs() }
     }
 
     /// Both halves, with two more values each.
@@ -96,7 +96,7 @@ fn adaptive(
     [absolute, relative]: [f64; 2],
     may_go_on: &dyn Fn() -> bool,
     value: &mut dyn FnMut(f64) -> f64,
-) -> Integral {
+) -> SimpsonIntegral {
     /// Panels whose error is less than this part of the largest one are not halved yet.
     const WORST: f64 = 0.25;
     /// A narrower panel has no more numbers between its ends.
@@ -105,11 +105,11 @@ fn adaptive(
     let ends: Vec<f64> = (0..=4 * first).map(|k| value(0.25 * width * k as f64)).collect();
     let panel = |k: usize| {
         let values = std::array::from_fn(|i| ends[4 * k + i]);
-        Panel { start: width * k as f64, width, values }
+        SimpsonPanel { start: width * k as f64, width, values }
     };
-    let mut panels: Vec<Panel> = (0..first).map(panel).collect();
+    let mut panels: Vec<SimpsonPanel> = (0..first).map(panel).collect();
     loop {
-        let parts: Vec<Integral> = panels.iter().map(Panel::integral).collect();
+        let parts: Vec<SimpsonIntegral> = panels.iter().map(SimpsonPanel::integral).collect();
         let sum = parts.iter().map(|part| part.value).sum::<f64>();
         let error = parts.iter().map(|part| part.error).sum::<f64>();
         let worst = parts.iter().map(|part| part.error).fold(0.0, f64::max);
@@ -119,7 +119,7 @@ fn adaptive(
             .any(|(panel, part)| part.error == worst && panel.width < NARROWEST);
         let met = error.is_nan() || error <= absolute.max(relative * sum.abs());
         if met || narrow || !may_go_on() {
-            return Integral { value: sum, error };
+            return SimpsonIntegral { value: sum, error };
         }
         let mut finer = Vec::with_capacity(panels.len() + 1);
         for (panel, part) in panels.into_iter().zip(parts) {
@@ -154,7 +154,7 @@ impl DensityAtPoint<'_> {
         absolute: f64,
         relative: f64,
         found: &mut TracedDensity,
-    ) -> Integral {
+    ) -> SimpsonIntegral {
         /// What inner integrals may be off: their noise must not look like a jump.
         const OF_INNER: f64 = 0.05;
         let (n, axis) = (self.dimension(), part.len());
@@ -179,7 +179,7 @@ impl DensityAtPoint<'_> {
         let may_go_on = || traces.get() < MOST_TRACES;
         let wanted = [(1.0 - OF_INNER) * absolute, (1.0 - OF_INNER) * relative];
         let integral = adaptive(first_panels(n), wanted, &may_go_on, &mut value);
-        Integral { error: integral.error + inner.get(), ..integral }
+        SimpsonIntegral { error: integral.error + inner.get(), ..integral }
     }
 
     /// By quadrature, until its error is `ε/2` or less of the density.
