@@ -23,8 +23,8 @@ use serde::Serialize;
 use std::fmt::Display;
 
 /// First line of a table in LaTeX.
-const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g exact (emitted gates), b upper \
-                        bound, m model or estimate";
+const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gates (exact), \
+                        b upper bound, m model or estimate";
 
 /// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
 /// choices, with `--accuracy` the cost from end to end. Collective.

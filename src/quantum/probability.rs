@@ -18,9 +18,9 @@
 //! with probability `sin²((2r + 1) arcsin √P)` only: 0.86 for `P = 0.15` and one round.
 //!
 //! **The window** ends where the field is no longer read correctly. At `p` the state's part at rate
-//! `s` of the spectrum of `−ST` is read from `g(p + s)`, so `g` must be `e^{−p}` within
-//! `ε_w e^{−p}` on `[p − Λ⁺, p + Λ⁻]`. This is checked on the series itself. `ε_w` is [`WINDOW`] times the
-//! tolerance that the profile is planned for at `p◇`, and the field that is read from the whole
+//! `s` of the spectrum of `−ST` is read from `g(p + s)`. So on `[p − Λ⁺, p + Λ⁻]` `g` must be
+//! `e^{−p}` within `ε_w e^{−p}`. This is checked on the series itself. `ε_w` is [`WINDOW`] times
+//! the tolerance that the profile is planned for at `p◇`, and the field that is read from the whole
 //! window is within `ε_w` too.
 
 use crate::matrix::bounds::Bounds;
