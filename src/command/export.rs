@@ -15,7 +15,7 @@ use crate::problem::exported::{self, ExportKind, Owner};
 use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
-use crate::quantum::resources::Record;
+use crate::quantum::resources::{Preparation, Record};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
@@ -104,7 +104,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let ratio = prepared.probe();
     let mut prepared = prepared.plan_modes(world, &here, ratio)?;
     let norms = norms(&mut prepared);
-    let planned = planned_modes(&case, &prepared.plan)?.into();
+    let planned = Preparation::of_plan(planned_modes(&case, &prepared.plan)?, case.tolerance);
     let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),

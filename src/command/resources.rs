@@ -14,7 +14,7 @@ use crate::quantum::optimise::pricing::preparation;
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::optimise::{choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
-use crate::quantum::resources::{Comparison, Record, Unitary, accesses};
+use crate::quantum::resources::{Comparison, Preparation, Record, Unitary, accesses};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
@@ -23,8 +23,8 @@ use serde::Serialize;
 use std::fmt::Display;
 
 /// First line of a table in LaTeX.
-const TEX_HEAD: &str =
-    "% Written by phasewarp resources. x exact, g exact (emitted gates), b upper bound, m model";
+const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gates (exact), \
+                        b upper bound, m model or estimate";
 
 /// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
 /// choices, with `--accuracy` the cost from end to end. Collective.
@@ -100,15 +100,27 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let mut prepared = prepared.plan_modes(world, &Resources::here(world), ratio)?;
     let norms_of_own = norms(&mut prepared);
     let warp = planned_modes(case, &prepared.plan)?;
-    let own = Record::new(&prepared, warp.into(), norms_of_own, synthesis)?;
+    let planned = Preparation::of_plan(warp, case.tolerance);
+    let own = Record::new(&prepared, planned, norms_of_own, synthesis)?;
     drop(prepared);
     let ranking = optimise(world, case, synthesis)?;
     let (unitary, not_unitary) = match unitary(world, case, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
     };
+    let not_compared = ranking.not_compared();
     let Some(choice) = ranking.first() else {
-        return Ok(Comparison { cheapest: own.clone(), own, unitary, not_unitary });
+        let cheapest_is_own = Some("no other set-up could be priced".to_owned());
+        let cheapest = own.clone();
+        return Ok(Comparison {
+            cheapest,
+            own,
+            unitary,
+            not_unitary,
+            cheapest_is_own,
+            own_not_taken: None,
+            not_compared,
+        });
     };
     let scheme = scheme_of(case);
     let mut prepared = match choice.delta {
@@ -119,8 +131,24 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let norms = norms(&mut prepared);
     prepared.case = choice.of(&prepared.case, &prepared.bounds);
     let planned = preparation(&prepared.case, &prepared.bounds, ratio)?;
-    let cheapest = Record::new(&prepared, planned, norms, synthesis)?;
-    Ok(Comparison { cheapest, own, unitary, not_unitary })
+    let found = Record::new(&prepared, planned, norms, synthesis)?;
+    let own_is_cheaper = own.least_gates() < found.least_gates();
+    let refused = own.not_comparable();
+    let taken = own_is_cheaper && refused.is_none();
+    let why = format!(
+        "{:.3e} gates, {:.3e} by the cheapest choice",
+        own.least_gates(),
+        found.least_gates()
+    );
+    Ok(Comparison {
+        cheapest: if taken { own.clone() } else { found },
+        cheapest_is_own: taken.then_some(why),
+        own_not_taken: refused.filter(|_| own_is_cheaper),
+        own,
+        unitary,
+        not_unitary,
+        not_compared,
+    })
 }
 
 /// The unitary scheme on the grid of `case`. Collective.

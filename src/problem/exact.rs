@@ -70,6 +70,9 @@ pub struct Followed {
     pub history: u64,
     /// Number of turns around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
+    /// Parts of the path on which `V` is linear: one more than the faces with a jump of `V` or of
+    /// its slope that were met.
+    pub legs: usize,
 }
 
 /// An end of the phase-space box.
@@ -143,6 +146,8 @@ struct TracedParticle {
     history: u64,
     /// See [`Followed::turns`].
     turns: [i32; MAX_DIMENSION],
+    /// See [`Followed::legs`].
+    legs: usize,
 }
 
 /// A block of cells that a particle crosses in one step, and the slopes of `V` in it.
@@ -154,6 +159,13 @@ struct FreeBlock<'a> {
     lower: [f64; MAX_DIMENSION],
     upper: [f64; MAX_DIMENSION],
     slopes: &'a [f64; MAX_DIMENSION],
+}
+
+/// Whether two slopes of `V` are the same but for round-off.
+fn alike(a: &[f64; MAX_DIMENSION], b: &[f64; MAX_DIMENSION]) -> bool {
+    const ROUND_OFF: f64 = 1e-9;
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= ROUND_OFF * a.abs().max(b.abs());
+    a == b || a.iter().zip(b).all(near)
 }
 
 /// A history with one more event (FNV-1a, over words).
@@ -379,6 +391,7 @@ impl<'a> Tracer<'a> {
                 exit: None,
                 history: 0,
                 turns: [0; MAX_DIMENSION],
+                legs: 0,
             },
         }
     }
@@ -409,7 +422,11 @@ impl<'a> Tracer<'a> {
                 Some((face, upper)) => {
                     particle.x[event.axis] = face;
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
-                    self.cross(&mut particle, event.axis, upper, meet)
+                    let before = particle.history;
+                    let exit = self.cross(&mut particle, event.axis, upper, meet);
+                    let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
+                    particle.legs += usize::from(bends || particle.history != before);
+                    exit
                 }
                 None => Some(self.velocity_end(&particle, event.axis, false)),
             };
@@ -439,6 +456,7 @@ impl<'a> Tracer<'a> {
             held: [false; MAX_DIMENSION],
             history: 0xcbf2_9ce4_8422_2325,
             turns: [0; MAX_DIMENSION],
+            legs: 1,
         };
         for a in 0..space.dimension() {
             // The outermost faces may differ from the ends of the box by round-off.
@@ -461,8 +479,8 @@ impl<'a> Tracer<'a> {
             // Adding zero turns the −0 of a particle at rest into 0.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        let TracedParticle { history, turns, .. } = *particle;
-        Followed { point, remaining: None, exit: None, history, turns }
+        let TracedParticle { history, turns, legs, .. } = *particle;
+        Followed { point, remaining: None, exit: None, history, turns, legs }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.

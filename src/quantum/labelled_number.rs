@@ -116,9 +116,9 @@ impl LabelledNumber {
 
     /// The number to three digits with a letter for its label, of tables.
     pub fn marked(&self) -> String {
-        let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e6 {
+        let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e5 {
             true => format!("{x}"),
-            false => format!("{x:.3e}"),
+            false => format!("{x:.2e}"),
         };
         let Some(value) = self.value() else { return "-".to_owned() };
         format!("{} {}", number(value), self.column_label().mark)

@@ -18,8 +18,10 @@
 //! with probability `sin²((2r + 1) arcsin √P)` only: 0.86 for `P = 0.15` and one round.
 //!
 //! **The window** ends where the field is no longer read correctly. At `p` the state's part at rate
-//! `s` of the spectrum of `−ST` is read from `g(p + s)`, so `g` must be `e^{−p}` within `ε e^{−p}`
-//! on `[p − Λ⁺, p + Λ⁻]`. This is checked on the series itself.
+//! `s` of the spectrum of `−ST` is read from `g(p + s)`. So on `[p − Λ⁺, p + Λ⁻]` `g` must be
+//! `e^{−p}` within `ε_w e^{−p}`. This is checked on the series itself. `ε_w` is [`WINDOW`] times
+//! the tolerance that the profile is planned for at `p◇`, and the field that is read from the whole
+//! window is within `ε_w` too.
 
 use crate::matrix::bounds::Bounds;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -30,6 +32,9 @@ use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
 use std::cell::RefCell;
+
+/// The error in a window, in units of the tolerance that the profile is planned for at `p◇`.
+pub const WINDOW: f64 = 10.0;
 
 /// The postselections in order, and their cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -137,13 +142,15 @@ impl Deviation {
         (end > point).then_some(end.min(point + LONGEST))
     }
 
-    /// Bound on the error of the field that is read from the whole window `[point, end)`: with
-    /// `M(p)` the largest deviation of the series up to `p + Λ⁻`, which is where `p` is read from
-    /// at most, `√(∫M² dp/∫e^{−2p} dp)`.
-    fn window_error(&self, [point, end]: [f64; 2], decay: f64) -> f64 {
+    /// The end of the window `[point, end)`, or an earlier one from which on the field that is read
+    /// from all of it would not be within `limit`, and the bound on its error: with `M(p)` the
+    /// largest deviation of the series up to `p + Λ⁻`, which is where `p` is read from at most,
+    /// `√(∫M² dp/∫e^{−2p} dp)`.
+    fn within(&self, [point, end]: [f64; 2], decay: f64, limit: f64) -> [f64; 2] {
         let Self { lower, step, values } = self;
         let (mut most, mut seen) = (0.0f64, 0);
-        let (mut above, mut below) = (0.0, 0.0);
+        let (mut above, mut below) = (0.0f64, 0.0f64);
+        let mut error = 0.0;
         for k in 0..=((end - point) / step) as usize {
             let p = point + k as f64 * step;
             let upto = (((p + decay - lower) / step).ceil() as usize).min(values.len() - 1);
@@ -151,8 +158,13 @@ impl Deviation {
             seen = upto;
             above += most * most;
             below += (-2.0 * p).exp();
+            let next = (above / below).sqrt();
+            if next > limit && k > 0 {
+                return [p - step, error];
+            }
+            error = next;
         }
-        (above / below).sqrt()
+        [end, error]
     }
 }
 
@@ -323,7 +335,10 @@ impl Probabilities {
         // The grid of points is taken to have one at p◇: its origin is free.
         let lambda = [bounds.growth * time, bounds.decay * time];
         let deviation = Deviation::new(series, point - lambda[0]);
-        let end = deviation.window_end(point, lambda[1], 10.0 * state_tolerance);
+        let limit = WINDOW * state_tolerance;
+        let found = deviation.window_end(point, lambda[1], limit);
+        let found = found.map(|end| deviation.within([point, end], lambda[1], limit));
+        let end = found.map(|[end, _]| end);
         let in_window = end.map(|end| {
             let slices = ((end - point) / planned.width()).floor() + 1.0;
             Chain::new(slice * planned.in_slices(slices), &norms, label)
@@ -336,8 +351,7 @@ impl Probabilities {
             norm_of_state: label(norm),
             norms,
             window: end.map(|end| [point, end]),
-            window_error: end
-                .map(|end| deviation.window_error([point, end], lambda[1]) / state_tolerance),
+            window_error: found.map(|[_, error]| error / state_tolerance),
             in_window: in_window.unwrap_or_else(|| {
                 Chain::unavailable("the profile is e^{-p} at the recovery point only")
             }),
@@ -378,7 +392,11 @@ mod tests {
         let [point, end] = [0.0, 3.0];
         let [growth, decay] = [0.1, 15.0];
         let deviation = Deviation::new(&series, point - growth);
-        let bound = deviation.window_error([point, end], decay);
+        let [whole, bound] = deviation.within([point, end], decay, f64::INFINITY);
+        assert_eq!(whole, end);
+        // A limit ends the window, and is kept.
+        let [shorter, error] = deviation.within([point, end], decay, 0.5 * bound);
+        assert!(shorter < end && error <= 0.5 * bound, "{shorter} {error:e} {bound:e}");
         let points = || (0..300).map(|k| f64::from(k) * 0.01);
         let of_rate = |rate: f64| {
             let off = |p: f64| (series.value(p + rate) - (-p - rate).exp()).powi(2);

@@ -31,7 +31,10 @@ use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
-use crate::quantum::walk::{LOCATION_CALLS, OF_ROUNDING, VALUE_CALLS, WalkCost, WalkRegisters};
+use crate::quantum::walk::{
+    LOCATION_CALLS, OF_ROTATIONS, OF_ROUNDING, OF_SERIES, VALUE_CALLS, WalkCost, WalkRegisters,
+    of_evolution,
+};
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
@@ -66,16 +69,20 @@ pub struct Preparation {
     pub point: f64,
     /// The tolerance that the profile is planned for.
     pub state_tolerance: f64,
+    /// The same, of the field at `p◇`.
+    pub field_tolerance: f64,
     /// The profile in words.
     pub planned: String,
 }
 
-impl From<&WarpPlan> for Preparation {
-    fn from(warp: &WarpPlan) -> Self {
+impl Preparation {
+    /// That of a run's plan, to this error of the field.
+    pub fn of_plan(warp: &WarpPlan, field_tolerance: f64) -> Self {
         Self {
             series: warp.series.clone(),
             point: warp.readings[0].point,
             state_tolerance: warp.state_tolerance,
+            field_tolerance,
             planned: warp.profile.as_ref().map_or(String::new(), ToString::to_string),
         }
     }
@@ -138,6 +145,41 @@ pub struct GatesAround {
     pub part: LabelledNumber,
 }
 
+/// The most that each approximation changes the field, relative to it, in units of the tolerance:
+/// by the norm of the difference (l2).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorBudget {
+    /// The profile and its modes, in all of the window, or at the point where there is none.
+    pub profile_and_window: LabelledNumber,
+    /// The cut series.
+    pub series: LabelledNumber,
+    /// Rounded values, or jumps of `V` rounded to levels.
+    pub rounding: LabelledNumber,
+    /// The synthesis of rotations.
+    pub rotations: LabelledNumber,
+    /// All of them.
+    pub sum: LabelledNumber,
+}
+
+impl ErrorBudget {
+    /// Of a profile that is planned to this part of the tolerance at its point, read from a window
+    /// with this error in units of that; none where there is no profile.
+    fn new(points: usize, planned: f64, window_error: Option<f64>) -> Self {
+        let profile =
+            if points == 1 { 0.0 } else { planned * window_error.unwrap_or(1.0).max(1.0) };
+        let evolution = of_evolution(points);
+        let parts = [OF_SERIES, OF_ROUNDING, OF_ROTATIONS].map(|part| part * evolution);
+        let [series, rounding, rotations] = parts.map(LabelledNumber::bound);
+        Self {
+            profile_and_window: LabelledNumber::bound(profile),
+            series,
+            rounding,
+            rotations,
+            sum: LabelledNumber::bound(profile + parts.iter().sum::<f64>()),
+        }
+    }
+}
+
 /// The resources of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Record {
@@ -163,10 +205,11 @@ pub struct Record {
     pub period: f64,
     /// Nonzeros, measured, against the paper's bounds.
     pub sparsity: Sparsity,
-    /// `ε√P`, to which the evolution is approximated: beside the field that is measured in it, an
-    /// error of the whole state is `1/√P` times as large. The cut series and the rounding of values
-    /// have half of it each.
+    /// The evolution's part of `ε√P`, to which it is approximated: beside the field that is
+    /// measured in it, an error of the whole state is `1/√P` times as large.
     pub walk_tolerance: LabelledNumber,
+    /// What the errors of the field add up to.
+    pub error_budget: ErrorBudget,
     /// `d`: nonzeros of a row of `H`.
     pub nonzeros: LabelledNumber,
     /// `‖H‖_max`, over the modes that carry something.
@@ -254,6 +297,13 @@ pub struct Comparison {
     pub unitary: Option<Unitary>,
     /// Why there is no such scheme; none where there is.
     pub not_unitary: Option<String>,
+    /// Why the cheapest set-up is the case's own, where it is.
+    pub cheapest_is_own: Option<String>,
+    /// Why the case's own set-up is not the cheapest though it takes fewer gates; none where it
+    /// does not.
+    pub own_not_taken: Option<String>,
+    /// Why choices are not among those that were compared: how many, and the reason of the first.
+    pub not_compared: Option<String>,
 }
 
 impl Unitary {
@@ -283,7 +333,8 @@ pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -
     let Prepared { case, bounds, .. } = prepared;
     // A unitary flow keeps the norm; a rough solution does so to some digits.
     let ratio = if bounds.is_skew() { 1.0 } else { ratio };
-    let rounding = OF_ROUNDING * case.tolerance / ratio;
+    let points = if bounds.is_skew() { 1 } else { 2 };
+    let rounding = OF_ROUNDING * of_evolution(points) * case.tolerance / ratio;
     Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
 }
 
@@ -307,6 +358,24 @@ fn qubits(count: usize) -> usize {
 const NORMS: &str = "norms of the classical solution, 3 digits";
 
 impl Record {
+    /// Gates until the field is measured, by the access that takes the fewest; infinite where there
+    /// is no number.
+    pub fn least_gates(&self) -> f64 {
+        self.costs.iter().map(Cost::least).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Why these gates are not to be compared with those of a set-up within the tolerance; none
+    /// where they are.
+    pub fn not_comparable(&self) -> Option<String> {
+        let sum = self.error_budget.sum.value().unwrap_or(f64::INFINITY);
+        if self.weighted {
+            return Some(
+                "its weights take a table in every value query, which is no gate".to_owned(),
+            );
+        }
+        (sum > 1.0).then(|| format!("its errors add up to {sum:.3} tolerances"))
+    }
+
     /// The resources of the case of `prepared` with the state of `preparation`, from this rank's
     /// part of the system. Collective.
     ///
@@ -320,7 +389,7 @@ impl Record {
     ) -> Result<Self> {
         let Prepared { case, bounds, system, communicator, .. } = prepared;
         let accesses = accesses(prepared, norms.start / norms.weighted, synthesis);
-        let Preparation { series, point, state_tolerance, planned } = preparation;
+        let Preparation { series, point, state_tolerance, field_tolerance, planned } = preparation;
         let space = &communicator.space;
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
         // A register has a power of two of points.
@@ -333,7 +402,9 @@ impl Record {
         let exact = LabelledNumber::exact;
         let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
         let probabilities = Probabilities::new(&state, norms, &estimate);
-        let fine = probabilities.amplitude().times(&exact(tolerance));
+        let fine = probabilities.amplitude().times(&exact(of_evolution(points) * tolerance));
+        let error_budget =
+            ErrorBudget::new(points, field_tolerance / tolerance, probabilities.window_error);
         let tau = exact(d * largest * time);
         let evolution = WalkCost::new(&tau, &fine);
         let bits = evolution.bits.value().unwrap_or_default();
@@ -360,6 +431,7 @@ impl Record {
             points,
             period,
             walk_tolerance: fine,
+            error_budget,
             nonzeros: exact(d),
             largest_entry: exact(largest),
             tau,

@@ -19,14 +19,18 @@
 //! A step of the walk has `V` and `V†`: [`LOCATION_CALLS`] and [`VALUE_CALLS`]. In place, a row
 //! with fewer entries than `d` needs different dummies: `ℓ` behind the last column. `e^{−iHT}`
 //! takes `2K` phased steps, `K` being the degree at which the Jacobi–Anger series of `e^{−iτx}`, `τ
-//! = dXT`, is cut: `2 Σ_{k>K} |J_k(τ)| ≤ ε` (Low and Chuang 2017).
+//! = dXT`, is cut: `t = 2 Σ_{k>K} |J_k(τ)| ≤ ε/2` (Low and Chuang 2017).
 //!
 //! **Bits.** Both parts of a value are rounded to multiples of `X/(2^{m−1} − 1)`, so that an entry
 //! is off by `X/(√2 (2^{m−1} − 1))`, `H` by `d` times that, and `e^{−iHT}` by `τ/(√2 (2^{m−1} −
 //! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems.
 //!
-//! **Budget.** Of the tolerance the cut series has [`OF_SERIES`], rounded values, or jumps that are
+//! **Budget.** Of the tolerance of the field the profile in its window has [`OF_PROFILE`], and the
+//! evolution [`OF_EVOLUTION`]; without a profile the evolution has all of it ([`of_evolution`]). Of
+//! the evolution's tolerance the cut series has [`OF_SERIES`], rounded values, or jumps that are
 //! rounded to levels, have [`OF_ROUNDING`], and rotations by Clifford and T gates [`OF_ROTATIONS`].
+//! A series whose rest is `t` is within `2t` of the exponential as a sequence of steps
+//! ([`phases`](crate::quantum::phases)): so `K` is the least degree with `2t` in its part.
 //!
 //! **Half as many calls.** With its reflection before the call instead of behind it the walk is its
 //! inverse. So the qubit of the sequence may choose between a step forward and a step back, where
@@ -46,11 +50,15 @@ use std::f64::consts::SQRT_2;
 pub const LOCATION_CALLS: f64 = 2.0;
 /// Calls of the value oracle in a step of the walk, inverses included.
 pub const VALUE_CALLS: f64 = 4.0;
-/// Part of the tolerance that the cut series may take.
+/// Part of the tolerance of the field that the profile may take, in the window or at the point.
+pub const OF_PROFILE: f64 = 0.5;
+/// Part of it that the evolution may take, relative to the state.
+pub const OF_EVOLUTION: f64 = 0.5;
+/// Part of the evolution's tolerance that the cut series may take.
 pub const OF_SERIES: f64 = 0.5;
-/// Part of the tolerance for what is rounded: values, or jumps of `V` to levels.
+/// Part of it for what is rounded: values, or jumps of `V` to levels.
 pub const OF_ROUNDING: f64 = 0.25;
-/// Part of the tolerance for the synthesis of rotations.
+/// Part of it for the synthesis of rotations.
 pub const OF_ROTATIONS: f64 = 0.25;
 
 /// The cost of `e^{−iHT}`.
@@ -73,7 +81,7 @@ impl WalkCost {
         let (Some(tau), Some(tolerance)) = (tau.value(), tolerance.value()) else {
             return Self { degree: both.clone(), steps: both.clone(), bits: both };
         };
-        let order = degree(&mut Vec::new(), tau, OF_SERIES * tolerance) as f64;
+        let order = degree(&mut Vec::new(), tau, 0.5 * OF_SERIES * tolerance) as f64;
         let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
         let degree = both.with(1.0).times(&label(order));
         let bits = value_bits(tau, OF_ROUNDING * tolerance);
@@ -84,6 +92,11 @@ impl WalkCost {
     pub fn calls(&self, each: f64) -> LabelledNumber {
         self.steps.value().map_or(self.steps.clone(), |steps| self.steps.with(each * steps))
     }
+}
+
+/// Part of the field's tolerance that the evolution has with so many `points` in `p`.
+pub fn of_evolution(points: usize) -> f64 {
+    if points == 1 { 1.0 } else { OF_EVOLUTION }
 }
 
 /// `d`: calls of a sequence of steps forward and back, for a series of this degree and `τ`.
@@ -134,6 +147,7 @@ impl WalkRegisters {
 mod tests {
     use super::*;
     use crate::quantum::labelled_number::Trust;
+    use crate::quantum::phases::Phases;
     use num_complex::Complex64;
     use std::collections::BTreeMap;
 
@@ -144,6 +158,12 @@ mod tests {
         let exact = LabelledNumber::exact;
         let cost = |tau: f64, tolerance: f64| WalkCost::new(&exact(tau), &exact(tolerance));
         let count = |tau: f64, tolerance: f64| number(&cost(tau, tolerance).degree);
+        // The sequence is within 2t, and that is in the part of the series.
+        for tolerance in [1e-2, 1e-5] {
+            let bound = Phases::new(20.0, count(20.0, tolerance) as usize).expect("phases").bound;
+            assert!(bound <= OF_SERIES * tolerance, "{tolerance}: {bound:e}");
+        }
+        assert_eq!(OF_SERIES + OF_ROUNDING + OF_ROTATIONS, 1.0);
         let evolution = cost(50.0, 1e-6);
         assert_eq!(number(&evolution.steps), 2.0 * count(50.0, 1e-6));
         assert_eq!(number(&evolution.calls(VALUE_CALLS)), 8.0 * count(50.0, 1e-6));

@@ -16,9 +16,11 @@
 //! On a grid of `N_v` velocities `‖f‖ = √Σf²` grows like the root of all cells, so that the overlap
 //! falls like the root of the cells of space: a density at a point is a small part of a state.
 //!
-//! **Characteristics.** `ρ = ∫ f₀(foot(x, v)) dv` takes no grid. Classically it is quadrature or
-//! Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀` over all `v`,
-//! with a reversible trace, compute and uncompute, in each evaluation (a model).
+//! **Characteristics.** `ρ = ∫ f₀(foot(x, v)) dv` takes no grid of `f`. Classically it is
+//! quadrature or Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀`
+//! over all `v`, with a reversible trace, compute and uncompute, in each evaluation (a model). A
+//! trace has a leg for each part of `V` that is linear: of a curved `V` the more, the smaller `ε`.
+//! Where `V` reflects in part, characteristics branch, and none of these ways exists.
 
 mod measured;
 mod methods;
@@ -29,7 +31,7 @@ mod traced;
 use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Data, Exact, Integrator, Limiter, Method};
+use crate::problem::case::{Case, Data, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
@@ -38,15 +40,23 @@ use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::advise::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
-use crate::study::end_to_end::task::{Candidate, DensityTask};
+use crate::study::end_to_end::task::{Candidate, DensityTask, OVER_CHARACTERISTICS};
 use crate::study::end_to_end::text::verdict;
-use crate::study::end_to_end::traced::{BATCH, TracedDensity};
+use crate::study::end_to_end::traced::{
+    BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
+};
 use crate::study::grids::of_degree;
 
 /// Degrees that are compared.
 const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
+/// Names of methods.
+const QUADRATURE: &str = "quadrature over characteristics";
+const MONTE_CARLO: &str = "Monte Carlo over characteristics";
+/// Why nothing is traced where `V` reflects in part.
+const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V, and the \
+                        paths of a point grow like 2 to the number of its jumps; none is traced";
 
 impl EndToEnd {
     /// The task of `case` to a relative error `accuracy` of the density, with T gates of rotations
@@ -64,7 +74,8 @@ impl EndToEnd {
         let exact = exact_of(case)?;
         let PointOfTask { point, mean } = PointOfTask::new(world, case, &exact)?;
         let tracer = Tracer::new(case)?;
-        let traced = TracedDensity::by_quadrature(case, &tracer, &point, accuracy);
+        let at_point = DensityAtPoint { case, point, value: exact_values(case, &exact, &tracer) };
+        let traced = at_point.by_quadrature(accuracy);
         let density_of_mean = traced.density.abs() / mean;
         let n = case.space.dimension();
         if density_of_mean < LEAST_SHARE {
@@ -78,24 +89,30 @@ impl EndToEnd {
                 traced.density
             )));
         }
-        let sampled = TracedDensity::by_monte_carlo(case, &tracer, &point, accuracy);
         let density = traced.density.abs();
         let task = DensityTask { world, exact: &exact, accuracy, density, synthesis };
-        let upwind = candidates(&task, case, |case| Ok(scheme_of(case)));
+        let upwind = candidates(&task, case, |case| Ok(dissipative_of(case)));
         let unitary = candidates(&task, case, unitary_of);
         let quantum = vec![
             task.cheapest("Schrödingerization, dissipative", &upwind),
             task.cheapest("one mode, unitary", &unitary),
-            task.over_characteristics(case, &traced),
+            match case.reflects() {
+                true => QuantumMethod::unavailable(OVER_CHARACTERISTICS, BRANCHES),
+                false => {
+                    let legs = at_point.most_legs(traced.density, accuracy)?;
+                    task.over_characteristics(case, &traced, legs)
+                }
+            },
         ];
-        let mut baselines = vec![fastest_stepping(&upwind, case, accuracy)];
-        if !case.is_galerkin() && !case.varies() {
-            let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
-            let found = MeasuredScheme::new(world, &steeper, &exact);
-            let found = found.map_err(|error| case.reason(&error));
-            baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
+        let baselines = classical_methods(&task, &at_point, &traced, &upwind);
+        let mut sentences = verdict(&quantum, &baselines, density_of_mean);
+        if traced.error > accuracy {
+            let TracedDensity { error, traces, .. } = traced;
+            sentences.insert(0, format!(
+                "warning: the density is that of {traces} values, with an error of {error:.1e}; \
+                 all numbers are for that density"
+            ));
         }
-        baselines.extend(over_characteristics(world, [&traced, &sampled]));
         Ok(Self {
             title: case.title.clone(),
             accuracy,
@@ -103,11 +120,37 @@ impl EndToEnd {
             point: point[..n].to_vec(),
             density: traced.density,
             density_of_mean,
-            verdict: verdict(&quantum, &baselines, density_of_mean),
+            verdict: sentences,
             quantum,
             classical: baselines,
         })
     }
+}
+
+/// The classical methods. Collective.
+fn classical_methods(
+    task: &DensityTask<'_>,
+    at_point: &DensityAtPoint<'_>,
+    traced: &TracedDensity,
+    upwind: &[Candidate],
+) -> Vec<ClassicalMethod> {
+    let DensityTask { world, exact, accuracy, .. } = *task;
+    let case = at_point.case;
+    let mut baselines = vec![fastest_stepping(upwind, case, accuracy)];
+    if !case.is_galerkin() && !case.varies() {
+        let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
+        let found = MeasuredScheme::new(world, &steeper, exact);
+        let found = found.map_err(|error| case.reason(&error));
+        baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
+    }
+    baselines.extend(match case.reflects() {
+        true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
+        false => [
+            by_quadrature(world, traced, accuracy),
+            by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
+        ],
+    });
+    baselines
 }
 
 /// What errors of `case` are measured against.
@@ -125,6 +168,25 @@ fn exact_of(case: &Case) -> Result<Exact> {
             let what = "nothing exact to measure errors against; [exact] f gives a formula";
             Err(Error::Input(format!("{}: {what}", case.name)))
         }
+    }
+}
+
+/// The exact `f(T)`: by the formula where `V` reflects in part, else by characteristics.
+fn exact_values<'a>(case: &'a Case, exact: &'a Exact, tracer: &'a Tracer<'a>) -> Values<'a> {
+    match exact {
+        Exact::Formula(formula) if case.reflects() => {
+            Box::new(|at| formula.at_points(std::slice::from_ref(at), case.end)[0])
+        }
+        _ => Box::new(|at| tracer.value(at, case.end)),
+    }
+}
+
+/// `case` with a scheme that dissipates: the upwind one, if its own has the central flux.
+fn dissipative_of(case: &Case) -> Case {
+    let scheme = scheme_of(case);
+    match scheme.flux == 0.0 {
+        true => Case { flux: 1.0, ends: EndFlux::Open, ..scheme },
+        false => scheme,
     }
 }
 
@@ -240,16 +302,35 @@ fn stepping(
     }
 }
 
-/// Quadrature and Monte Carlo. Collective.
-fn over_characteristics(world: &World, found: [&TracedDensity; 2]) -> [ClassicalMethod; 2] {
-    let [quadrature, sampled] = found;
-    let monte_carlo = format!("measured here; traces in batches of {BATCH}, never fewer");
-    [
-        ("quadrature over characteristics", quadrature, "measured here"),
-        ("Monte Carlo over characteristics", sampled, &monte_carlo),
-    ]
-    .map(|(name, found, how)| {
-        let seconds = LabelledNumber::estimate(world.group().max(found.seconds), how);
-        ClassicalMethod { name, degree: None, size: Some(found.traces as f64), seconds }
-    })
+/// Quadrature, whose seconds are none where it does not reach `accuracy`. Collective.
+fn by_quadrature(world: &World, found: &TracedDensity, accuracy: f64) -> ClassicalMethod {
+    let seconds = match found.error <= accuracy {
+        true => LabelledNumber::estimate(world.group().max(found.seconds), "measured here"),
+        false => LabelledNumber::unavailable(&format!(
+            "not reached: an error of {:.1e} with {} traces",
+            found.error, found.traces
+        )),
+    };
+    ClassicalMethod { name: QUADRATURE, degree: None, size: Some(found.traces as f64), seconds }
+}
+
+/// Monte Carlo, whose traces and seconds are extrapolated where it does not reach `accuracy`.
+/// Collective.
+fn by_monte_carlo(world: &World, found: &TracedDensity, accuracy: f64) -> ClassicalMethod {
+    let measured = world.group().max(found.seconds);
+    let times = (found.error / accuracy).powi(2);
+    let (size, seconds) = if times <= 1.0 {
+        let how = format!("measured here; traces in batches of {BATCH}, never fewer");
+        (found.traces as f64, LabelledNumber::estimate(measured, &how))
+    } else if times.is_finite() {
+        let how = format!(
+            "{MOST_SAMPLED} traces measured here, which reach {:.1e}; more by 1/eps^2",
+            found.error
+        );
+        (times * found.traces as f64, LabelledNumber::model(times * measured, &how))
+    } else {
+        let why = format!("f is 0 on all of {} traces", found.traces);
+        (found.traces as f64, LabelledNumber::unavailable(&why))
+    };
+    ClassicalMethod { name: MONTE_CARLO, degree: None, size: Some(size), seconds }
 }

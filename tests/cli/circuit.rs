@@ -378,7 +378,7 @@ fn cases_without_a_circuit_are_refused() {
     const FLAT: &str = "scheme.interface=conservative";
     let rows: &[Row] = &[
         ("example1.toml", &[], &["scheme.interface", "hat", "conservative"]),
-        ("example1.toml", &[FLAT], &["0.2", "728.17", "--sub-bins"]),
+        ("example1.toml", &[FLAT], &["0.2", "728.17", "`export-circuit --sub-bins B`"]),
         ("example1.toml", &[FLAT, "solver.method=classical"], &["solver.method"]),
         ("example1.toml", &[FLAT, "scheme.flux=0.5"], &["scheme.flux", "closed"]),
         ("example1.toml", &["scheme.flux=0"], &["scheme.flux", "closed"]),

@@ -810,3 +810,157 @@ fn probabilities_agree_with_the_warped_field() {
     let from = found["norm_of_field"]["value"].as_f64().unwrap();
     assert!((from / exact - 1.0).abs() < 1e-12, "{from} {exact}");
 }
+
+/// The JSON of a case from end to end.
+fn end_to_end(name: &str, accuracy: &str, settings: &[&str]) -> Value {
+    let job = Job::new(["resources", &case(name), "--accuracy", accuracy, "--format", "json"]);
+    job.set(settings).succeed().unwrap().json().unwrap()
+}
+
+/// The method of this name of such a JSON.
+fn method_of<'a>(found: &'a Value, name: &str) -> &'a Value {
+    let all = ["quantum", "classical"].iter().flat_map(|kind| found[kind].as_array().unwrap());
+    let mut named = all.filter(|way| way["name"] == name);
+    named.next().unwrap_or_else(|| panic!("{name}: {found}"))
+}
+
+/// Where `V` reflects in part, the density is that of the exact formula, and ways that trace
+/// characteristics have no number but the reason.
+#[test]
+fn characteristics_that_branch_are_not_traced() {
+    let settings = ["readout={points=[[-0.4]],accuracy=0.1}"];
+    let found = end_to_end("partial_reflection.toml", "0.1", &settings);
+    // ∫ R(v) f₀(−x + vt, −v) dv over v < 0, and what was not reflected yet; by hand 6.93e-4.
+    let density = found["density"].as_f64().unwrap();
+    assert!((density / 6.93e-4 - 1.0).abs() < 0.02, "{density:e}");
+    for name in ["reversible characteristics", "quadrature over characteristics"] {
+        let seconds = &method_of(&found, name)["seconds"];
+        assert_eq!(seconds["label"], "unavailable", "{name}");
+        assert!(seconds["because"].as_str().unwrap().contains("branch"), "{seconds}");
+    }
+    let verdict = found["verdict"].to_string();
+    assert!(!verdict.contains("characteristics") && verdict.contains("time stepping"), "{verdict}");
+}
+
+/// Quadrature reaches the accuracy that it claims where `f` jumps along `v`, and Monte Carlo that
+/// takes too many traces says that its seconds are extrapolated.
+#[test]
+fn a_density_has_the_accuracy_that_was_asked_for() {
+    let settings = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
+    let found = end_to_end("example1.toml", "1e-4", &settings);
+    // f(0) is 1 on a union of sectors: f(1) is 1 on three intervals of v.
+    let density = found["density"].as_f64().unwrap();
+    let exact = density_behind_the_step(found["point"][0].as_f64().unwrap());
+    assert!((density / exact - 1.0).abs() <= 1e-4, "{density} {exact}");
+    let sampled = method_of(&found, "Monte Carlo over characteristics");
+    assert_eq!(sampled["seconds"]["label"], "model");
+    assert!(sampled["size"].as_f64().unwrap() > 1e7, "{sampled}");
+}
+
+/// The density of example 1 at `T = 1` a little behind the step, by hand: what never met it, was
+/// reflected by it, and was transmitted.
+fn density_behind_the_step(x: f64) -> f64 {
+    let never = 0.5 * ((2.0 - x * x).sqrt() - x);
+    let slowest = 0.4f64.sqrt();
+    let reflected = slowest - x;
+    // A transmitted particle had u = √(v² − 0.4), and was at −u(1 − x/v).
+    let inside = |v: f64| (v * v - 0.4) * (1.0 + (1.0 - x / v).powi(2)) < 1.0;
+    let [mut low, mut high] = [slowest, 1.5];
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        *(if inside(middle) { &mut low } else { &mut high }) = middle;
+    }
+    never + reflected + low - slowest
+}
+
+/// A trace has a leg for every part of `V` that is linear: of a curved `V` as many as the accuracy
+/// needs, whatever the case's grid.
+#[test]
+fn legs_of_a_trace_follow_from_the_potential() {
+    let legs = |cells: &str, accuracy: &str| {
+        let settings = ["potential=[{value='cos(3*x)/3'}]", cells];
+        let found = end_to_end("harmonic_step.toml", accuracy, &settings);
+        method_of(&found, "reversible characteristics")["legs"].as_u64().unwrap()
+    };
+    let [coarse, fine] = ["64", "128"].map(|n| format!("axis.0.x.cells={n}"));
+    let [rough, close] = ["0.3", "0.03"].map(|accuracy| legs(&coarse, accuracy));
+    assert!(3 < rough && rough < close, "{rough} {close}");
+    assert_eq!(legs(&fine, "0.3"), rough);
+    let step = end_to_end("example1.toml", "0.1", &[]);
+    assert_eq!(method_of(&step, "reversible characteristics")["legs"], 2);
+    // The density is the amplitude of an outcome: its sign needs no control of the evolution.
+    let evolutions = &method_of(&step, "one mode, unitary")["evolutions"]["value"];
+    assert!(evolutions.as_f64().unwrap() < 2e4, "{evolutions}");
+}
+
+/// The dissipative way dissipates, also where the case's own scheme is unitary.
+#[test]
+fn a_unitary_case_is_compared_with_upwind() {
+    let found = end_to_end("unitary_advection.toml", "0.1", &[]);
+    let [upwind, unitary] = ["Schrödingerization, dissipative", "one mode, unitary"]
+        .map(|name| method_of(&found, name));
+    assert!(upwind["profile"].is_object() && unitary["profile"].is_null(), "{upwind}");
+    assert!(upwind["points"]["value"].as_f64().unwrap() > 1.0);
+    assert!(upwind["probability"]["value"].as_f64().unwrap() < 1.0);
+}
+
+/// The errors of the field add up to the tolerance in the cheapest set-up, and to what is stated in
+/// the case's own, whose window may be looser.
+#[test]
+fn the_error_budget_adds_up() {
+    let job = Job::new(["resources", &case("example1.toml")]).set(&["solver.tolerance=1e-3"]);
+    let text = job.succeed().unwrap().printed;
+    let found = job.with(["--format", "json"]).succeed().unwrap().json().unwrap();
+    for record in [&found, &found["own"]] {
+        let budget = &record["error_budget"];
+        let of = |key: &str| budget[key]["value"].as_f64().unwrap();
+        let parts = ["profile_and_window", "series", "rounding", "rotations"].map(of);
+        assert!((parts.iter().sum::<f64>() - of("sum")).abs() < 1e-12, "{budget}");
+        let p = &record["probabilities"];
+        let chain = if p["window"].is_null() { "at_slice" } else { "in_window" };
+        let root = p[chain]["all"]["value"].as_f64().unwrap().sqrt();
+        let evolution = parts[1..].iter().sum::<f64>() * 1e-3 * root;
+        let walk = record["walk_tolerance"]["value"].as_f64().unwrap();
+        assert!((walk / evolution - 1.0).abs() < 1e-9, "{walk} {evolution}");
+        assert!(text.contains("error of the field"), "{text}");
+    }
+    let sum = |record: &Value| record["error_budget"]["sum"]["value"].as_f64().unwrap();
+    assert!(sum(&found) <= 1.0 + 1e-12 && sum(&found) > 0.5, "{}", sum(&found));
+    assert!(sum(&found["own"]) >= 1.5, "{}", sum(&found["own"]));
+    // One mode has no profile: the evolution has all of the tolerance.
+    let settings = ["solver.tolerance=1e-3", "scheme.flux=0", "scheme.ends=closed"];
+    let job = Job::new(["resources", &case("example1.toml"), "--format", "json"]);
+    let one = job.set(&settings).succeed().unwrap().json().unwrap();
+    assert_eq!(one["error_budget"]["profile_and_window"]["value"], 0.0);
+    assert_eq!(sum(&one), 1.0);
+}
+
+/// Where no choice can be priced, or the case's own set-up takes fewer gates, the command says so.
+#[test]
+fn the_cheapest_set_up_is_no_silent_stand_in() {
+    let decayed = ["inflow.value=0", "solver.tolerance=1e-2", "axis.0.x.cells=18"];
+    let job = Job::new(["resources", &case("lens2d.toml")]).set(&decayed);
+    let text = job.succeed().unwrap().printed;
+    assert!(text.contains("no other set-up could be priced"), "{text}");
+    let found = job.with(["--format", "json"]).succeed().unwrap().json().unwrap();
+    assert_eq!(found["cheapest_is_own"], "no other set-up could be priced");
+    assert!(found["not_compared"].as_str().unwrap().contains("decayed"), "{found}");
+    // A long period takes more modes than were compared once; the own window is looser.
+    let long = [
+        "axis.0.x.cells=4096",
+        "axis.0.v.cells=8",
+        "solver.tolerance=1e-3",
+        "scheme.interface=conservative",
+        "output.recovery_points=1",
+        "solver.warp.profile=gaussian",
+        "solver.warp.sigma=0.42",
+        "solver.warp.interval=[-100,20540]",
+    ];
+    let job = Job::new(["resources", &case("example1.toml"), "--format", "json"]).set(&long);
+    let found = job.succeed().unwrap().json().unwrap();
+    let of_own = found["own"]["error_budget"]["sum"]["value"].as_f64().unwrap();
+    let told = found["own_not_taken"].as_str().unwrap_or_default();
+    assert!(of_own > 1.0 && told.contains("tolerances"), "{told} {of_own}");
+    let told = found["not_compared"].as_str().unwrap_or_default();
+    assert!(told.contains("up to 131072 are compared"), "{told}");
+}

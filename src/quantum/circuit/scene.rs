@@ -163,8 +163,9 @@ impl CircuitCase {
             let odd = odd.map_or(Height { rise: 0.0, levels: 0.0 }, |face| face.height);
             Error::Input(format!(
                 "{}: V jumps by {} = {:.6} levels of dv²/2, which is no multiple of \
-                 2^-{MOST_BIN_BITS}; --sub-bins B rounds it to a multiple of 2^-B of a level, and \
-                 another number of velocity cells may make it whole",
+                 2^-{MOST_BIN_BITS}; `export-circuit --sub-bins B` rounds it to a multiple of 2^-B \
+                 of a level, a complete circuit does not; another number of velocity cells may \
+                 make it whole",
                 case.name, odd.rise, odd.levels
             ))
         })

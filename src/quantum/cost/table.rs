@@ -50,7 +50,7 @@ impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
+            "{:<26}{:>10}{:>10}{:>8}{:>9}{:>10}{:>10}{:>11}{:>6}",
             "", "alpha", "steps", "Toffoli", "rot.", "evolution", "halved", "measured", "qb."
         )?;
         // Gates of a model are no whole numbers.
@@ -62,7 +62,7 @@ impl fmt::Display for CostTable<'_> {
             let Cost { evolution, half_calls, .. } = cost;
             writeln!(
                 f,
-                "{:<26}{:>10}{:>10}{:>9}{:>8}{:>10}{:>10}{:>11}{:>6}",
+                "{:<26}{:>10}{:>10}{:>8}{:>9}{:>10}{:>10}{:>11}{:>6}",
                 format!("{name}, {}", cost.access),
                 cost.alpha.marked(),
                 evolution.steps.marked(),

@@ -6,15 +6,19 @@ use crate::problem::case::{Case, Delta};
 use crate::quantum::cost::EvolutionRequirements;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
-use crate::quantum::probability::{PlannedState, Probabilities, amplification_rounds};
+use crate::quantum::probability::{PlannedState, Probabilities, WINDOW, amplification_rounds};
 use crate::quantum::resources::Preparation;
+use crate::quantum::walk::{OF_PROFILE, of_evolution};
 use crate::schrodingerization::placement::Outline;
 use crate::schrodingerization::profile::series::{Series, points, points_of_modes};
 use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
 use std::f64::consts::TAU;
 
 /// More modes than this are not compared.
-pub(super) const MOST_MODES: usize = 1 << 14;
+pub(super) const MOST_MODES: usize = 1 << 17;
+/// Part of the field's tolerance to which a profile is planned at `p◇`, so that its window has
+/// [`OF_PROFILE`].
+pub(super) const PLANNED: f64 = OF_PROFILE / WINDOW;
 
 /// The modes of a state that is planned to be measured: on a period so long that the window ends
 /// where hardly anything is left of `e^{−p}`, and that the modes fill a register, whose highest
@@ -48,22 +52,30 @@ impl RegisterModes {
 /// # Errors
 /// As [`WarpPlan::modes_of`](crate::schrodingerization::warp_plan::WarpPlan::modes_of).
 pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparation> {
-    let outline = Outline::new(case, bounds, ratio)?;
-    Ok(of_outline(&outline, case.tolerance / ratio))
+    let case = planned_within(case);
+    let outline = Outline::new(&case, bounds, ratio)?;
+    Ok(of_outline(&outline, case.tolerance, ratio))
 }
 
-/// The state of a plan.
-fn of_outline(outline: &Outline, state_tolerance: f64) -> Preparation {
+/// `case` with the tolerance to which its profile is planned.
+fn planned_within(case: &Case) -> Case {
+    Case { tolerance: PLANNED * case.tolerance, ..case.clone() }
+}
+
+/// The state of a plan for this error of the field.
+fn of_outline(outline: &Outline, field_tolerance: f64, ratio: f64) -> Preparation {
+    let state_tolerance = field_tolerance / ratio;
     let series = match outline.profile.form() {
         ProfileForm::Transform(shape) => RegisterModes::new(outline).series(shape, usize::MAX),
         ProfileForm::Series(series) => series.clone(),
     };
     let planned = outline.profile.to_string();
-    Preparation { series, point: outline.point, state_tolerance, planned }
+    Preparation { series, point: outline.point, state_tolerance, field_tolerance, planned }
 }
 
 /// A candidate whose number of modes is known, but no coefficient.
 pub(super) struct PlannedCandidate {
+    /// With the tolerance of the profile.
     case: Case,
     outline: Outline,
 }
@@ -77,7 +89,7 @@ impl PlannedCandidate {
         system: &System<'_>,
         candidate: &ProfileCandidate,
     ) -> std::result::Result<Self, String> {
-        let case = candidate_case(system.case, system.bounds, candidate);
+        let case = planned_within(&candidate_case(system.case, system.bounds, candidate));
         let outline = Outline::new(&case, system.bounds, system.ratio);
         let outline = outline.map_err(|error| case.reason(&error))?;
         let too_many = |modes: f64| format!("{modes} modes; up to {MOST_MODES} are compared");
@@ -123,7 +135,9 @@ impl PlannedCandidate {
             highest: TAU * (modes - 1) as f64 / register.period,
             points: first.points,
             period: register.period,
-            tolerance: LabelledNumber::exact(most.sqrt() * case.tolerance),
+            tolerance: LabelledNumber::exact(
+                most.sqrt() * of_evolution(first.points) * system.case.tolerance,
+            ),
         };
         let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
         (1.0 - ROUND_OFF) * least.least()
@@ -133,7 +147,7 @@ impl PlannedCandidate {
     fn priced(&self, system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         let Self { case, outline } = self;
         let Preparation { series, point, state_tolerance, .. } =
-            of_outline(outline, case.tolerance / system.ratio);
+            of_outline(outline, case.tolerance, system.ratio);
         let time = case.duration();
         let label =
             |x: f64| LabelledNumber::estimate(x, "norms of the classical solution, 3 digits");
@@ -151,7 +165,9 @@ impl PlannedCandidate {
             highest: series.wavenumber(series.modes() - 1),
             points,
             period: series.period,
-            tolerance: found.amplitude().times(&LabelledNumber::exact(case.tolerance)),
+            tolerance: found
+                .amplitude()
+                .times(&LabelledNumber::exact(of_evolution(points) * system.case.tolerance)),
         };
         let least = system.accesses.least(&demand, &found.evolutions());
         CostedChoice {

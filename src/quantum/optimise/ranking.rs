@@ -28,6 +28,16 @@ impl Ranking {
 }
 
 impl Ranking {
+    /// How many choices could not be priced, and why the first of them.
+    pub fn not_compared(&self) -> Option<String> {
+        let without: Vec<&CostedChoice> =
+            self.0.iter().filter(|choice| choice.why_not().is_some()).collect();
+        let first = without.first()?;
+        let (count, all, name) = (without.len(), self.0.len(), name_of(first));
+        let why = first.why_not().unwrap_or_default();
+        Some(format!("{count} of {all} choices could not be priced; {name}: {why}"))
+    }
+
     /// The columns of the table, a row for each choice.
     pub fn columns(&self) -> Vec<ColumnValues> {
         let words = |name: &str, word: fn(&CostedChoice) -> Option<String>| {

@@ -8,12 +8,12 @@ use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::Accesses;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::optimise::pricing::{MOST_MODES, preparation};
+use crate::quantum::optimise::pricing::{MOST_MODES, PLANNED, preparation};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::OF_ROUNDING;
+use crate::quantum::walk::{OF_EVOLUTION, OF_ROUNDING};
 use crate::scheme::rows::{Row, Scheme};
 use crate::schrodingerization::profile::series::points;
 use crate::solve::system::StateNorms;
@@ -113,7 +113,7 @@ fn with_system(test: impl Fn(&System<'_>, &Dense)) {
     let entries = LargestEntries::new(dense.pairs().flatten().collect(), dense.fullest());
     let norms = dense.norms;
     let ratio = norms.start / norms.field;
-    let rounding = OF_ROUNDING * case.tolerance / ratio;
+    let rounding = OF_EVOLUTION * OF_ROUNDING * case.tolerance / ratio;
     let synthesis = RotationSynthesis::default();
     let accesses = &Accesses::new(&case, &bounds, entries, 6, rounding, synthesis);
     let system = System { world: None, case: &case, bounds: &bounds, ratio, norms, accesses };
@@ -190,7 +190,8 @@ struct Twin<'a> {
 
 impl<'a> Twin<'a> {
     fn new(system: &'a System<'a>, dense: &'a Dense) -> Self {
-        let change = OF_ROUNDING * system.case.tolerance / system.ratio / system.case.duration();
+        let rounding = 0.125 * system.case.tolerance;
+        let change = rounding / system.ratio / system.case.duration();
         let found = CircuitCase::new(system.case, Bins::Within(change)).expect("a circuit");
         Self { system, dense, transport: found.transport, tallies: HashMap::new() }
     }
@@ -213,7 +214,8 @@ impl<'a> Twin<'a> {
         let p = found.in_window.all.value().or(found.at_slice.all.value())?;
         let rounds = (FRAC_PI_4 / p.sqrt().min(1.0).asin() - 0.5 - 1e-9).ceil().max(0.0);
         let evolutions = (1.0 / p).min(2.0 * rounds + 1.0);
-        let tolerance = case.tolerance * p.sqrt();
+        // Half is the profile's.
+        let tolerance = 0.5 * case.tolerance * p.sqrt();
         let highest = series.wavenumber(series.modes() - 1);
         let mut gates = self.by_oracles(highest, held, tolerance);
         for levels in [Levels::Hadamard, Levels::Uniform] {
@@ -284,7 +286,8 @@ impl<'a> Twin<'a> {
 
 /// `2K`, and the calls forward or back between two controlled ones.
 fn calls(tau: f64, tolerance: f64) -> [f64; 2] {
-    let degree = least_degree(tau, 0.5 * tolerance);
+    // A sequence is within twice the rest of its series, and the series has half.
+    let degree = least_degree(tau, 0.25 * tolerance);
     let least = degree.max(tau.ceil());
     [2.0 * degree, if least % 2.0 == 1.0 { least } else { least + 1.0 }]
 }
@@ -408,10 +411,11 @@ fn evolved(dense: &Dense, mu: f64, time: f64) -> Vec<Complex64> {
 fn probabilities_are_those_of_the_evolved_state() {
     /// Points of a register that is computed whole.
     const MOST: usize = 1024;
-    /// What the profile may add to the norm of a reading: twice the tolerance of the field.
-    const OF_SLICE: f64 = 2e-3;
+    /// What the profile may add to the norm of a reading: twice the tolerance of the field that it
+    /// is planned for, 5e-5.
+    const OF_SLICE: f64 = 1e-4;
     /// The same in a window, whose readings have ten times that tolerance.
-    const OF_WINDOW: f64 = 2e-2;
+    const OF_WINDOW: f64 = 1e-3;
     /// Error of a reading in the window, in tolerances. The window ends where a single rate of
     /// decay has 10; `K` mixes the rates (11.1 for `exponential`).
     const OF_READING: f64 = 12.0;
@@ -460,14 +464,16 @@ fn probabilities_are_those_of_the_evolved_state() {
                 let scale = (point + k as f64 * width).exp();
                 let off = w.iter().zip(&dense.last).map(|(w, f)| (scale * w - f).powi(2));
                 let off = off.sum::<f64>().sqrt() / dense.norms.field;
-                let limit = OF_READING * system.case.tolerance;
+                let limit = OF_READING * PLANNED * system.case.tolerance;
                 assert!(off < limit, "{:?} {k}: {off:e}", found.profile);
                 squares_off += (off / scale).powi(2);
                 weights += scale.powi(-2);
             }
             let off = (squares_off / weights).sqrt();
-            let limit = stated.window_error.expect("a bound") * system.case.tolerance;
+            let limit = stated.window_error.expect("a bound") * PLANNED * system.case.tolerance;
             assert!(off < limit, "{:?}: {off:e} {limit:e}", found.profile);
+            // That is the profile's half of the tolerance.
+            assert!(limit <= 0.5 * system.case.tolerance, "{:?}: {limit:e}", found.profile);
             assert!(slices > 4, "{:?}: {slices}", found.profile);
             compared += 1;
         }

@@ -67,6 +67,9 @@ impl fmt::Display for Comparison {
             ("no circuit of the case's own set-up", &self.own.no_circuit),
             ("no circuit of the unitary scheme", &unitary.and_then(|u| u.no_circuit.clone())),
             ("no unitary scheme", &self.not_unitary),
+            ("the cheapest set-up is the case's own", &self.cheapest_is_own),
+            ("the case's own set-up is cheaper, and not the cheapest", &self.own_not_taken),
+            ("not compared", &self.not_compared),
         ] {
             if let Some(why) = why {
                 writeln!(f, "{what}: {why}")?;
@@ -154,6 +157,20 @@ impl Record {
             ("operations of classical Euler", &self.classical_operations),
         ];
         rows.iter().try_for_each(|(name, number)| line(f, name, number))?;
+        let errors = &self.error_budget;
+        let part =
+            |number: &LabelledNumber| short(rounded(number.value().unwrap_or(f64::NAN), 1e-3));
+        writeln!(
+            f,
+            "{:<WIDTH$}{}  upper bound, in tolerances: {} profile and window, {} series, {} \
+             rounding, {} rotations",
+            "error of the field",
+            format_args!("{:>12}", part(&errors.sum)),
+            part(&errors.profile_and_window),
+            part(&errors.series),
+            part(&errors.rounding),
+            part(&errors.rotations)
+        )?;
         let r = &self.qubits;
         writeln!(
             f,

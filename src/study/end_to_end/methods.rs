@@ -54,6 +54,8 @@ pub struct QuantumMethod {
     pub probability: LabelledNumber,
     /// Evolutions (over characteristics: traces) of all runs of amplitude estimation.
     pub evolutions: LabelledNumber,
+    /// Legs of a trace, at most: parts of its path on which `V` is linear; none of grid methods.
+    pub legs: Option<usize>,
     /// Cost of an evolution; none where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates alone of an evolution by `2K` steps, or of a trace.
@@ -85,6 +87,7 @@ impl QuantumMethod {
             walk_tolerance: none(),
             probability: none(),
             evolutions: none(),
+            legs: None,
             cost: None,
             toffoli: none(),
             gates_until_measured: none(),
@@ -117,7 +120,8 @@ pub struct EndToEnd {
     pub t_of_rotation: RotationSynthesis,
     /// Where the density is asked for.
     pub point: Vec<f64>,
-    /// The density there, by quadrature over characteristics.
+    /// The density there, by quadrature over characteristics, or of the exact formula where `V`
+    /// reflects in part.
     pub density: f64,
     /// Its ratio to the mean density: the error of a grid is that of the whole density.
     pub density_of_mean: f64,

@@ -6,16 +6,16 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact, ProfileChoice};
-use crate::quantum::cost::{Accesses, EvolutionRequirements};
+use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, System};
 use crate::quantum::optimise::choices;
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::readout::measurement::{amplitude_bound, evaluations, preparations};
+use crate::quantum::readout::measurement::{amplitude_bound, preparations, root_evaluations};
 use crate::quantum::resources::{entries_of, qubits_of};
 use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::OF_ROUNDING;
+use crate::quantum::walk::{OF_ROUNDING, of_evolution};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
@@ -25,6 +25,8 @@ use crate::study::grids::on_grid;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
+/// Name of the method.
+pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
 /// What the tolerance of a state follows from.
 const SPREAD: &str = "the density's error beside that of f, measured";
 /// What the numbers of a grid method follow from.
@@ -114,9 +116,10 @@ impl DensityTask<'_> {
             true => StateOfMethod::of_one_mode(tolerance),
             false => self.planned(&target, &bounds, ratio, norms, accesses)?,
         };
-        let root = state.probability.value().unwrap_or(f64::NAN).sqrt();
-        let count = preparations(evaluations(overlap_error * root));
-        let evolutions = LabelledNumber::estimate(count, MEASURED);
+        // The density is the amplitude of the all-zero outcome of a complete circuit.
+        let probability = state.probability.value().unwrap_or(f64::NAN);
+        let register = root_evaluations(probability, overlap_error);
+        let evolutions = LabelledNumber::estimate(preparations(register), MEASURED);
         let cost = accesses.least(&state.demand, &[evolutions.clone(), evolutions.clone()]);
         let mut grids = measured.grids.clone();
         grids.push(shape);
@@ -138,7 +141,8 @@ impl DensityTask<'_> {
             evolutions,
             toffoli: cost.evolution.toffoli.clone(),
             gates_until_measured: cost.measured().clone(),
-            physical: PhysicalCost::new(&cost.cheaper().qubits, cost.measured()),
+            physical: PhysicalCost::new(&all_qubits(&cost, register), cost.measured()),
+            legs: None,
             cost: Some(cost),
         })
     }
@@ -163,7 +167,7 @@ impl DensityTask<'_> {
             bounds,
             entries.scaled(factor, fuller, FINER),
             qubits_of(target),
-            OF_ROUNDING * tolerance,
+            OF_ROUNDING * of_evolution(if bounds.is_skew() { 1 } else { 2 }) * tolerance,
             self.synthesis,
         )
     }
@@ -198,7 +202,13 @@ impl DensityTask<'_> {
     }
 
     /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
-    pub fn over_characteristics(&self, case: &Case, traced: &TracedDensity) -> QuantumMethod {
+    /// A trace has `legs` legs at most.
+    pub fn over_characteristics(
+        &self,
+        case: &Case,
+        traced: &TracedDensity,
+        legs: usize,
+    ) -> QuantumMethod {
         /// Bits beyond `log₂ 1/ε`.
         const GUARD: f64 = 10.0;
         /// Products, quotients and roots of a leg of a trace, and of the initial formula.
@@ -217,7 +227,7 @@ impl DensityTask<'_> {
             register *= 2.0;
         }
         let bits = (1.0 / self.accuracy).log2().ceil() + GUARD;
-        let products = OF_LEG * (traced.crossings as f64 + 1.0) + OF_FORMULA;
+        let products = OF_LEG * legs as f64 + OF_FORMULA;
         let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
         let evolutions = LabelledNumber::estimate(preparations(register), TRACED);
         let gates = evolutions.times(&trace);
@@ -230,12 +240,16 @@ impl DensityTask<'_> {
             gates_until_measured: gates,
             toffoli: trace,
             evolutions,
-            ..QuantumMethod::unavailable(
-                "reversible characteristics",
-                "no circuit of a trace is compiled",
-            )
+            legs: Some(legs),
+            ..QuantumMethod::unavailable(OVER_CHARACTERISTICS, "no circuit of a trace is compiled")
         }
     }
+}
+
+/// Qubits of the cheaper sequence and of an estimation with `evaluations` values.
+fn all_qubits(cost: &Cost, evaluations: f64) -> LabelledNumber {
+    let qubits = &cost.cheaper().qubits;
+    qubits.with(qubits.value().unwrap_or_default() + evaluations.log2())
 }
 
 impl StateOfMethod {

@@ -148,6 +148,14 @@ impl fmt::Display for QuantumMethod {
             let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
             writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
         }
+        let mut last = None;
+        if let Some(legs) = self.legs {
+            writeln!(
+                f,
+                "  {:<24}{legs:>12}  estimate: the most of 1000 traces",
+                "legs of a trace"
+            )?;
+        }
         for (name, figure) in [
             ("recovery point p", &self.recovery),
             ("points in p, N_p", &self.points),
@@ -159,6 +167,11 @@ impl fmt::Display for QuantumMethod {
             ("physical qubits", &self.physical.physical_qubits),
             ("seconds", &self.physical.seconds),
         ] {
+            // A reason that several numbers share is given once.
+            if figure.value().is_none() && figure.because() == last {
+                continue;
+            }
+            last = figure.because();
             writeln!(f, "  {name:<24}{figure}")?;
         }
         Ok(())
