@@ -87,12 +87,13 @@ impl Designed {
         let length = (demand.growth + demand.reach + demand.decay).max(SHORTEST);
         let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
-        let mut best = with_gap(&circle, demand, planned)?;
+        let mut best = with_gap(&circle, demand, planned, f64::INFINITY)?;
         // With few modes, one batch more or less matters: other gaps are tried.
         let others = if best.modes() <= QUICK { &OTHER_GAPS[..] } else { &[] };
         for factor in others {
-            let found = with_gap(&circle, demand, factor * planned);
-            if let Some(found) = found.filter(|found| work(found) < work(&best)) {
+            let limit = work(&best);
+            let found = with_gap(&circle, demand, factor * planned, limit);
+            if let Some(found) = found.filter(|found| work(found) < limit) {
                 best = found;
             }
         }
@@ -154,8 +155,14 @@ fn domain(demand: &ProfileRequirements) -> [f64; 2] {
     [-demand.growth, demand.reach + demand.decay]
 }
 
-/// The polynomial of fewest modes with a period longer by `gap` than the domain.
-fn with_gap(circle: &Circle, demand: &ProfileRequirements, gap: f64) -> Option<Polynomial> {
+/// The polynomial of fewest modes with a period longer by `gap` than the domain. `None` also if it
+/// surely takes the work `limit` or more, which one trial shows where no shorter domain is used.
+fn with_gap(
+    circle: &Circle,
+    demand: &ProfileRequirements,
+    gap: f64,
+    limit: f64,
+) -> Option<Polynomial> {
     let [lower, upper] = domain(demand);
     let (tolerance, digits) = (demand.tolerance, digits(demand));
     let cutoff = libm::tan(FRAC_PI_2 * digits / ROOM);
@@ -164,11 +171,16 @@ fn with_gap(circle: &Circle, demand: &ProfileRequirements, gap: f64) -> Option<P
     let design = |upper: f64, share: f64, digits: f64| {
         let domain = LatticeDomain::new([lower, upper], gap);
         let guess = 1 + (domain.period * cutoff / TAU) as usize;
-        least(guess, 2 * guess + 40, |modes| {
+        let attempt = |modes: usize| {
             let g = domain.fit(circle, modes, eta);
             let kept = g.keeps_digits(digits * tolerance, demand.round_off);
             (kept && g.meets(circle, [lower, upper], share * tolerance)).then_some(g)
-        })
+        };
+        let most = 2 * guess + 40;
+        let numbers: Vec<usize> = (2..=most).collect();
+        let allowed = numbers.partition_point(|&modes| demand.work(domain.period, modes) < limit);
+        let enough = limit.is_infinite() || (allowed > 0 && attempt(allowed + 1).is_some());
+        enough.then(|| least(guess, allowed + 1, attempt)).flatten()
     };
     // The shorter domain ends where e^{−p} is far below the tolerance.
     let shorter = (TAU * LARGEST / cutoff - gap).max(2.0 * digits);
