@@ -19,14 +19,14 @@ pub mod regime;
 mod text;
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
+use crate::problem::case::{Case, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::amplification::AmplifiedRegisters;
 use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
-use crate::quantum::readout::MEASURE_VALUED;
+use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
@@ -259,7 +259,7 @@ pub struct Record {
     pub regimes: Vec<Regime>,
     /// Why the moments of measure-valued data, whose first field is counted, are no overlaps, and
     /// what has the same moments; none of other data.
-    pub measure_valued: Option<&'static str>,
+    pub measure_valued: Option<String>,
 }
 
 /// The cost of the unitary scheme on the same grid: one mode, no `p`, no postselection.
@@ -454,7 +454,7 @@ impl Record {
             value_queries: value,
             queries: both,
             probabilities,
-            measure_valued: matches!(case.data, Data::Measure { .. }).then_some(MEASURE_VALUED),
+            measure_valued: smooth_delta(case).map(|keys| format!("{MEASURE_VALUED}: {keys}")),
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
             sparsity,
         })

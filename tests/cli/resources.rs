@@ -117,6 +117,16 @@ fn resources_are_consistent_in_every_format() {
         let why = record["measure_valued"].as_str().unwrap_or_default();
         let is_explained = why.contains("is not linear") && why.contains("initial.f");
         require(is_explained == (name == "example2.toml"), &alone, || format!("{name}: {why}"))?;
+        if let Some((_, f)) = why.split_once("initial = { f = \"") {
+            // The keys can be pasted.
+            let f = f.split('"').next().unwrap_or_default();
+            let smooth = ["inflow.value=\"initial\"".to_owned(), format!("initial={{f=\"{f}\"}}")];
+            let own = smooth.each_ref().map(String::as_str);
+            let overlaps =
+                of_case("resources", name).set(&own).with(["--json"]).succeed()?.json()?;
+            let kind = &overlaps["cheapest"]["measure_valued"];
+            require(kind.is_null(), &alone, || format!("{kind}"))?;
+        }
         // No reason names a directory of this machine.
         let reasons = [&record["no_circuit"], &record["not_unitary"], &own["no_circuit"]];
         let here = env!("CARGO_MANIFEST_DIR");

@@ -95,7 +95,7 @@ impl fmt::Display for Comparison {
 impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.heading(f)?;
-        if let Some(why) = self.measure_valued {
+        if let Some(why) = &self.measure_valued {
             writeln!(f, "{why}")?;
         }
         nonzeros(f, &self.sparsity)?;
