@@ -55,10 +55,12 @@ const SECONDS_A_CELL_OF_SPACE: f64 = 2e-6;
 const SECONDS_A_CELL: f64 = 1e-7;
 
 /// Reports on the first rank that the steps before the solve take long: evaluating `V` and planning
-/// on a fine grid, and planning millions of modes.
+/// on a fine grid, as far as it fits into this machine's memory, and planning millions of modes.
+/// Collective.
 pub fn announce_slow_steps(world: &World, case: &Case) {
     const LONG: f64 = 1.0;
     const MANY: usize = 1 << 20;
+    let fits = refuse_too_large_here(world, case).is_ok();
     if world.group().rank() > 0 {
         return;
     }
@@ -68,7 +70,7 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);
     let plan = SECONDS_A_CELL_OF_SPACE * space + SECONDS_A_CELL * all;
-    let seconds = seconds_to_evaluate(case) + plan;
+    let seconds = seconds_to_evaluate(case) + if fits { plan } else { 0.0 };
     if seconds > LONG {
         report(&format!(
             "{all:.3e} cells, {space:.3e} of space: evaluating V and planning take about \

@@ -122,8 +122,8 @@ fn resources_are_consistent_in_every_format() {
             let f = f.split('"').next().unwrap_or_default();
             let smooth = ["inflow.value=\"initial\"".to_owned(), format!("initial={{f=\"{f}\"}}")];
             let own = smooth.each_ref().map(String::as_str);
-            let overlaps =
-                of_case("resources", name).set(&own).with(["--json"]).succeed()?.json()?;
+            let job = of_case("resources", name).set(&own).with(["--format", "json"]);
+            let overlaps = job.succeed()?.json()?;
             let kind = &overlaps["cheapest"]["measure_valued"];
             require(kind.is_null(), &alone, || format!("{kind}"))?;
         }
