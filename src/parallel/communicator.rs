@@ -19,7 +19,7 @@ use mpi::traits::*;
 use mpi::traits::{Communicator as _, CommunicatorCollectives};
 use num_complex::Complex64;
 use std::ops::Range;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// MPI, from initialisation to the end of the process.
 pub struct World {
@@ -366,6 +366,21 @@ impl Group {
     /// As `work`, the same on all ranks.
     pub fn on_first_rank<T: Default>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
+    }
+
+    /// As [`agree`](Self::agree), for an operation on a file that is collective within a library. If
+    /// it fails on some ranks only, the others may wait within it for ever: then the job ends with
+    /// the error and exit code 1.
+    ///
+    /// # Errors
+    /// As [`agree`](Self::agree).
+    pub fn agree_in_time<T>(&self, result: Result<T>) -> Result<T> {
+        const WAIT: Duration = Duration::from_secs(20);
+        let deadline =
+            result.as_ref().err().map(|error| watch::Deadline::new(WAIT, error.to_string()));
+        let agreed = self.agree(result);
+        drop(deadline);
+        agreed
     }
 
     /// Makes all ranks agree: `Ok` if all ranks have `Ok`, otherwise the lowest failing rank's

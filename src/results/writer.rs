@@ -109,7 +109,7 @@ impl<'a> Writer<'a> {
             Some(trouble) => Err(trouble),
             None => outcome,
         };
-        self.world.agree(outcome.map_err(|e| failure(self.path, &e)))
+        self.world.agree_in_time(outcome.map_err(|e| failure(self.path, &e)))
     }
 
     /// Lets rank 0 write something alone.
@@ -246,7 +246,7 @@ impl<'a> Writer<'a> {
         self.agree(self.file.flush())?;
         let closed = ManuallyDrop::into_inner(self.file).close();
         let closed = closed.map_err(|e| failure(self.path, &e));
-        self.world.agree(closed)?;
+        self.world.agree_in_time(closed)?;
         self.world
             .on_first_rank(|| machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
     }

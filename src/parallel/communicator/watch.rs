@@ -13,6 +13,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::{Builder, JoinHandle, park_timeout, sleep};
 use std::time::Duration;
 
@@ -167,6 +168,27 @@ impl Watched {
         if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
             SimpleCommunicator::world().abort(1);
         }
+    }
+}
+
+/// Ends the job unless dropped in time: other ranks may wait for this one within a collective call
+/// of a library that failed here only, and cannot be told.
+pub(super) struct Deadline {
+    /// Dropping it ends the thread.
+    _open: Sender<()>,
+}
+
+impl Deadline {
+    /// After `wait` the error `message` is reported, and the job ends with exit code 1.
+    pub(super) fn new(wait: Duration, message: String) -> Self {
+        let (open, closed) = channel::<()>();
+        std::thread::spawn(move || {
+            if closed.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+                report(&format!("error: {message}"));
+                SimpleCommunicator::world().abort(1);
+            }
+        });
+        Self { _open: open }
     }
 }
 
