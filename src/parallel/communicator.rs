@@ -368,6 +368,12 @@ impl Group {
         self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
     }
 
+    /// Ends the job with the error `late` and exit code 1 unless what this gives, on rank 0, is
+    /// dropped within `wait`: for what may wait for ever within a library.
+    pub fn deadline(&self, wait: Duration, late: &Error) -> Option<watch::Deadline> {
+        (self.rank() == 0).then(|| watch::Deadline::new(wait, late.to_string()))
+    }
+
     /// As [`agree`](Self::agree), for an operation on a file that is collective within a library. If
     /// it fails on some ranks only, the others may wait within it for ever: then the job ends with
     /// the error and exit code 1.

@@ -22,6 +22,10 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
+use std::time::Duration;
+
+/// Most time that closing a file takes after everything was written.
+const CLOSING: Duration = Duration::from_secs(40);
 
 /// A value, or the error of HDF5.
 pub type Hdf5Result<T> = std::result::Result<T, hdf5::Error>;
@@ -244,9 +248,15 @@ impl<'a> Writer<'a> {
     /// As [`create`](Self::create).
     pub fn close(self) -> Result<()> {
         self.agree(self.file.flush())?;
+        // Everything is on the disk, so that closing takes little time. Where only some ranks
+        // cannot write any more, HDF5 waits for ever.
+        let late = failure(self.path, &"could not be closed on all ranks");
+        let deadline = self.world.deadline(CLOSING, &late);
         let closed = ManuallyDrop::into_inner(self.file).close();
         let closed = closed.map_err(|e| failure(self.path, &e));
-        self.world.agree_in_time(closed)?;
+        let agreed = self.world.agree_in_time(closed);
+        drop(deadline);
+        agreed?;
         self.world
             .on_first_rank(|| machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
     }

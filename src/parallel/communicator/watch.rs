@@ -173,7 +173,7 @@ impl Watched {
 
 /// Ends the job unless dropped in time: other ranks may wait for this one within a collective call
 /// of a library that failed here only, and cannot be told.
-pub(super) struct Deadline {
+pub struct Deadline {
     /// Dropping it ends the thread.
     _open: Sender<()>,
 }
