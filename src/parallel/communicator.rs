@@ -374,9 +374,9 @@ impl Group {
         (self.rank() == 0).then(|| watch::Deadline::new(wait, late.to_string()))
     }
 
-    /// As [`agree`](Self::agree), for an operation on a file that is collective within a library. If
-    /// it fails on some ranks only, the others may wait within it for ever: then the job ends with
-    /// the error and exit code 1.
+    /// As [`agree`](Self::agree), for an operation on a file that is collective within a library.
+    /// If it fails on some ranks only, the others may wait within it for ever: then the job ends
+    /// with the error and exit code 1.
     ///
     /// # Errors
     /// As [`agree`](Self::agree).
