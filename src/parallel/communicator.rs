@@ -19,7 +19,7 @@ use mpi::traits::*;
 use mpi::traits::{Communicator as _, CommunicatorCollectives};
 use num_complex::Complex64;
 use std::ops::Range;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// MPI, from initialisation to the end of the process.
 pub struct World {
@@ -366,27 +366,6 @@ impl Group {
     /// As `work`, the same on all ranks.
     pub fn on_first_rank<T: Default>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
-    }
-
-    /// Ends the job with the error `late` and exit code 1 unless what this gives, on rank 0, is
-    /// dropped within `wait`: for what may wait for ever within a library.
-    pub fn deadline(&self, wait: Duration, late: &Error) -> Option<watch::Deadline> {
-        (self.rank() == 0).then(|| watch::Deadline::new(wait, late.to_string()))
-    }
-
-    /// As [`agree`](Self::agree), for an operation on a file that is collective within a library.
-    /// If it fails on some ranks only, the others may wait within it for ever: then the job ends
-    /// with the error and exit code 1.
-    ///
-    /// # Errors
-    /// As [`agree`](Self::agree).
-    pub fn agree_in_time<T>(&self, result: Result<T>) -> Result<T> {
-        const WAIT: Duration = Duration::from_secs(20);
-        let deadline =
-            result.as_ref().err().map(|error| watch::Deadline::new(WAIT, error.to_string()));
-        let agreed = self.agree(result);
-        drop(deadline);
-        agreed
     }
 
     /// Makes all ranks agree: `Ok` if all ranks have `Ok`, otherwise the lowest failing rank's

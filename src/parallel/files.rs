@@ -1,23 +1,84 @@
-//! HDF5 files that all ranks read.
+//! HDF5 files that all ranks have open together.
 
 use crate::base::checksum::DatasetBox;
+use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
 use ndarray::IxDyn;
+use std::fmt::Display;
+use std::mem::ManuallyDrop;
+use std::ops::Deref;
 use std::path::Path;
 
 /// Name of the attribute with the checksum of a dataset ([`crate::base::checksum`]).
 pub const CHECKSUM: &str = "checksum";
 
-/// Opens a file on all ranks of `world`. Collective, as is closing it.
+/// Makes the error of an operation on a file from a text that says what is wrong.
+pub type Failure<'a> = &'a dyn Fn(&dyn Display) -> Error;
+
+/// A file that all ranks have open.
 ///
-/// A file that only some ranks can open stays open until the process ends, as closing it would wait
-/// for the other ranks. HDF5 does not close it at exit (the crate `hdf5` switches that off).
-///
-/// # Errors
-/// The error of HDF5.
-pub fn open(world: &Group, path: &Path) -> hdf5::Result<File> {
-    File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
+/// Closing it waits for all ranks. So it stays open until the process ends where some ranks could
+/// not open it, and after an error; HDF5 does not close it at exit (the crate `hdf5` switches that
+/// off). Where only some ranks can read or write any more, all may wait within HDF5 for ever: then
+/// the job ends ([`Group::in_time`]).
+pub struct SharedFile<'a> {
+    world: &'a Group,
+    file: ManuallyDrop<File>,
+}
+
+impl Deref for SharedFile<'_> {
+    type Target = File;
+
+    fn deref(&self) -> &File {
+        &self.file
+    }
+}
+
+impl<'a> SharedFile<'a> {
+    /// Opens a file for reading. Collective over `world`, as are all methods.
+    ///
+    /// # Errors
+    /// What `fail` makes of HDF5's error, the same on all ranks.
+    pub fn open(world: &'a Group, path: &Path, fail: Failure<'_>) -> Result<Self> {
+        let file = || File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path);
+        Self::new(world, fail, file)
+    }
+
+    /// Creates a file for writing.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn create(world: &'a Group, path: &Path, fail: Failure<'_>) -> Result<Self> {
+        let file = || {
+            File::with_options()
+                .with_fapl(|p| {
+                    p.mpio(world.raw(), None).all_coll_metadata_ops(true).coll_metadata_write(true)
+                })
+                .create(path)
+        };
+        Self::new(world, fail, file)
+    }
+
+    fn new(
+        world: &'a Group,
+        fail: Failure<'_>,
+        file: impl FnOnce() -> hdf5::Result<File>,
+    ) -> Result<Self> {
+        let late = fail(&"could not be opened on all ranks");
+        let file = world.in_time(&late, || file().map_err(|e| fail(&e)))?;
+        Ok(Self { world, file: ManuallyDrop::new(file) })
+    }
+
+    /// Closes the file. All ranks must have had the same outcomes before.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn close(self, fail: Failure<'_>) -> Result<()> {
+        let late = fail(&"could not be closed on all ranks");
+        let file = ManuallyDrop::into_inner(self.file);
+        self.world.in_time(&late, || file.close().map_err(|e| fail(&e)))
+    }
 }
 
 /// The numbers of a slab, row-major, read by this rank on its own.

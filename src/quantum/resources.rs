@@ -167,7 +167,7 @@ impl ErrorBudget {
     fn new(points: usize, planned: f64, window_error: Option<f64>) -> Self {
         let profile =
             if points == 1 { 0.0 } else { planned * window_error.unwrap_or(1.0).max(1.0) };
-        let evolution = of_evolution(points);
+        let evolution = of_evolution(points > 1);
         let parts = [OF_SERIES, OF_ROUNDING, OF_ROTATIONS].map(|part| part * evolution);
         let [series, rounding, rotations] = parts.map(LabelledNumber::bound);
         Self {
@@ -333,8 +333,7 @@ pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -
     let Prepared { case, bounds, .. } = prepared;
     // A unitary flow keeps the norm; a rough solution does so to some digits.
     let ratio = if bounds.is_skew() { 1.0 } else { ratio };
-    let points = if bounds.is_skew() { 1 } else { 2 };
-    let rounding = OF_ROUNDING * of_evolution(points) * case.tolerance / ratio;
+    let rounding = OF_ROUNDING * of_evolution(!bounds.is_skew()) * case.tolerance / ratio;
     Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
 }
 
@@ -402,7 +401,7 @@ impl Record {
         let exact = LabelledNumber::exact;
         let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
         let probabilities = Probabilities::new(&state, norms, &estimate);
-        let fine = probabilities.amplitude().times(&exact(of_evolution(points) * tolerance));
+        let fine = probabilities.amplitude().times(&exact(of_evolution(points > 1) * tolerance));
         let error_budget =
             ErrorBudget::new(points, field_tolerance / tolerance, probabilities.window_error);
         let tau = exact(d * largest * time);

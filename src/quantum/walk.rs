@@ -94,9 +94,9 @@ impl WalkCost {
     }
 }
 
-/// Part of the field's tolerance that the evolution has with so many `points` in `p`.
-pub fn of_evolution(points: usize) -> f64 {
-    if points == 1 { 1.0 } else { OF_EVOLUTION }
+/// Part of the field's tolerance that the evolution has: all of it without a profile.
+pub fn of_evolution(has_profile: bool) -> f64 {
+    if has_profile { OF_EVOLUTION } else { 1.0 }
 }
 
 /// `d`: calls of a sequence of steps forward and back, for a series of this degree and `τ`.

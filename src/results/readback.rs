@@ -5,7 +5,7 @@ use crate::base::checksum::{self, DatasetBox};
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
-use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
 use crate::problem::table::check_size;
 use crate::results::writer::Hdf5Result;
 use hdf5::filters::Filter;
@@ -15,7 +15,6 @@ use hdf5::types::{TypeDescriptor, VarLenUnicode};
 use hdf5::{Dataset, LinkType, Location, LocationToken, LocationType};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::mem::ManuallyDrop;
 use std::path::Path;
 
 /// Largest number of values read at a time: 4 MiB.
@@ -40,16 +39,12 @@ pub type ChecksumParts = BTreeMap<String, [u64; 2]>;
 /// [`crate::base::error::Error::Output`], naming the first dataset that is not as written.
 pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let fail = |e: &dyn std::fmt::Display| failure(path, e);
-    let opened = open(world, path).map_err(|e| fail(&e));
-    // Closing waits for all ranks: a file that only some could open stays open.
-    let file = ManuallyDrop::new(world.agree(opened)?);
+    let file = SharedFile::open(world, path, &fail)?;
     let share = FileShare { rank: world.rank(), ranks: world.size() };
     let sums = datasets(&file).and_then(|all| sums_of(share, all, |_, _| Ok(())));
     let sums = sums.map_err(|e| fail(&e));
     let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
-    // All ranks have the same outcome, so that all close it.
-    let closed = ManuallyDrop::into_inner(file).close();
-    world.agree(closed.map_err(|e| fail(&e)))?;
+    file.close(&fail)?;
     compared
 }
 

@@ -36,8 +36,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> 
 }
 
 fn checked_origin(path: &Path, case: &Case) -> FileResult<Origin> {
-    untrusted::open_given(path, Inspection::Description)?;
-    let file = untrusted::open_given(path, Inspection::Start("f".to_owned()))?;
+    let file = untrusted::open_given(path, Inspection::Field)?;
     let program = text_attribute(&file, "program").unwrap_or_default();
     if !program.starts_with("phasewarp ") {
         return Err("is no result of phasewarp, which is expected".to_owned());

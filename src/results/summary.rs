@@ -237,8 +237,8 @@ pub struct Missed {
     pub accuracy: Option<String>,
 }
 
-/// An estimate that is not reliable counts as missed from this ratio to the tolerance on. Such
-/// estimates were found to be up to 20 times too large or too small (docs/verification.md).
+/// An estimate that is not reliable counts as missed from this ratio to the tolerance on: far more
+/// than such estimates of implicit steps are off (docs/verification.md, a factor of 4).
 const FAR_ABOVE: f64 = 100.0;
 
 impl Missed {

@@ -67,8 +67,10 @@ pub(crate) enum Inspection {
     Values(FileShare),
     /// `result.h5` in a directory: all values, and everything that pictures need.
     Directory,
-    /// The dataset of this name from which a run starts, its axes, and what describes them.
-    Start(String),
+    /// A result from which a run starts: its description, its axes, and `/f`.
+    Field,
+    /// A warped field from which a run starts, of any program: its axes and `/w`.
+    Warped,
     /// The datasets of these names and their values, for a table.
     Table(Vec<String>),
 }
@@ -187,11 +189,7 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
     };
     match inspection {
         Inspection::Description => {
-            let opened = opened()?;
-            let all = datasets(&opened).map_err(reason)?;
-            shapes(&all, bytes).map_err(reason)?;
-            described(&opened);
-            all.values().for_each(|dataset| described(dataset));
+            description(&opened()?, bytes).map_err(reason)?;
             Ok(ChecksumParts::new())
         }
         Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
@@ -216,8 +214,14 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
             }
             Ok(ChecksumParts::new())
         }
-        Inspection::Start(name) => {
-            start(&opened()?, bytes, &name)?;
+        Inspection::Field => {
+            let opened = opened()?;
+            description(&opened, bytes).map_err(reason)?;
+            start(&opened, bytes, "f")?;
+            Ok(ChecksumParts::new())
+        }
+        Inspection::Warped => {
+            start(&opened()?, bytes, "w")?;
             Ok(ChecksumParts::new())
         }
     }
@@ -279,30 +283,37 @@ fn described(location: &hdf5::Location) {
     }
 }
 
-/// Reads what a run reads that starts from the dataset `name`: attributes, the case that made the
-/// file, the axes, and the values where they are stored in chunks, which HDF5 finds by an index.
+/// Checks all datasets, and reads what describes them and the file.
+fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
+    let all = datasets(file)?;
+    shapes(&all, bytes)?;
+    described(file);
+    all.values().for_each(|dataset| described(dataset));
+    Ok(())
+}
+
+/// Reads the axes of the dataset `name` and its attributes, and its values where they are stored in
+/// chunks, which HDF5 finds by an index.
 fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
     let chunk = named(file, bytes, name)?.unwrap_or(0);
     allow(chunk);
-    described(file);
-    let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
-    for other in axes.iter().map(String::as_str).chain(["case", name]) {
-        named(file, bytes, other)?;
-        let Ok(dataset) = file.dataset(other) else { continue };
-        described(&dataset);
-        if other.starts_with("axis/") {
-            let _ = numbers(other, &dataset);
-        }
-        if other == name && chunk > 0 {
-            let all = FileShare { rank: 0, ranks: 1 };
-            let read = sum_of(all, &dataset, |_| {
-                progress(chunk);
-                Ok(())
-            });
-            read.map_err(|e| format!("/{name}: {e}"))?;
+    for axis in ["x", "y", "z", "vx", "vy", "vz", "p"].map(|axis| format!("axis/{axis}")) {
+        named(file, bytes, &axis)?;
+        if let Ok(dataset) = file.dataset(&axis) {
+            // What it holds instead of numbers is reported by those that need them.
+            let _ = numbers(&axis, &dataset);
         }
     }
-    Ok(())
+    let Ok(dataset) = file.dataset(name) else { return Ok(()) };
+    described(&dataset);
+    if chunk == 0 {
+        return Ok(());
+    }
+    let read = sum_of(FileShare { rank: 0, ranks: 1 }, &dataset, |_| {
+        progress(chunk);
+        Ok(())
+    });
+    read.map(|_| ()).map_err(|e| format!("/{name}: {e}"))
 }
 
 /// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is

@@ -11,7 +11,7 @@ use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::base::{checksum, machine};
 use crate::parallel::communicator::Group;
-use crate::parallel::files::CHECKSUM;
+use crate::parallel::files::{CHECKSUM, SharedFile};
 use crate::problem::case::Storage;
 use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use hdf5::sync::sync;
@@ -22,10 +22,6 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
-use std::time::Duration;
-
-/// Most time that closing a file takes after everything was written.
-const CLOSING: Duration = Duration::from_secs(40);
 
 /// A value, or the error of HDF5.
 pub type Hdf5Result<T> = std::result::Result<T, hdf5::Error>;
@@ -43,8 +39,7 @@ pub struct Writer<'a> {
     world: &'a Group,
     path: &'a Path,
     storage: &'a Storage,
-    /// Not closed after an error, as closing waits for all ranks, and one may never come.
-    file: ManuallyDrop<File>,
+    file: SharedFile<'a>,
     /// The first failure of what rank 0 writes alone, until the next collective step reports it.
     trouble: RefCell<Option<hdf5::Error>>,
     scales: BTreeMap<&'static str, DimensionScale>,
@@ -79,13 +74,7 @@ impl<'a> Writer<'a> {
         bytes: u64,
         storage: &'a Storage,
     ) -> Result<Self> {
-        let file = File::with_options()
-            .with_fapl(|p| {
-                p.mpio(world.raw(), None).all_coll_metadata_ops(true).coll_metadata_write(true)
-            })
-            .create(path)
-            .map_err(|e| failure(path, &e));
-        let file = ManuallyDrop::new(world.agree(file)?);
+        let file = SharedFile::create(world, path, &|e| failure(path, e))?;
         world.on_first_rank(|| machine::reserve(path, bytes).map_err(|e| failure(path, &e)))?;
         Ok(Self {
             world,
@@ -247,16 +236,9 @@ impl<'a> Writer<'a> {
     /// # Errors
     /// As [`create`](Self::create).
     pub fn close(self) -> Result<()> {
+        // With everything on the disk, closing takes little time.
         self.agree(self.file.flush())?;
-        // Everything is on the disk, so that closing takes little time. Where only some ranks
-        // cannot write any more, HDF5 waits for ever.
-        let late = failure(self.path, &"could not be closed on all ranks");
-        let deadline = self.world.deadline(CLOSING, &late);
-        let closed = ManuallyDrop::into_inner(self.file).close();
-        let closed = closed.map_err(|e| failure(self.path, &e));
-        let agreed = self.world.agree_in_time(closed);
-        drop(deadline);
-        agreed?;
+        self.file.close(&|e| failure(self.path, e))?;
         self.world
             .on_first_rank(|| machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
     }

@@ -4,12 +4,11 @@
 use crate::base::checksum::{self, DatasetBox};
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Communicator, Group};
-use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
 use crate::parallel::partition::Block;
 use crate::problem::case::StartField;
 use crate::problem::grid::PhaseSpace;
 use hdf5::Dataset;
-use std::mem::ManuallyDrop;
 use std::ops::Range;
 
 /// Numbers read at a time: 4 MiB.
@@ -31,17 +30,14 @@ pub fn read(
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
     };
-    let opened = open(world, &start.path);
-    // Closing waits for all ranks: a file that only some could open stays open.
-    let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
+    let file = SharedFile::open(world, &start.path, &wrong)?;
     let dataset = file.dataset("f").map_err(|e| wrong(&e));
     let read = world.agree(dataset).and_then(|dataset| {
         let part = StoredPart::of(&dataset, space, block);
         let part = world.agree(part.ok_or_else(|| wrong(&"/f has another shape than the grid")))?;
         part.read(&communicator.space, world, &dataset, &wrong)
     });
-    let closed = ManuallyDrop::into_inner(file).close();
-    world.agree(closed.map_err(|e| wrong(&e)))?;
+    file.close(&wrong)?;
     let values = read?;
     let largest = world.max(values.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
     if largest != 0.0 && !(1e-100..=1e100).contains(&largest) {

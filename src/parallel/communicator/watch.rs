@@ -5,7 +5,9 @@
 //! its own looks and no time: where the whole job is suspended (by Slurm, by a checkpoint of the
 //! machine), the watch is suspended with it. A rank that a debugger holds is in another state.
 
+use crate::base::error::{Error, Result};
 use crate::base::log::report;
+use crate::parallel::communicator::Group;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
 use rustix::process::{Pid, Signal, kill_process};
@@ -39,7 +41,15 @@ impl RankWatch {
     /// tell, or the user wants none. Collective over `world`, of all ranks.
     pub(super) fn start(world: &SimpleCommunicator) -> Option<Self> {
         let rank = world.rank();
-        let looks = looks(rank);
+        let looks = looks().unwrap_or_else(|value| {
+            if rank == 0 {
+                report(&format!(
+                    "warning: {VARIABLE}={value} is no number of seconds (0 or more, 0: never); \
+                     {USUAL_LOOKS} are taken"
+                ));
+            }
+            USUAL_LOOKS
+        });
         let node = world.split_shared(rank);
         let mine = [u64::from(std::process::id()), own_start(), rank as u64];
         let mut all = vec![0u64; mine.len() * node.size() as usize];
@@ -73,20 +83,11 @@ impl Drop for RankWatch {
     }
 }
 
-/// The number that [`VARIABLE`] gives.
-fn looks(rank: i32) -> u32 {
-    let Some(value) = std::env::var_os(VARIABLE) else { return USUAL_LOOKS };
+/// The number that [`VARIABLE`] gives; the error is a text that is none.
+fn looks() -> std::result::Result<u32, String> {
+    let Some(value) = std::env::var_os(VARIABLE) else { return Ok(USUAL_LOOKS) };
     let number = value.to_str().and_then(|text| text.parse().ok());
-    number.unwrap_or_else(|| {
-        if rank == 0 {
-            let value = value.display();
-            report(&format!(
-                "warning: {VARIABLE}={value} is no number of seconds (0 or more, 0: never); \
-                 {USUAL_LOOKS} are taken"
-            ));
-        }
-        USUAL_LOOKS
-    })
+    number.ok_or_else(|| value.display().to_string())
 }
 
 /// The start of this process, as [`Look::start`]; 0 if unknown.
@@ -171,24 +172,59 @@ impl Watched {
     }
 }
 
-/// Ends the job unless dropped in time: other ranks may wait for this one within a collective call
-/// of a library that failed here only, and cannot be told.
-pub struct Deadline {
+/// Ends the job unless dropped in time.
+struct Deadline {
     /// Dropping it ends the thread.
     _open: Sender<()>,
 }
 
 impl Deadline {
-    /// After `wait` the error `message` is reported, and the job ends with exit code 1.
-    pub(super) fn new(wait: Duration, message: String) -> Self {
+    /// After as many seconds as a rank may be stopped, `error` is reported, and the job ends with
+    /// exit code 1. The time in which the whole job is suspended does not count. None where the
+    /// user wants none.
+    fn new(error: &Error) -> Option<Self> {
+        let message = format!("error: {error}");
+        let looks = looks().unwrap_or(USUAL_LOOKS);
         let (open, closed) = channel::<()>();
-        std::thread::spawn(move || {
-            if closed.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
-                report(&format!("error: {message}"));
-                SimpleCommunicator::world().abort(1);
+        let wait = move || {
+            for _ in 0..looks {
+                if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
+                    return;
+                }
             }
-        });
-        Self { _open: open }
+            report(&message);
+            SimpleCommunicator::world().abort(1);
+        };
+        let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
+        (looks > 0 && thread.spawn(wait).is_ok()).then_some(Self { _open: open })
+    }
+}
+
+impl Group {
+    /// As [`agree`](Self::agree), for an outcome of what is collective within a library. If that
+    /// fails on some ranks only, the others may wait within it for ever: then the job ends with the
+    /// error.
+    ///
+    /// # Errors
+    /// As [`agree`](Self::agree).
+    pub fn agree_in_time<T>(&self, outcome: Result<T>) -> Result<T> {
+        let deadline = outcome.as_ref().err().map(Deadline::new);
+        let agreed = self.agree(outcome);
+        drop(deadline);
+        agreed
+    }
+
+    /// Does `work`, which is collective within a library and takes little time, and agrees on its
+    /// outcome. If it does not end, as all ranks wait within it, the job ends with the error `late`.
+    /// Collective.
+    ///
+    /// # Errors
+    /// As [`agree`](Self::agree).
+    pub fn in_time<T>(&self, late: &Error, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let deadline = (self.rank() == 0).then(|| Deadline::new(late));
+        let agreed = self.agree_in_time(work());
+        drop(deadline);
+        agreed
     }
 }
 

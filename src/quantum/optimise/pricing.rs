@@ -136,7 +136,7 @@ impl PlannedCandidate {
             points: first.points,
             period: register.period,
             tolerance: LabelledNumber::exact(
-                most.sqrt() * of_evolution(first.points) * system.case.tolerance,
+                most.sqrt() * of_evolution(first.points > 1) * system.case.tolerance,
             ),
         };
         let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
@@ -167,7 +167,7 @@ impl PlannedCandidate {
             period: series.period,
             tolerance: found
                 .amplitude()
-                .times(&LabelledNumber::exact(of_evolution(points) * system.case.tolerance)),
+                .times(&LabelledNumber::exact(of_evolution(points > 1) * system.case.tolerance)),
         };
         let least = system.accesses.least(&demand, &found.evolutions());
         CostedChoice {

@@ -4,7 +4,7 @@ use crate::base::checksum::{self, DatasetBox};
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
-use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
@@ -17,7 +17,6 @@ use crate::solve::kept::KeptModes;
 use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use num_complex::Complex64;
-use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
 /// Largest difference of a point of a file's axis from that of the case, relative to the axis, as
@@ -180,12 +179,9 @@ impl WarpedFile {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
-        let opened = open(world, &self.path);
-        let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
+        let file = SharedFile::open(world, &self.path, &wrong)?;
         let read = self.read_from(&file, spread, series, kept, domain);
-        // All ranks have the same outcome, so all close the file, which is collective.
-        let closed = ManuallyDrop::into_inner(file).close();
-        world.agree(closed.map_err(|e| wrong(&e)))?;
+        file.close(&wrong)?;
         read
     }
 
@@ -276,7 +272,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
 fn checked_points(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
-    let file = untrusted::open_given(path, Inspection::Start("w".to_owned()))?;
+    let file = untrusted::open_given(path, Inspection::Warped)?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());
     if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {

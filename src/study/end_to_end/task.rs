@@ -167,7 +167,7 @@ impl DensityTask<'_> {
             bounds,
             entries.scaled(factor, fuller, FINER),
             qubits_of(target),
-            OF_ROUNDING * of_evolution(if bounds.is_skew() { 1 } else { 2 }) * tolerance,
+            OF_ROUNDING * of_evolution(!bounds.is_skew()) * tolerance,
             self.synthesis,
         )
     }
