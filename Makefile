@@ -64,7 +64,7 @@ example3-%: build ## example 3 on so many cells an axis (64: a quarter of an hou
 	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
 	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
 
-calibration: build ## predictions beside runs, into docs/performance.md (ARGS=--quick: print only)
+calibration: build ## predictions and meshes beside runs, into docs/performance.md (ARGS=--quick: print only)
 	scripts/bench/calibration.py --program $(PROGRAM) $(ARGS)
 
 study: build ## memory and time against N_p, into docs/scaling.md (ARGS=--quick, --counts)

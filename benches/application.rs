@@ -75,7 +75,10 @@ impl RegisterLoop<'_> {
         let [a, b] = [1.0, 1e-9].map(|value| V::splat(black_box(value)));
         let mut sums = [V::splat(black_box(0.0)); SUMS];
         for _ in 0..self.turns {
-            sums = sums.map(|sum| sum.add_product(a, b));
+            // No `map`: it would be compiled apart, for the portable instruction set.
+            for sum in &mut sums {
+                *sum = sum.add_product(a, b);
+            }
         }
         for sum in sums {
             sum.store(self.sums);

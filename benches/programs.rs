@@ -404,10 +404,25 @@ fn machine() -> Value {
     })
 }
 
-/// Processes at work in the last minute, this one not counted: what else the machine does.
+/// Cores that work for others, on average over two seconds in which this process sleeps; -1 if
+/// unknown.
 fn load() -> f64 {
-    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    (text.split_whitespace().next()).and_then(|word| word.parse().ok()).unwrap_or(-1.0)
+    // Ticks of all cores since the start of the machine: all, and those at work.
+    let ticks = || {
+        let text = std::fs::read_to_string("/proc/stat").unwrap_or_default();
+        let line = text.lines().next().unwrap_or_default();
+        let kinds: Vec<f64> = line.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+        // user, nice, system, idle, iowait, irq, softirq, steal.
+        let all: f64 = kinds.iter().take(8).sum();
+        let idle: f64 = kinds.iter().skip(3).take(2).sum();
+        [all, all - idle]
+    };
+    let before = ticks();
+    std::thread::sleep(Duration::from_secs(2));
+    let after = ticks();
+    let cores = std::thread::available_parallelism().map_or(0, usize::from) as f64;
+    let load = cores * (after[1] - before[1]) / (after[0] - before[0]);
+    if load.is_finite() { load } else { -1.0 }
 }
 
 /// The arguments of the command line.

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Compares predictions of `phasewarp plan --calibrate` with runs: a table of docs/performance.md.
+"""Compares predictions of `phasewarp plan --calibrate` with runs, and meshes with each other: two
+tables of docs/performance.md.
 
 Usage: calibration.py [--program FILE] [--document FILE] [--rounds N] [--quick]
+       [--only calibration|meshes]
 
-Needs the standard library only. A round calibrates and then runs, case by case. The table shows
-medians of both, with the range of the runs. --quick: one round of the shortest cases, printed; the
-document is left as it was. If a command fails, the script prints its message and ends with exit
-code 1.
+Needs the standard library only. A round calibrates and then runs, case by case, or runs each mesh
+in turn. The tables show medians, with the range of the runs. --quick: one round of the shortest
+predictions, printed; the document is left as it was. If a command fails, the script prints its
+message and ends with exit code 1.
 """
 
 import argparse
@@ -16,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 
-from report import ROOT, Bad, Node, median, replaced, short, spread, table
+from report import ROOT, Bad, Node, busy_cores, median, replaced, short, spread, table
 
 
 def cells(n, axes=1):
@@ -42,6 +44,20 @@ CASES = [
       ]),
 ]
 QUICK = ["example 1, 1e-6", "steady inflow"]
+# For meshes of two ranks: what is shown, case file, settings, axes of space.
+MESHES = [
+    ("`example1` at 1e-6", "example1", [], 1),
+    ("`example1`, 256²", "example1", cells(256), 1),
+    ("`example1`, 512² at 1e-3", "example1", cells(512) + ["solver.tolerance=1e-3"], 1),
+    ("`example3`, 16⁴ at 1e-3", "example3", cells(16, 2) + ["solver.tolerance=1e-3"], 2),
+    ("`example3`, 24⁴ at 1e-3", "example3", cells(24, 2) + ["solver.tolerance=1e-3"], 2),
+    ("`barrier2d`", "barrier2d", [], 2),
+    ("`inflow_barrier`", "inflow_barrier", [], 1),
+    ("`lens2d`", "lens2d", [], 2),
+    ("`pulsed_inflow`", "pulsed_inflow", [], 1),
+    ("`slope_jump`", "slope_jump", [], 1),
+    ("`step3d`", "step3d", [], 3),
+]
 RANKS = [1, 2]
 # As root, and on fewer cores than ranks, as in a container; Open MPI's 4.x names.
 SETTINGS = {
@@ -64,34 +80,36 @@ def call(ranks, *words):
     return done.stdout
 
 
-def measure(program, case, settings, ranks):
-    """Expected and taken, each as (solve, wall), and the seconds that calibrating took."""
+def arguments(case, settings):
     words = [os.path.join(ROOT, "cases", f"{case}.toml")]
     for setting in settings:
         words += ["--set", setting]
-    place = f"plan --calibrate {' '.join(words)}"
-    predicted = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")),
-                place)["calibration"]
+    return words
+
+
+def solved(program, ranks, *words):
+    """The summary of a run."""
     with tempfile.TemporaryDirectory() as folder:
         call(ranks, program, "run", *words, "-o", folder)
         path = os.path.join(folder, "summary.json")
         with open(path, encoding="utf-8") as file:
-            summary = Node(json.load(file), path)
-        pair = lambda node: (node.positive("solve_seconds"), node.positive("wall_seconds"))
-        return pair(predicted), pair(summary), predicted.positive("took")
+            return Node(json.load(file), path)
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    target = os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target"))
-    parser.add_argument("--program", default=os.path.join(target, "release/phasewarp"))
-    parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--quick", action="store_true")
-    options = parser.parse_args()
-    rounds = 1 if options.quick else options.rounds
+def measure(program, case, settings, ranks):
+    """Expected and taken, each as (solve, wall), and the seconds that calibrating took."""
+    words = arguments(case, settings)
+    place = f"plan --calibrate {' '.join(words)}"
+    predicted = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")),
+                place)["calibration"]
+    pair = lambda node: (node.positive("solve_seconds"), node.positive("wall_seconds"))
+    return pair(predicted), pair(solved(program, ranks, *words)), predicted.positive("took")
+
+
+def predictions(options, rounds):
+    """The table of predictions beside runs."""
     rows, within, worst = [], 0, 0.0
-    load = os.getloadavg()[0]
+    load = busy_cores()
     for name, case, settings in CASES:
         if options.quick and name not in QUICK:
             continue
@@ -110,16 +128,63 @@ def main():
         "case", "ranks", "solve expected, s", "taken, s", "ratio", "in all expected, s", "taken, s",
         "ratio", "calibrating, s"
     ]
-    text = table(header, rows) + (f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; "
+    return table(header, rows) + (f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; "
                                   f"the furthest is off by a factor of {worst:.2f}. "
-                                  f"Rounds: {rounds}; load of the machine before: {load:.1f}.")
+                                  f"Rounds: {rounds}; cores at work before: {load:.1f}.")
+
+
+def meshes(options, rounds):
+    """The table of meshes of two ranks: mode groups alone, and two blocks along each axis."""
+    rows, within = [], 0
+    load = busy_cores()
+    for name, case, settings, axes in MESHES:
+        split = [[2 if a == b else 1 for b in range(axes)] for a in range(axes)]
+        ways, found = [[1] * axes, *split], {}
+        for _ in range(rounds):
+            for way in ways:
+                blocks = ",".join(map(str, way))
+                run = solved(options.program, 2, *arguments(case, settings), "--ranks-x", blocks)
+                found.setdefault(tuple(way), []).append(run.positive("solve_seconds"))
+        # The choice of the program, once; its times are those of the same mesh above.
+        chosen = tuple(solved(options.program, 2, *arguments(case, settings))["space_blocks"].value)
+        medians = {way: median(times) for way, times in found.items()}
+        ratio = medians[chosen] / min(medians.values())
+        within += ratio <= 1.15
+        alone, *others = (spread(found[tuple(way)]) for way in ways)
+        rows.append([name, alone, ", ".join(others), " × ".join(map(str, chosen)), f"{ratio:.2f}"])
+        print("meshes:", *rows[-1], sep="  ", flush=True)
+    header = [
+        "case", "mode groups alone, s", "two blocks along x, y, z, s", "blocks chosen",
+        "chosen / best"
+    ]
+    return table(header, rows) + (f"\n\n{within} of {len(rows)} choices are within 15 % of the "
+                                  f"best mesh. Rounds: {rounds}; cores at work before: {load:.1f}.")
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    target = os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target"))
+    parser.add_argument("--program", default=os.path.join(target, "release/phasewarp"))
+    parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", choices=["calibration", "meshes"])
+    options = parser.parse_args()
+    rounds = 1 if options.quick else options.rounds
+    texts = {}
+    if options.only != "meshes":
+        texts["calibration"] = predictions(options, rounds)
+    if options.only != "calibration" and not options.quick:
+        texts["meshes"] = meshes(options, rounds)
     if options.quick:
-        print(text)
+        print(texts["calibration"])
         return
     with open(options.document, encoding="utf-8") as file:
         document = file.read()
+    for name, text in texts.items():
+        document = replaced(document, name, text, options.document)
     with open(options.document, "w", encoding="utf-8") as file:
-        file.write(replaced(document, "calibration", text, options.document))
+        file.write(document)
 
 
 if __name__ == "__main__":

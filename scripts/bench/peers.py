@@ -37,6 +37,7 @@ import multiprocessing
 
 import chebyshev
 from example1 import Modes
+from report import busy_cores
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(HERE))
@@ -410,7 +411,7 @@ def run(options, cells, rounds, tolerance, place):
         classical=classical,
         peers=peers,
         commit=described(),
-        load=os.getloadavg()[0],
+        load=busy_cores(),
     )
     os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
     with open(options.output, "w") as file:

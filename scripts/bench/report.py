@@ -19,6 +19,7 @@ import os
 import re
 import sys
 import textwrap
+import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 # Bytes a row, mode and step of a series summed forwards, as peers do it: read v_k; read and write
@@ -31,6 +32,22 @@ TIMED = " (timed)"
 
 class Bad(Exception):
     """What is wrong with the input, and where."""
+
+
+def busy_cores():
+    """Cores at work on average over two seconds in which this process sleeps; -1 if unknown."""
+    def ticks():
+        with open("/proc/stat", encoding="ascii") as file:
+            kinds = [int(word) for word in file.readline().split()[1:9]]
+        return sum(kinds), sum(kinds) - sum(kinds[3:5])  # without idle and iowait
+
+    try:
+        before = ticks()
+        time.sleep(2)
+        after = ticks()
+    except OSError:
+        return -1.0
+    return (os.cpu_count() or 1) * (after[1] - before[1]) / max(after[0] - before[0], 1)
 
 
 # --- reading --------------------------------------------------------------------------------------
@@ -257,7 +274,7 @@ def machine(programs):
         f"{m.text('processor')}, {m['cores'].value} cores, {m.text('l1')} L1 and {m.text('l2')} L2 "
         f"a core, {m.text('l3')} L3, {m.text('memory')} of memory; {m.text('rustc')}; "
         f"{m.text('mpi')}; {program}.",
-        f"Load of the machine when the runs began: {load:.1f}" +
+        f"Cores at work when the runs began: {load:.1f}" +
         (". **Others used the machine: times are too long and ratios noisy.**"
          if load > 0.5 else "."),
     ]
@@ -322,7 +339,7 @@ def by_error(runs, origin):
     )
     if not all(run.timed for run in found):
         return text
-    about = (f"Commit {origin.text('commit')}; load of the machine when the runs began: "
+    about = (f"Commit {origin.text('commit')}; cores at work when the runs began: "
              f"{origin.number('load'):.1f}.")
     return f"{prose(about)}\n\n{text}"
 
@@ -487,7 +504,7 @@ def by_peer(peers):
         f"Example 1, {cells}², tolerance {power(peers.positive('tolerance'))}, {count:.0f} modes, "
         f"{peers.number('applications'):.0f} applications (the Chebyshev peers, by their count: "
         f"{peers.number('peer_applications'):.0f}); rounds: {peers.number('rounds')}; "
-        f"commit {peers.text('commit')}, load {peers.number('load'):.1f}; {versions}.",
+        f"commit {peers.text('commit')}, cores at work before: {peers.number('load'):.1f}; {versions}.",
     ]
     text += [f"Skipped: {line.value}." for line in peers["skipped"]]
     text = [prose(line) for line in text]
