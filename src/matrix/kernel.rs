@@ -15,7 +15,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::rows::{MOST_NODES, Rows};
+use crate::matrix::rows::{MOST_NODES, RowSlices, Rows};
 use crate::matrix::vector::{self, Portable, Vector};
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -72,8 +72,8 @@ struct Products<V> {
 impl<V: Vector> Products<V> {
     /// Adds the entries of row `i` but those of the nodes of its line.
     #[inline(always)]
-    fn add_others(&mut self, matrix: &Rows, template: usize, i: usize, x: &[Lanes]) {
-        for (column, s, k) in matrix.others(template, i) {
+    fn add_others(&mut self, rows: RowSlices<'_>, template: usize, i: usize, x: &[Lanes]) {
+        for (column, s, k) in rows.others(template, i) {
             // SAFETY: every column is below the reach of the rows, which `x` has, as `step_lines`
             // asserts.
             let value = unsafe { x.get_unchecked(column) }.load();
@@ -113,14 +113,17 @@ fn step_rows<V: Vector, R: StartRow>(
     constants: &KernelConstants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
-    let behind = matrix.lines().cells - matrix.lines().of_cells();
     let Vectors { y, x, start } = vectors;
-    let rows = lines.start + behind..lines.end + behind;
-    let pairs = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
-    for (i, (out, own)) in rows.zip(pairs) {
+    let rows = matrix.slices();
+    let (x, start): (&[Lanes], &[R]) = (x, start);
+    let templates = &rows.template[lines.clone()];
+    let behind = rows.lines.cells - rows.lines.of_cells();
+    let numbers = lines.start + behind..lines.end + behind;
+    let pairs = y[numbers.clone()].iter_mut().zip(&x[numbers.clone()]).zip(templates);
+    for (i, ((out, own), template)) in numbers.zip(pairs) {
         let zero = [V::splat(0.0); 2];
         let mut products = Products { s: zero, k: zero };
-        products.add_others(matrix, matrix.template(i - behind), i, x);
+        products.add_others(rows, *template as usize, i, x);
         let new = products.finish(constants, own.load(), out.load());
         out.store(R::add(start, i, constants.coefficient, new));
     }
@@ -168,7 +171,8 @@ fn step_nodes_of<
     constants: &KernelConstants<V>,
     vectors: &mut Vectors<'_, R>,
 ) {
-    let stride = matrix.lines().stride;
+    let rows = matrix.slices();
+    let stride = rows.lines.stride;
     let mut next = lines.start;
     while next < lines.end {
         // The lines of a layer of elements: one division for all of them.
@@ -176,19 +180,19 @@ fn step_nodes_of<
         let end = lines.end.min((layer + 1) * stride);
         for line in next..end {
             let first = line + layer * (NODES - 1) * stride;
-            let line = NodeLine { first, stride, template: matrix.template(line) };
+            let line = NodeLine { first, stride, template: rows.template[line] as usize };
             if WHOLE && NODES >= LONG_LINE {
-                line.step::<V, NODES, NODES, R>(matrix, 0, constants, vectors);
+                line.step::<V, NODES, NODES, R>(rows, 0, constants, vectors);
                 continue;
             }
             let whole = NODES / ROWS * ROWS;
             for from in (0..whole).step_by(ROWS) {
-                line.step::<V, NODES, ROWS, R>(matrix, from, constants, vectors);
+                line.step::<V, NODES, ROWS, R>(rows, from, constants, vectors);
             }
             match NODES - whole {
-                1 => line.step::<V, NODES, 1, R>(matrix, whole, constants, vectors),
-                2 => line.step::<V, NODES, 2, R>(matrix, whole, constants, vectors),
-                3 => line.step::<V, NODES, 3, R>(matrix, whole, constants, vectors),
+                1 => line.step::<V, NODES, 1, R>(rows, whole, constants, vectors),
+                2 => line.step::<V, NODES, 2, R>(rows, whole, constants, vectors),
+                3 => line.step::<V, NODES, 3, R>(rows, whole, constants, vectors),
                 _ => {}
             }
         }
@@ -212,7 +216,7 @@ impl NodeLine {
     #[inline(always)]
     fn step<V: Vector, const NODES: usize, const COUNT: usize, R: StartRow>(
         self,
-        matrix: &Rows,
+        rows: RowSlices<'_>,
         from: usize,
         constants: &KernelConstants<V>,
         vectors: &mut Vectors<'_, R>,
@@ -220,7 +224,7 @@ impl NodeLine {
         let Vectors { y, x, start } = vectors;
         let Self { first, stride, template } = self;
         let dense: [&[f64; NODES]; COUNT] =
-            std::array::from_fn(|m| matrix.dense_nodes(template + from + m));
+            std::array::from_fn(|m| rows.dense_nodes(template + from + m));
         let zero = [V::splat(0.0); 2];
         let mut sums = [zero; COUNT];
         for n in 0..NODES {
@@ -234,7 +238,7 @@ impl NodeLine {
         for m in 0..COUNT {
             let i = first + (from + m) * stride;
             let mut products = Products { s: zero, k: sums[m] };
-            products.add_others(matrix, template + from + m, i, x);
+            products.add_others(rows, template + from + m, i, x);
             let new = products.finish(constants, x[i].load(), y[i].load());
             y[i].store(R::add(start, i, constants.coefficient, new));
         }

@@ -96,6 +96,39 @@ impl RowLines {
     }
 }
 
+/// The fields of [`Rows`] that the inner loop reads.
+///
+/// A loop that holds them keeps their addresses and lengths in registers. Through `&Rows` it would
+/// read them again after every store, because the compiler cannot tell that `y` is elsewhere.
+#[derive(Clone, Copy)]
+pub(crate) struct RowSlices<'a> {
+    /// The lines that the rows of cells are gathered into.
+    pub lines: RowLines,
+    /// Template of the first row of each line.
+    pub template: &'a [u32],
+    dense: &'a [f64],
+    offsets: &'a [usize],
+    distances: &'a [u32],
+    values: &'a [[f64; 2]],
+}
+
+impl<'a> RowSlices<'a> {
+    /// `k` of a template at the nodes of its line of `NODES` rows.
+    #[inline(always)]
+    pub fn dense_nodes<const NODES: usize>(self, template: usize) -> &'a [f64; NODES] {
+        let (rows, _) = self.dense.as_chunks::<NODES>();
+        &rows[template]
+    }
+
+    /// As [`Rows::others`].
+    #[inline(always)]
+    pub fn others(self, template: usize, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+        let range = self.offsets[template]..self.offsets[template + 1];
+        let entries = self.distances[range.clone()].iter().zip(&self.values[range]);
+        entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
+    }
+}
+
 impl Rows {
     /// The lines of the rows.
     pub fn lines(&self) -> &RowLines {
@@ -147,13 +180,6 @@ impl Rows {
         if self.dense.is_empty() { &[] } else { &self.dense[template * nodes..][..nodes] }
     }
 
-    /// The same for lines of `NODES` rows.
-    #[inline(always)]
-    pub(crate) fn dense_nodes<const NODES: usize>(&self, template: usize) -> &[f64; NODES] {
-        let (rows, _) = self.dense.as_chunks::<NODES>();
-        &rows[template]
-    }
-
     /// The entries of a template but those of the nodes of its line, with the columns for row `i`.
     #[inline(always)]
     pub(crate) fn others(
@@ -161,9 +187,20 @@ impl Rows {
         template: usize,
         i: usize,
     ) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let range = self.offsets[template]..self.offsets[template + 1];
-        let entries = self.distances[range.clone()].iter().zip(&self.values[range]);
-        entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
+        self.slices().others(template, i)
+    }
+
+    /// The rows as slices.
+    #[inline(always)]
+    pub(crate) fn slices(&self) -> RowSlices<'_> {
+        RowSlices {
+            lines: self.lines,
+            template: &self.template,
+            dense: &self.dense,
+            offsets: &self.offsets,
+            distances: &self.distances,
+            values: &self.values,
+        }
     }
 
     /// One more than the largest column: the length that a vector must have.

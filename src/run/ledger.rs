@@ -48,10 +48,13 @@ const NODES_AT_ONCE: usize = 1 << 10;
 const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
-/// Least and largest number of equal parts of the time by which a time-dependent inflow is
-/// integrated, with Gauss's rule of two points on each, ...
-const TIME_PARTS: [usize; 2] = [1 << 8, 1 << 14];
-/// ... and the number of its values in all, about.
+/// Least number of equal parts of the time by which a time-dependent inflow is integrated, ...
+const LEAST_PARTS: usize = 1 << 8;
+/// ... the nodes of Gauss's rule on each, ...
+const NODES: usize = 4;
+/// ... the relative change of the mass by doubling them at which they are enough, ...
+const ENOUGH: f64 = 1e-10;
+/// ... and the number of values of the inflow in all, about, as where it jumps in time.
 const MOST_VALUES: usize = 1 << 21;
 
 /// The ledger of `case`, on the grid of its results, before the solve: regions, jumps, and
@@ -371,23 +374,34 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     }
     let (matrix, space) = (&system.matrix, &prepared.communicator.space);
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
-    let integrals: Vec<f64> = match case.varies() {
-        false => matrix.inflow.iter().map(|row| case.duration() * row.values[0]).collect(),
-        true => {
-            let rows = space.sum_count(matrix.inflow.len()).max(1);
-            let [least, most] = TIME_PARTS;
-            varying_integrals(case, matrix, (MOST_VALUES / (2 * rows)).clamp(least, most))
-        }
+    let mass = |integrals: &[f64]| {
+        let rows = matrix.inflow.iter().zip(integrals);
+        let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
+        space.sum_terms(&terms) * volumes.mean()
     };
-    let rows = matrix.inflow.iter().zip(&integrals);
-    let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
-    Some(space.sum_terms(&terms) * volumes.mean())
+    if !case.varies() {
+        let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);
+        return Some(mass(&values.collect::<Vec<f64>>()));
+    }
+    let most = MOST_VALUES / (NODES * space.sum_count(matrix.inflow.len()).max(1));
+    let mut parts = LEAST_PARTS;
+    let mut found = mass(&varying_integrals(case, matrix, parts));
+    while 2 * parts <= most {
+        parts *= 2;
+        let finer = mass(&varying_integrals(case, matrix, parts));
+        let change = (finer - found).abs();
+        found = finer;
+        if change <= ENOUGH * finer.abs() {
+            break;
+        }
+    }
+    Some(found)
 }
 
 /// `∫ b_i dt` until the end for each row of a time-dependent inflow, over `parts` equal parts.
 fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64> {
     let part = case.duration() / parts as f64;
-    let rule = gauss_legendre(2);
+    let rule = gauss_legendre(NODES);
     let mut integrals = vec![0.0; matrix.inflow.len()];
     for k in 0..parts {
         let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
