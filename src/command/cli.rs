@@ -242,7 +242,8 @@ pub struct PlanArgs {
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
     /// Number of ranks; by default 1, and with --calibrate the number this is started on. Several
-    /// numbers, 1,2,6 or 1..64 for 1, 2, 4, … 64, give a table that marks the last one worth it
+    /// numbers, 1,2,6 or 1..64 or 1,2,…,64 for 1, 2, 4, … 64, give a table that marks the last one
+    /// worth it
     #[arg(long, value_name = "N[,N...]", value_parser = ranks)]
     pub ranks: Option<RankNumbers>,
     /// Number of blocks along each x-axis; the remaining factor of the ranks splits the modes

@@ -125,7 +125,13 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
     };
     let reference =
         calibrated.as_ref().map(|(plan, calibration)| CalibratedRun { plan, calibration });
-    let table = RankTable::new(&measured.case, choices, reference.as_ref())?;
+    // Its cost is compared with others, also where it does not fit.
+    let alone = Resources { ranks: 1, ..Resources::default() };
+    let one = match &known {
+        Some(known) => known.on(&measured.case, &alone)?,
+        None => measured.plan(&alone)?,
+    };
+    let table = RankTable::new(&measured.case, choices, &one.plan, reference.as_ref())?;
     print_as(world, &table, args.json);
     let best = table.recommended();
     Ok(Needs {

@@ -39,21 +39,28 @@ pub enum RankNumbers {
     Many(Vec<usize>),
 }
 
-/// One number of ranks, or several, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B.
+/// One number of ranks, or several, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B, as does
+/// `A,2A,…,B`, or with three points, together with B.
 pub fn ranks(text: &str) -> Result<RankNumbers, String> {
     const MOST: usize = 1_000_000;
     let number = |word: &str| match word.trim().parse() {
         Ok(n @ 1..=MOST) => Ok(n),
         _ => Err(format!(
-            "'{}': a whole number in 1..={MOST} expected, or several: 1,2,4 or 1..64",
+            "'{}': a whole number in 1..={MOST} expected, or several: 1,2,4 or 1..64 or 1,2,…,64",
             word.trim()
         )),
     };
     if !text.contains(',') && !text.contains("..") {
         return number(text).map(RankNumbers::One);
     }
-    let mut all = Vec::new();
-    for part in text.split(',') {
+    let mut all: Vec<usize> = Vec::new();
+    let mut parts = text.split(',');
+    while let Some(part) = parts.next() {
+        if ["…", "..."].contains(&part.trim()) {
+            let last = number(parts.next().unwrap_or_default())?;
+            all.extend(doubled_between(&all, last)?);
+            continue;
+        }
         match part.split_once("..") {
             None => all.push(number(part)?),
             Some((first, last)) => {
@@ -61,14 +68,30 @@ pub fn ranks(text: &str) -> Result<RankNumbers, String> {
                 if first > last {
                     return Err(format!("{first}..{last}: the larger number comes last"));
                 }
-                let doubled = std::iter::successors(Some(first), |n| Some(2 * n));
-                all.extend(doubled.take_while(|&n| n <= last));
+                all.extend(doubled(first).take_while(|&n| n <= last));
             }
         }
     }
     all.sort_unstable();
     all.dedup();
     Ok(RankNumbers::Many(all))
+}
+
+/// `first`, 2 `first`, 4 `first`, …
+fn doubled(first: usize) -> impl Iterator<Item = usize> {
+    std::iter::successors(Some(first), |n| Some(2 * n))
+}
+
+/// The numbers that `…` stands for after those `before` it, and the `last` one, which follows it.
+fn doubled_between(before: &[usize], last: usize) -> Result<Vec<usize>, String> {
+    match *before {
+        [.., a, b] if b == 2 * a && b <= last => {
+            Ok(doubled(2 * b).take_while(|&n| n < last).chain([last]).collect())
+        }
+        _ => Err("… stands for doubled numbers, and comes after two numbers, of which the second \
+                  is twice the first, and before the largest: 1,2,…,64"
+            .to_owned()),
+    }
 }
 
 /// A whole number from 1 to 64.
@@ -186,11 +209,22 @@ mod tests {
             ("1..16", vec![1, 2, 4, 8, 16]),
             ("3..20", vec![3, 6, 12]),
             ("1..4,6,48..100", vec![1, 2, 4, 6, 48, 96]),
+            ("1,2,4,…,32", vec![1, 2, 4, 8, 16, 32]),
+            ("1, 2, ..., 16", vec![1, 2, 4, 8, 16]),
+            ("3,6,…,20,24,48,...,96", vec![3, 6, 12, 20, 24, 48, 96]),
+            ("1,2,…,2", vec![1, 2]),
         ] {
             assert_eq!(ranks(text), Ok(RankNumbers::Many(expected)));
         }
+        for text in ["1,…,4", "…,4", "1,2,3,…,9", "4,2,…,1", "2,4,…,3", "1,3,...,27"] {
+            let refused = ranks(text).expect_err(text);
+            assert!(refused.contains("the second is twice the first"), "{text}: {refused}");
+        }
         assert_eq!(ranks(" 64 "), Ok(RankNumbers::One(64)));
-        for text in ["", "0", "1,", "1...4", "4..1", "0..4", "1..", "1000001", "-1", "1,x", "1 2"] {
+        for text in [
+            "", "0", "1,", "1...4", "4..1", "0..4", "1..", "1000001", "-1", "1,x", "1 2", "1,2,…",
+            "1,2,…,", "1,2,…,…,8", "1,2,…8", "1…4",
+        ] {
             assert!(ranks(text).is_err(), "{text}");
         }
     }

@@ -1,5 +1,6 @@
 //! One case on many numbers of ranks: time, efficiency and memory of each, and the last number that
-//! is worth it.
+//! is worth it. Efficiencies are against one rank, whether or not it is among the numbers and the
+//! case fits on it.
 //!
 //! Times are modelled by the plan's cost of the mode group with most to do, on the block of a rank.
 //! With a calibration they are the seconds measured on one number of ranks, each step scaled by
@@ -86,7 +87,7 @@ pub struct RankCost {
     /// Ranks times hours, of one core each.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub core_hours: Option<f64>,
-    /// Ranks times time of the first number of ranks that fits, over those of this one.
+    /// Time on one rank over ranks times time of this number.
     pub efficiency: f64,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
@@ -98,7 +99,7 @@ pub struct RankCost {
     pub memory_per_node: Option<u64>,
     /// Whether the time saved is worth the ranks.
     pub worth_it: bool,
-    /// Whether it is the last number of ranks that is worth it.
+    /// Whether it is the last number of ranks that is worth it; the first that fits if none is.
     pub recommended: bool,
 }
 
@@ -136,18 +137,24 @@ pub struct RankChoice {
 }
 
 impl RankTable {
-    /// The table of `choices`, rising in their ranks.
+    /// The table of `choices`, rising in their ranks, beside the plan on `one` rank.
     ///
     /// # Errors
     /// That of the last number of ranks, if the case can run on none.
     pub fn new(
         case: &Case,
         choices: Vec<RankChoice>,
+        one: &Plan,
         reference: Option<&CalibratedRun<'_>>,
     ) -> Result<Self> {
+        let time_of = |plan: &Plan| match reference {
+            Some(reference) => reference.seconds(case, plan),
+            None => RankLoad::new(case, plan).cost,
+        };
         let mut lines = Vec::new();
         let mut last_error = None;
-        let mut worth: Option<WorthwhileRanks> = None;
+        let mut worth = WorthwhileRanks::new(time_of(one));
+        let mut first_time = None;
         for RankChoice { ranks, node, plan } in choices {
             let plan = match plan {
                 Ok(plan) => plan,
@@ -157,12 +164,11 @@ impl RankTable {
                     continue;
                 }
             };
-            let seconds = reference.map(|reference| reference.seconds(case, &plan));
-            let time = seconds.unwrap_or_else(|| RankLoad::new(case, &plan).cost);
-            let worth = worth.get_or_insert(WorthwhileRanks::first(ranks, time));
+            let time = time_of(&plan);
+            let seconds = reference.map(|_| time);
             lines.push(RankLine::Planned(RankCost {
                 ranks,
-                time: time / worth.first_time,
+                time: time / *first_time.get_or_insert(time),
                 core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
                 seconds,
                 efficiency: worth.efficiency(ranks, time),
@@ -175,12 +181,12 @@ impl RankTable {
                 space_blocks: plan.layout.mesh.space,
             }));
         }
-        if let (None, Some(error)) = (&worth, last_error) {
+        if let (None, Some(error)) = (first_time, last_error) {
             return Err(error);
         }
-        let last = worth.map_or(0, |worth| worth.last);
         let mut table = Self { lines };
-        table.costs_mut().for_each(|cost| cost.recommended = cost.ranks == last);
+        let last = worth.last.or(table.costs().next().map(|first| first.ranks));
+        table.costs_mut().for_each(|cost| cost.recommended = Some(cost.ranks) == last);
         Ok(table)
     }
 
@@ -198,7 +204,7 @@ impl RankTable {
         })
     }
 
-    /// The last number of ranks that is worth it.
+    /// The last number of ranks that is worth it; the first that fits if none is.
     pub fn recommended(&self) -> Option<&RankCost> {
         self.costs().find(|cost| cost.recommended)
     }
@@ -211,17 +217,16 @@ impl RankTable {
         let percent = 100.0 * LEAST_EFFICIENCY;
         let rule = format!(
             "an efficiency of at least {percent:.0} %,\n{:<16}and at least {LEAST_GAIN} times as \
-             fast as the last number that is worth it",
+             fast as the last number that is worth it, or as one rank",
             ""
         );
-        match best.ranks == most.ranks {
-            true => {
-                format!("worth it        up to {} ranks, the last of these: {rule}", best.ranks)
-            }
-            false => {
-                format!("worth it        up to {} ranks; more are not worth it: {rule}", best.ranks)
-            }
-        }
+        let ranks = counted(best.ranks, "rank", "ranks");
+        let found = match (best.worth_it, best.ranks == most.ranks) {
+            (false, _) => "none of these".to_owned(),
+            (true, true) => format!("up to {ranks}, the last of these"),
+            (true, false) => format!("up to {ranks}; more are not worth it"),
+        };
+        format!("worth it        {found}: {rule}")
     }
 }
 
@@ -235,28 +240,29 @@ fn refusal(error: &Error) -> String {
 
 /// Decides for rising numbers of ranks whether they are worth it.
 struct WorthwhileRanks {
-    first_ranks: usize,
-    first_time: f64,
-    /// The last number that was worth it, and its time.
-    last: usize,
+    /// Time on one rank.
+    alone: f64,
+    /// The last number that was worth it.
+    last: Option<usize>,
+    /// Its time, or that on one rank.
     last_time: f64,
 }
 
 impl WorthwhileRanks {
-    fn first(ranks: usize, time: f64) -> Self {
-        Self { first_ranks: ranks, first_time: time, last: ranks, last_time: time }
+    fn new(alone: f64) -> Self {
+        Self { alone, last: None, last_time: alone }
     }
 
     fn efficiency(&self, ranks: usize, time: f64) -> f64 {
-        self.first_ranks as f64 * self.first_time / (ranks as f64 * time)
+        self.alone / (ranks as f64 * time)
     }
 
     /// Whether this number of ranks is worth it; it is then the last one that was.
     fn includes(&mut self, ranks: usize, time: f64) -> bool {
-        let faster = ranks == self.first_ranks || LEAST_GAIN * time <= self.last_time;
+        let faster = ranks == 1 || LEAST_GAIN * time <= self.last_time;
         let worth_it = faster && self.efficiency(ranks, time) >= LEAST_EFFICIENCY;
         if worth_it {
-            (self.last, self.last_time) = (ranks, time);
+            (self.last, self.last_time) = (Some(ranks), time);
         }
         worth_it
     }
@@ -307,9 +313,9 @@ impl fmt::Display for RankCost {
             write!(f, " {:>10}", bytes_text(memory))?;
         }
         match (self.recommended, self.worth_it) {
-            (true, _) => write!(f, "  last worth it"),
+            (true, true) => write!(f, "  last worth it"),
             (false, true) => Ok(()),
-            (false, false) => write!(f, "  not worth it"),
+            (_, false) => write!(f, "  not worth it"),
         }
     }
 }
@@ -318,23 +324,29 @@ impl fmt::Display for RankCost {
 mod tests {
     use super::*;
 
-    /// The numbers of ranks that are worth it, with these times.
-    fn worth(times: &[(usize, f64)]) -> Vec<usize> {
-        let mut worth = WorthwhileRanks::first(times[0].0, times[0].1);
+    /// The numbers of ranks that are worth it with these times, of `alone` on one rank.
+    fn worth(alone: f64, times: &[(usize, f64)]) -> Vec<usize> {
+        let mut worth = WorthwhileRanks::new(alone);
         let included = times.iter().filter(|(ranks, time)| worth.includes(*ranks, *time));
         let included: Vec<usize> = included.map(|(ranks, _)| *ranks).collect();
-        assert_eq!(included.last(), Some(&worth.last));
+        assert_eq!(included.last(), worth.last.as_ref());
         included
     }
 
     #[test]
     fn ranks_are_worth_what_they_save() {
         // Perfect scaling, then an efficiency below a half; then one just below.
-        assert_eq!(worth(&[(1, 8.0), (2, 4.0), (4, 2.0), (8, 2.1)]), [1, 2, 4]);
-        assert_eq!(worth(&[(1, 8.0), (2, 4.1), (4, 4.1), (8, 1.9)]), [1, 2, 8]);
-        // Half of the efficiency, but no gain; the efficiency counts from the first number.
-        assert_eq!(worth(&[(4, 1.0), (6, 0.95), (8, 0.9)]), [4, 8]);
-        assert_eq!(worth(&[(1, 1.0), (2, 1.01)]), [1]);
-        assert_eq!(worth(&[(64, 1.0), (128, 1.0), (256, 0.25)]), [64, 256]);
+        assert_eq!(worth(8.0, &[(1, 8.0), (2, 4.0), (4, 2.0), (8, 2.1)]), [1, 2, 4]);
+        assert_eq!(worth(8.0, &[(1, 8.0), (2, 4.1), (4, 4.1), (8, 1.9)]), [1, 2, 8]);
+        // Half of the efficiency, but no gain.
+        assert_eq!(worth(4.0, &[(4, 1.0), (6, 0.95), (8, 0.9)]), [4, 8]);
+        assert_eq!(worth(1.0, &[(1, 1.0), (2, 1.01)]), [1]);
+        assert_eq!(worth(64.0, &[(64, 1.0), (128, 1.0), (256, 0.25)]), [64, 256]);
+        // The efficiency is against one rank, whichever number comes first: six of seven ranks
+        // idle, then eleven are twice as fast as one; all of them are used at last.
+        assert_eq!(worth(1.0, &[(7, 1.0), (11, 0.5)]), [0; 0]);
+        assert_eq!(worth(1.0, &[(7, 1.0), (11, 0.5), (13, 1.0 / 13.0)]), [13]);
+        // As fast as one rank on two is half of the efficiency, and no gain.
+        assert_eq!(worth(1.0, &[(2, 1.0), (3, 0.6)]), [3]);
     }
 }

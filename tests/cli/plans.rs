@@ -295,6 +295,23 @@ fn numbers_of_ranks_are_compared() {
     let text = job(&["1,2,4096"]).succeed().unwrap();
     text.contains(&text.output, &["last worth it", "not worth it", "up to 2 ranks; more"]).unwrap();
     assert!(text.output.lines().all(|line| line.chars().count() <= 100), "{}", text.output);
+    // The efficiency is against one rank, also if the list begins above it.
+    let list = |text: &str| job(&[text, "--json"]).succeed().unwrap().json().unwrap();
+    let (long, short) = (list("1,2,4,…,64"), list("4,64"));
+    for (k, line) in [(2, &short[0]), (6, &short[1])] {
+        let same = (long[k]["ranks"].as_u64(), long[k]["efficiency"].as_f64())
+            == (line["ranks"].as_u64(), line["efficiency"].as_f64());
+        assert!(same, "{} and {line}", long[k]);
+    }
+    // Seven ranks have no more to do than one, for which six modes are one batch.
+    let six = Job::new(["plan", &case("step3d.toml"), "--ranks"]);
+    let text = six.clone().with(["7"]).with(["--json"]).succeed().unwrap();
+    assert_eq!(text.json().unwrap()["warp"]["modes"].as_u64(), Some(6), "{}", text.output);
+    let text = six.with(["7,11"]).succeed().unwrap();
+    text.contains(&text.output, &["14 %", "worth it        none of these"]).unwrap();
+    assert!(!text.output.contains("last worth it"), "{}", text.output);
+    let text = job(&["1,4096"]).succeed().unwrap();
+    text.contains(&text.output, &["up to 1 rank; more"]).unwrap();
     // All numbers are worth it. If some do not fit into memory, the first that fits is the
     // reference.
     let text = job(&["1,2"]).succeed().unwrap();

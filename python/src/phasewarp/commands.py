@@ -121,7 +121,8 @@ def plan(
     meshes (`memory` in bytes a rank) and ``layout`` the arrays of the fullest rank in bytes.
 
     Of several numbers of ranks, return a table: one row a number, with `time` over that of the
-    first, `efficiency`, `memory`, and which number is ``recommended``, the last that is worth it.
+    first, `efficiency` against one rank, `memory`, and which number is ``recommended``: the last
+    that is worth it, or the first that fits if none is.
 
     Parameters
     ----------
