@@ -139,6 +139,9 @@ def test_measure_valued_data(tmp_path: Path) -> None:
     data = pw.run(case, tmp_path, force=True).open()
     assert data["density_exact"].dims == ("time", "x")
     assert data["density_exact"].attrs["long_name"] == "density of the exact solution"
+    case["exact.moments"] = "end"
+    data = pw.run(case, tmp_path, force=True).open()
+    assert data["density"].dims == ("time", "x") and data["density_exact"].dims == ("x",)
 
 
 def test_two_dimensions_and_readout(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ use crate::base::machine;
 use crate::base::text::{bytes_text, visible};
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Creates `directory` and checks that it is writable. Called by one rank.
@@ -71,6 +71,20 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -
 /// [`Error::Output`].
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
     write(path, visible(text).as_bytes())
+}
+
+/// As [`write_text`], for a long text in pieces, of which one at a time is in memory.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write_pieces(path: &Path, pieces: impl Iterator<Item = String>) -> Result<()> {
+    write_with(path, |file| {
+        let mut file = BufWriter::new(file);
+        for piece in pieces {
+            file.write_all(visible(&piece).as_bytes())?;
+        }
+        file.flush()
+    })
 }
 
 /// The text of a regular file. A pipe is refused, as reading it may wait for ever.

@@ -42,6 +42,10 @@ pub fn program_file_bytes(ranks: usize) -> u64 {
     if ranks > 1 { 59 << 19 } else { 53 << 19 }
 }
 
+/// Bytes of an output time beside its numbers: its lists, and the lists of its datasets while they
+/// are written.
+const TIME_BYTES: u64 = 5 << 9;
+
 /// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
 
@@ -259,7 +263,9 @@ impl<'a> FullestRank<'a> {
             list.push(("moments on the way".to_owned(), bytes));
         }
         if !case.times.is_empty() {
-            let early = self.early_sums(warp.points.is_some()) + self.early(self.fields() - 1);
+            let early = self.early_sums(warp.points.is_some())
+                + self.early(self.fields() - 1)
+                + TIME_BYTES * case.times.len() as u64;
             list.push(("output times".to_owned(), early));
         }
         list.extend(self.at_start(self.share()));
@@ -378,8 +384,9 @@ impl<'a> FullestRank<'a> {
                 32 * (1 + n) * space_cells + 64 * curve_points(case) as u64 + 4 * points
             }
         };
-        // Its moments at every time.
-        let times = 1 + case.shown_times().count() as u64;
+        // Its moments at every time, or at the end.
+        let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
+        let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
         Some(("exact solution".to_owned(), values + 80 * points + moments))
     }
@@ -410,7 +417,8 @@ impl<'a> FullestRank<'a> {
     /// Moments at the output times, and the exact ones, or a copy while they are written.
     fn early_moments(&self) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
-        2 * 8 * self.moments_of_a_point() * points * self.case.times.len() as u64
+        let numbers = 2 * 8 * self.moments_of_a_point() * points;
+        (numbers + TIME_BYTES) * self.case.times.len() as u64
     }
 
     /// Number of values that the moments have at a point: density, momentum and mean velocity along

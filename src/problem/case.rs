@@ -28,8 +28,8 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
-    Data, Exact, Inflow, LiouvilleField, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile,
-    TableOf, WarpedStart,
+    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Origin, Region, StartField, TIME,
+    TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
@@ -170,6 +170,8 @@ pub struct Case {
     pub reductions: Reductions,
     /// `[exact]`.
     pub exact: Option<Exact>,
+    /// `exact.moments`.
+    pub exact_times: ExactTimes,
     /// `output.recovery_points`: 2 gives the error estimate.
     pub recovery_points: usize,
     /// `output.plateau`.
@@ -255,6 +257,7 @@ impl Case {
             constants: file.constants.clone(),
             potential,
             exact: tables.exact.check(file, n, &data)?,
+            exact_times: tables.exact.times(file)?,
             data,
             fields,
             start,
@@ -410,6 +413,11 @@ impl Case {
     /// The times before the end at which results are written.
     pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
         self.at_start.iter().chain(&self.times)
+    }
+
+    /// Whether moments of the exact solution are computed at the output times before the end.
+    pub fn has_exact_history(&self) -> bool {
+        self.exact.is_some() && self.exact_times == ExactTimes::All
     }
 
     /// The text of `error` for a record that other people read: without the leading name of the

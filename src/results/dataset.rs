@@ -31,8 +31,8 @@ pub struct Results<'a> {
     pub fields: &'a [&'a [f64]],
     /// The exact solution on the share.
     pub exact: Option<&'a ExactSolution>,
-    /// Moments of the exact solution on the share, at every time of `early` and then at the end;
-    /// empty without `exact`.
+    /// Moments of the exact solution on the share, at every time of `early` and then at the end, or
+    /// at the end only; empty without `exact`.
     pub exact_moments: &'a [Moments],
     /// Moments on the share.
     pub moments: &'a Moments,

@@ -113,13 +113,16 @@ pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
     }
 }
 
-/// The moments at every output time, the end last: first those computed, then exact ones, if any.
+/// The moments at every output time, the end last: first those computed, then exact ones, if they
+/// are known at all of these times.
 pub fn moments_by_time<'a>(results: &'a Results<'_>) -> Vec<Vec<Field<'a>>> {
     let early = results.early.iter().map(|early| &early.moments);
     let mut times: Vec<Vec<Field<'a>>> =
         early.chain([results.moments]).map(|found| moments(found).into()).collect();
-    for (time, exact) in times.iter_mut().zip(results.exact_moments) {
-        time.extend(exact_moments(exact));
+    if results.exact_moments.len() == times.len() {
+        for (time, exact) in times.iter_mut().zip(results.exact_moments) {
+            time.extend(exact_moments(exact));
+        }
     }
     times
 }

@@ -35,6 +35,9 @@ const GRIDS: [&str; 4] = ["plane_x", "plane_y", "plane_z", "space"];
 const VIRTUAL_DATASETS: usize = 1 << 14;
 /// Rows of points and cells that are written at a time.
 const PIECE: usize = 1 << 14;
+/// Times whose virtual datasets are written before the file is closed: HDF5 keeps what it knows of
+/// all objects of an open file, about 40 kB a time.
+const TIMES_AT_ONCE: usize = 32;
 
 /// Names of all files that any run may write here.
 pub(crate) fn names() -> impl Iterator<Item = String> {
@@ -93,7 +96,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     for name in GRIDS {
         let times = times(steps, name);
         if !times.is_empty() {
-            disk::write_text(&directory.join(format!("{name}.xdmf")), &document(name, &times))?;
+            disk::write_pieces(&directory.join(format!("{name}.xdmf")), pieces(name, &times))?;
         }
     }
     Ok(())
@@ -111,21 +114,35 @@ fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
 /// Writes points, cells and values into the file `path`.
 fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
     let result = File::open(result)?;
-    let file = File::create(path)?;
+    File::create(path)?.close()?;
     for name in GRIDS {
         let times = times(steps, name);
         let Some((_, first)) = times.first() else { continue };
-        let group = file.create_group(name)?;
         let mesh = UnstructuredGrid::new(first);
-        table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
-        table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))?;
-        for (k, (_, grid)) in times.iter().enumerate() {
-            let group = group.create_group(&k.to_string())?;
-            grid.fields.iter().try_for_each(|view| values(&group, &result, view, mesh.cells()))?;
+        opened(path, |file| {
+            let group = file.create_group(name)?;
+            table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
+            table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))
+        })?;
+        for (first, times) in (0..).step_by(TIMES_AT_ONCE).zip(times.chunks(TIMES_AT_ONCE)) {
+            opened(path, |file| {
+                for (k, (_, grid)) in (first..).zip(times) {
+                    let group = file.create_group(&format!("{name}/{k}"))?;
+                    let of_view = |view| values(&group, &result, view, mesh.cells());
+                    grid.fields.iter().try_for_each(of_view)?;
+                }
+                Ok(())
+            })?;
         }
     }
-    file.close()?;
     result.close()
+}
+
+/// Lets `write` add to the file `path`.
+fn opened(path: &Path, write: impl FnOnce(&File) -> Hdf5Result<()>) -> Hdf5Result<()> {
+    let file = File::open_rw(path)?;
+    write(&file)?;
+    file.close()
 }
 
 /// A grid as a list of points and a list of cells, both x fastest.
@@ -250,46 +267,50 @@ fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result
         .new_dataset::<f64>()
         .virtual_map(RESULT, &view.dataset, &there, selection(&from), &shape, selection(&to))
         .shape(&shape)
-        .create(view.name.as_str())?;
+        .create(view.name)?;
     Ok(())
 }
 
-/// The text of a grid's file: a collection over the times.
-fn document(name: &str, times: &[(f64, &Grid)]) -> String {
-    let mut text = format!(
+/// The text of a grid's file, a collection over the times, time by time.
+fn pieces(name: &str, times: &[(f64, &Grid)]) -> impl Iterator<Item = String> {
+    let start = format!(
         "<?xml version=\"1.0\"?>\n<Xdmf Version=\"3.0\">\n<Domain>\n\
          <Grid Name=\"{name}\" GridType=\"Collection\" CollectionType=\"Temporal\">\n"
     );
-    for (k, (time, grid)) in times.iter().enumerate() {
-        let mesh = UnstructuredGrid::new(grid);
-        let (cells, corners) = (mesh.cells(), mesh.corners());
-        let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
-        let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
+    let end = "</Grid>\n</Domain>\n</Xdmf>\n".to_owned();
+    let texts = times.iter().enumerate().map(move |(k, (time, grid))| grid_text(k, *time, grid));
+    std::iter::once(start).chain(texts).chain(std::iter::once(end))
+}
+
+/// The text of a grid at time number `k`.
+fn grid_text(k: usize, time: f64, grid: &Grid) -> String {
+    let name = &grid.name;
+    let mesh = UnstructuredGrid::new(grid);
+    let (cells, corners) = (mesh.cells(), mesh.corners());
+    let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
+    let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
+    let mut text = format!(
+        "<Grid Name=\"{name}\" GridType=\"Uniform\">\n\
+         <Time Value=\"{time}\"/>\n\
+         <Topology TopologyType=\"{kind}\" NumberOfElements=\"{cells}\">\n{}</Topology>\n\
+         <Geometry GeometryType=\"XYZ\">\n{}</Geometry>\n",
+        item(&format!("{cells} {corners}"), "Int", "HDF", &place("cells")),
+        item(&format!("{} 3", mesh.points()), "Float", "HDF", &place("points")),
+    );
+    for view in &grid.fields {
+        let (kind, lengths) = match view.vector {
+            true => ("Vector", format!("{cells} 3")),
+            false => ("Scalar", cells.to_string()),
+        };
         let _ = write!(
             text,
-            "<Grid Name=\"{name}\" GridType=\"Uniform\">\n\
-             <Time Value=\"{time}\"/>\n\
-             <Topology TopologyType=\"{kind}\" NumberOfElements=\"{cells}\">\n{}</Topology>\n\
-             <Geometry GeometryType=\"XYZ\">\n{}</Geometry>\n",
-            item(&format!("{cells} {corners}"), "Int", "HDF", &place("cells")),
-            item(&format!("{} 3", mesh.points()), "Float", "HDF", &place("points")),
+            "<Attribute Name=\"{0}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{1}\
+             </Attribute>\n",
+            view.name,
+            item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name))),
         );
-        for view in &grid.fields {
-            let (kind, lengths) = match view.vector {
-                true => ("Vector", format!("{cells} 3")),
-                false => ("Scalar", cells.to_string()),
-            };
-            let _ = write!(
-                text,
-                "<Attribute Name=\"{0}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{1}\
-                 </Attribute>\n",
-                view.name,
-                item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name))),
-            );
-        }
-        text += "</Grid>\n";
     }
-    text + "</Grid>\n</Domain>\n</Xdmf>\n"
+    text + "</Grid>\n"
 }
 
 #[cfg(test)]

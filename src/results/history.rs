@@ -6,7 +6,7 @@
 //! | `/axis/time` | (N_t) | the output times, the final one last |
 //! | `/history/density` | (N_t, N_x1, …) | as `/density`, at each |
 //! | `/history/momentum`, `/history/velocity` | (N_t, n, N_x1, …) | as `/momentum`, `/velocity` |
-//! | `/history/density_exact`, …, `velocity_exact` | the same | of the exact solution |
+//! | `/history/density_exact`, …, `velocity_exact` | the same | with `exact.moments = "all"` |
 //! | `/history/mass`, `kinetic_energy`, `potential_energy` | (N_t) | sums over all of space |
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
@@ -127,7 +127,7 @@ pub fn datasets(case: &Case) -> [usize; 2] {
         return [0, 0];
     }
     let fields = case.shown_times().filter(|t| t.fields).count();
-    let kinds = if case.exact.is_some() { 2 } else { 1 };
+    let kinds = if case.has_exact_history() { 2 } else { 1 };
     let moments = kinds * (1 + 2 * case.space.dimension());
     [fields * case.fields.len(), (times + 1) * moments]
 }

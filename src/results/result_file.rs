@@ -142,7 +142,8 @@ pub fn most_bytes(case: &Case) -> u64 {
     let planes = if storage.xdmf { fields + early_fields } else { 0 };
     if storage.xdmf && n > 1 {
         moments += 8 + 7 * exact;
-        early_moments += 7 * (1 + exact) * (1 + case.shown_times().count());
+        let kinds = if case.has_exact_history() { 2 } else { 1 };
+        early_moments += 7 * kinds * (1 + case.shown_times().count());
     }
     let all = |sizes: &[usize]| {
         let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();

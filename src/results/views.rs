@@ -17,6 +17,7 @@ use crate::results::fields::{self, DIRECTION, Field};
 use crate::results::history::{FIELD_TIME, TIME, with_fields};
 use crate::results::writer::Writer;
 use std::ops::Range;
+use std::rc::Rc;
 
 /// A grid of cells along three axes, and datasets over it.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +34,7 @@ pub struct Grid {
     pub cells: [usize; 3],
     /// Faces of the cells along all axes, if a degree above 0 makes cells unequal. The width of a
     /// cell is the quadrature weight of its node.
-    pub faces: Option<[Vec<f64>; 3]>,
+    pub faces: Option<Rc<[Vec<f64>; 3]>>,
     /// The datasets that are shown on it.
     pub fields: Vec<View>,
 }
@@ -53,16 +54,16 @@ pub struct TimeSlice {
     /// Number of the time.
     pub index: usize,
     /// Lengths of the dataset, the times first.
-    pub shape: Vec<usize>,
+    pub shape: Rc<[usize]>,
 }
 
 /// A dataset of `result.h5` over a grid, its last index along the grid's first axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// The name under which it is shown.
-    pub name: String,
-    /// Path of the dataset.
-    pub dataset: String,
+    pub name: &'static str,
+    /// Path of the dataset, which the views of all times share.
+    pub dataset: Rc<str>,
     /// Whether it has three components, as its last index.
     pub vector: bool,
     /// The time that is shown; `None` for a dataset without times.
@@ -89,21 +90,33 @@ impl Grid {
         }
         if axes.iter().any(|axis| axis.nodes.degree > 0) {
             let flat = || vec![-0.5 * width, 0.5 * width];
-            grid.faces =
-                Some(std::array::from_fn(|a| axes.get(a).map_or_else(flat, |a| a.cell_faces())));
+            let faces = |a| axes.get(a).map_or_else(flat, |axis: &&Axis| axis.cell_faces());
+            grid.faces = Some(Rc::new(std::array::from_fn(faces)));
         }
         grid
     }
 
-    fn show(&mut self, name: &str, dataset: String, vector: bool) {
-        self.fields.push(View { name: name.to_owned(), dataset, vector, time_slice: None });
+    fn show(&mut self, name: &'static str, dataset: &str, vector: bool) {
+        self.fields.push(View { name, dataset: dataset.into(), vector, time_slice: None });
+    }
+}
+
+/// The views of a dataset whose first index counts times. They share its path and its lengths.
+struct SlicedViews {
+    view: View,
+    shape: Rc<[usize]>,
+}
+
+impl SlicedViews {
+    fn new(name: &'static str, dataset: &str, vector: bool, shape: &[usize]) -> Self {
+        let view = View { name, dataset: dataset.into(), vector, time_slice: None };
+        Self { view, shape: shape.into() }
     }
 
-    /// The same of time number `index` of a dataset of this `shape`.
-    fn show_at(&mut self, name: &str, dataset: &str, vector: bool, index: usize, shape: &[usize]) {
-        let time_slice = Some(TimeSlice { index, shape: shape.to_vec() });
-        let (name, dataset) = (name.to_owned(), dataset.to_owned());
-        self.fields.push(View { name, dataset, vector, time_slice });
+    /// The view of time number `index`.
+    fn at(&self, index: usize) -> View {
+        let time_slice = Some(TimeSlice { index, shape: self.shape.clone() });
+        View { time_slice, ..self.view.clone() }
     }
 }
 
@@ -155,8 +168,9 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
             let path = format!("/xdmf/history/{name}/{}", field.name);
             let what = format!("{} on this plane at the field times", field.name);
             writer.field(&path, &[FIELD_TIME, names[n + a], names[a]], &slabs, &what)?;
+            let views = SlicedViews::new(field.name, &path, false, &shape);
             for (time, grid) in grids.iter_mut().enumerate() {
-                grid.show_at(field.name, &path, false, time, &shape);
+                grid.fields.push(views.at(time));
             }
         }
         let with = steps.iter_mut().zip(results.early).filter(|(_, e)| !e.fields.is_empty());
@@ -193,14 +207,16 @@ fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step])
             let what = format!("copy of /history/{}, axes reversed", kind.name);
             writer.field(&path, &axes, &slabs, &what)?;
         }
+        let views = SlicedViews::new(kind.name, &path, vector, &shape);
         for (time, grid) in grids.iter_mut().enumerate() {
-            grid.show_at(kind.name, &path, vector, time, &shape);
+            grid.fields.push(views.at(time));
         }
     }
+    // V does not change, and is stored once.
+    let dataset: Rc<str> = if n > 1 { "/xdmf/space/potential" } else { "/potential" }.into();
+    let potential = View { name: "potential", dataset, vector: false, time_slice: None };
     for (step, mut grid) in steps.iter_mut().zip(grids) {
-        // V does not change, and is stored once.
-        let place = if n > 1 { "/xdmf/space/potential" } else { "/potential" };
-        grid.show("potential", place.to_owned(), false);
+        grid.fields.push(potential.clone());
         grid.fields.sort_by_key(|view| view.vector);
         step.grids.push(grid);
     }
@@ -228,7 +244,7 @@ fn space_grid(space: &PhaseSpace) -> Grid {
     if let [v] = &space.v[..] {
         (grid.origin[1], grid.spacing[1]) = (v.lower, v.upper - v.lower);
         if let Some(faces) = &mut grid.faces {
-            faces[1] = vec![v.lower, v.upper];
+            Rc::make_mut(faces)[1] = vec![v.lower, v.upper];
         }
     }
     grid
@@ -246,7 +262,7 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     fields.sort_by_key(|field| field.kind.vector);
     if n == 1 {
         for Field { kind, .. } in fields {
-            grid.show(kind.name, format!("/{}", kind.name), false);
+            grid.show(kind.name, &format!("/{}", kind.name), false);
         }
         return Ok(grid);
     }
@@ -254,7 +270,7 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     for field in fields {
         let path = format!("/xdmf/space/{}", field.kind.name);
         copy(writer, results, &field, &path)?;
-        grid.show(field.kind.name, path, field.kind.vector);
+        grid.show(field.kind.name, &path, field.kind.vector);
     }
     Ok(grid)
 }
@@ -305,7 +321,7 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     let n = space.dimension();
     let names = axis_names(n);
     let middle: Vec<usize> = space.axes().map(|a| a.cells / 2).collect();
-    let mut fields: Vec<(&str, &[f64])> = (case.fields.iter().zip(results.fields))
+    let mut fields: Vec<(&'static str, &[f64])> = (case.fields.iter().zip(results.fields))
         .map(|(field, values)| (field.name, *values))
         .collect();
     if let Some(ExactSolution::Field(exact)) = results.exact {
@@ -323,7 +339,7 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
             let what = format!("{name} on this plane through the middle of the other axes");
             let axes = [names[n + a], names[a]];
             writer.field(&path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)?;
-            grid.show(name, path, false);
+            grid.show(name, &path, false);
         }
         grids.push(grid);
     }

@@ -22,26 +22,31 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     if steps.is_empty() {
         disk::clear(&path).map_err(|e| failure(&path, &e))
     } else {
-        disk::write_text(&path, &document(steps))
+        disk::write_pieces(&path, pieces(steps))
     }
 }
 
-/// The text of the file. Several times are a temporal collection of collections of grids.
-fn document(steps: &[Step]) -> String {
-    let mut text = String::from("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n");
-    if let [only] = steps {
-        return text + &grids_text(only.time, &only.grids) + END;
-    }
-    text += "<Grid Name=\"times\" GridType=\"Collection\" CollectionType=\"Temporal\">\n";
-    for Step { time, grids } in steps {
-        let _ = write!(
-            text,
+/// The text of the file, time by time. Several times are a temporal collection of collections of
+/// grids.
+fn pieces(steps: &[Step]) -> impl Iterator<Item = String> {
+    let [start, end] = match steps {
+        [_] => ["", ""],
+        _ => [
+            "<Grid Name=\"times\" GridType=\"Collection\" CollectionType=\"Temporal\">\n",
+            "</Grid>\n",
+        ],
+    };
+    let start = format!("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n{start}");
+    let several = steps.len() > 1;
+    let times = steps.iter().map(move |Step { time, grids }| match several {
+        false => grids_text(*time, grids),
+        true => format!(
             "<Grid Name=\"t = {time}\" GridType=\"Collection\" CollectionType=\"Spatial\">\n\
              <Time Value=\"{time}\"/>\n{}</Grid>\n",
             grids_text(*time, grids)
-        );
-    }
-    text + "</Grid>\n" + END
+        ),
+    });
+    std::iter::once(start).chain(times).chain(std::iter::once(format!("{end}{END}")))
 }
 
 /// The text of the grids at a time. Every grid is three-dimensional, and planes are one cell thick,
@@ -95,7 +100,7 @@ fn values(view: &View, counts: &str) -> String {
     let list =
         |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
     let rank = slice.shape.len();
-    let (mut start, mut count) = (vec![0; rank], slice.shape.clone());
+    let (mut start, mut count) = (vec![0; rank], slice.shape.to_vec());
     (start[0], count[0]) = (slice.index, 1);
     format!(
         "<DataItem ItemType=\"HyperSlab\" Dimensions=\"{counts}\" NumberType=\"Float\" \

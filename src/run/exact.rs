@@ -1,11 +1,13 @@
 //! The exact solution on a rank's share, if the case names one: at the end, and its moments at
-//! every output time. All exact densities are computed here.
+//! every output time or at the end only (`exact.moments`). All exact densities are computed here.
 
 pub mod sheets;
 pub mod solution;
 pub mod velocities;
 
 use crate::base::error::Result;
+use crate::base::log::report;
+use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
@@ -17,13 +19,14 @@ use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::place::Place;
+use std::time::Instant;
 
 /// The exact solution of a run on a rank's share.
 #[derive(Default)]
 pub struct ExactRun {
     /// At the end.
     pub exact: Option<ExactSolution>,
-    /// Moments at the output times before the end, then at the end.
+    /// Moments at the output times before the end, if they are wanted there, then at the end.
     pub moments: Vec<Moments>,
     /// Estimates of the errors of the density at the end, if it is integrated over velocities.
     pub density_errors: Vec<f64>,
@@ -36,19 +39,26 @@ struct AtTime {
     density_errors: Vec<f64>,
 }
 
-/// The exact solution of a run of `case` on `place`; empty if the case names none. Collective over
-/// `world`.
+/// The times at which the exact solution of `case` is computed, the end last.
+fn times(case: &Case) -> Vec<f64> {
+    // If the run starts from modes, the data at the start are not known.
+    let at_start = case.at_start.iter().filter(|_| case.start.is_none());
+    let earlier = at_start.chain(&case.times).filter(|_| case.has_exact_history());
+    earlier.map(|time| time.time).chain([case.end]).collect()
+}
+
+/// The exact solution of a run of `case` on `place`; empty if the case names none. A rank that
+/// `prints` says if it takes long. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite, the same on all ranks.
-pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> {
+pub fn exact_run(world: &Group, case: &Case, place: &Place, prints: bool) -> Result<ExactRun> {
     let mut run = ExactRun::default();
     let Some(exact) = &case.exact else { return Ok(run) };
-    // If the run starts from modes, the data at the start are not known.
-    let at_start = case.at_start.iter().filter(|_| case.start.is_none());
-    let times = at_start.chain(&case.times).map(|time| time.time);
+    let times = times(case);
+    let mut watch = ExactWatch::new(prints, times.len());
     let mut values_of = None;
-    for time in times.chain([case.end]) {
+    for time in times {
         let found = match moments_of_sheet(world, case, place, time)? {
             Some(found) => found,
             None => {
@@ -63,8 +73,58 @@ pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> 
         if time == case.end {
             (run.exact, run.density_errors) = (Some(found.exact), found.density_errors);
         }
+        watch.advance();
     }
+    watch.progress.finish();
     Ok(run)
+}
+
+/// Shows how far the exact solution is, and says once that it takes long.
+struct ExactWatch {
+    progress: Progress,
+    /// Whether nothing more is to be said.
+    silent: bool,
+    /// Number of times.
+    all: usize,
+    /// Number of times that are done.
+    done: usize,
+    started: Instant,
+}
+
+impl ExactWatch {
+    fn new(prints: bool, all: usize) -> Self {
+        let progress = Progress::new(prints && all > 1, "exact solution", all);
+        Self { progress, silent: !prints, all, done: 0, started: Instant::now() }
+    }
+
+    /// Counts a time as done.
+    fn advance(&mut self) {
+        self.done += 1;
+        self.progress.advance(1);
+        if self.silent {
+            return;
+        }
+        let seconds = self.started.elapsed().as_secs_f64();
+        if let Some(line) = slowness(self.all, self.done, seconds) {
+            report(&line);
+            self.silent = true;
+        }
+    }
+}
+
+/// What to say of an exact solution at `all` times, of which the first `done` took `seconds`: that
+/// it takes long, if it does and can be left out.
+fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
+    /// Seconds of the first times from which those of all times are estimated.
+    const SEEN: f64 = 1.0;
+    const LONG: f64 = 10.0;
+    let expected = seconds * all as f64 / done as f64;
+    (done < all && seconds >= SEEN && expected >= LONG).then(|| {
+        format!(
+            "the exact moments at {all} times take about {expected:.0} s in all; with \
+             exact.moments = \"end\" they are computed at time.end only"
+        )
+    })
 }
 
 /// The exact moments of measure-valued data at a time on `place`, as averages over cells; none for
@@ -177,4 +237,22 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let place = "where it is integrated over the velocities".to_owned();
     group.agree(failure.map_err(|(formula, value)| formula.undefined(value, place)))?;
     Ok(group.gathered(&density))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever waits long for exact moments at many times is told how long, and by which key they
+    /// are left out.
+    #[test]
+    fn long_exact_solutions_name_their_key() {
+        let line = slowness(1000, 20, 1.8).expect("90 s are long");
+        assert!(line.contains("1000 times take about 90 s"), "{line}");
+        assert!(line.contains("exact.moments = \"end\""), "{line}");
+        // Too early to tell; short; nothing that could be left out; the last time.
+        for (all, done, seconds) in [(1000, 1, 0.5), (1000, 200, 1.8), (1, 1, 30.0), (9, 9, 30.0)] {
+            assert_eq!(slowness(all, done, seconds), None, "{all} {done} {seconds}");
+        }
+    }
 }

@@ -35,7 +35,8 @@ pub struct Solution {
     pub results: Expanded,
     /// The exact solution on the share, if the case names one.
     pub exact: Option<ExactSolution>,
-    /// Moments of the exact solution at the output times before the end, then at the end.
+    /// Moments of the exact solution at the output times before the end, if they are wanted there,
+    /// then at the end.
     pub exact_moments: Vec<Moments>,
     pub(super) plateau: Vec<PlateauPoint>,
     pub(super) checkpointing: Option<Checkpointing>,

@@ -114,7 +114,8 @@ impl<'a> Driver<'a> {
     /// Step 4: the exact solution on this rank's share, if the case names one. Collective.
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
         let world = &planned.prepared.communicator.world;
-        let exact_run = exact_run(world, &reduced.result_grid.case, &planned.place)?;
+        let case = &reduced.result_grid.case;
+        let exact_run = exact_run(world, case, &planned.place, self.log.prints)?;
         if exact_run.exact.is_some() {
             self.log.watch.lap("exact");
         }

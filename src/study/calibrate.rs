@@ -182,7 +182,7 @@ impl CalibratedCase<'_> {
         let block = Prepared::with_sweeps(self.world, &part, &self.bounds, plan, sweeps)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
-        if exact_run(&block.communicator.world, &part, &block.place)?.exact.is_some() {
+        if exact_run(&block.communicator.world, &part, &block.place, false)?.exact.is_some() {
             watch.lap("exact");
         }
         Ok(block)

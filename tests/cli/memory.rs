@@ -33,6 +33,8 @@ fn runs_take_the_planned_memory() {
         "axis.1.v.cells=8", "axis.2.v.cells=8", "time.end=0.005", "solver.tolerance=0.01",
     ];
     let small = ["axis.0.x.cells=128", "axis.0.v.cells=128", "time.end=0.05"];
+    let tiny = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
+    let end = "exact.moments=end";
     let chunks = ["output.chunks=[1,1]", "output.xdmf=false", "solver.tolerance=0.01"];
     let kept =
         ["axis.0.x.cells=340", "axis.0.v.cells=340", "time.end=0.005", "output.warped_field=true"];
@@ -58,6 +60,9 @@ fn runs_take_the_planned_memory() {
         ("example1.toml", &small, &chunks, 2, CLOSE),
         ("example1.toml", &small, &chunks, 4, CLOSE),
         ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, CLOSE),
+        // The numbers of a time are few here, and what describes them is most of a file.
+        ("example1.toml", &tiny, &["output.moments_every=0.001", "exact={}"], 1, CLOSE),
+        ("step3d.toml", &[], &["output.moments_every=0.0005", end], 1, CLOSE),
         ("example1.toml", &large, &["solver.method=classical"], 1, CLOSE),
         ("example1.toml", &large, &SLOPES, 1, CLOSE),
         ("slope_jump.toml", &large, &slopes, 1, CLOSE),

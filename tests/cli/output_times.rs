@@ -1,6 +1,8 @@
 //! Fields and moments before the end equal those of shorter runs.
 
-use crate::support::{at_most, check_all, datasets, directory, distance, near, parsed, run};
+use crate::support::{
+    at_most, check_all, datasets, directory, distance, near, parsed, run, text_of,
+};
 
 /// Fields and moments at output times equal those of runs that end at these times, by modes and by
 /// the classical method. The moments are the same with and without the fields.
@@ -63,6 +65,41 @@ fn results_before_the_end_equal_those_of_shorter_runs() {
         }
         let mass = long["/history/mass"].numbers();
         near("mass", mass[last], summary.number("mass")?, 1e-15)
+    });
+}
+
+/// With `exact.moments = "end"` exact moments are left out before the end, and all else is the
+/// same: other datasets, errors, and views for ParaView of the datasets that are there.
+#[test]
+fn exact_moments_before_the_end_can_be_left_out() {
+    let rows: [(&str, &[&str]); 3] = [
+        ("example1.toml", &["axis.0.x.cells=20", "axis.0.v.cells=18"]),
+        ("example2.toml", &["axis.0.x.cells=16", "axis.0.v.cells=16"]),
+        ("barrier2d.toml", &["solver.tolerance=1e-3", "exact.kind='characteristics'"]),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let (all, end) = (directory(), directory());
+        let job = run(name).set(settings).set(&["output.moment_times=[0.02, 0.05]"]);
+        let with = job.clone().on(2).solve(all.path())?;
+        let without = job.set(&["exact.moments=end"]).on(2).solve(end.path())?;
+        let (more, less) = (datasets(all.path())?, datasets(end.path())?);
+        let exact = |name: &String| name.contains("history/") && name.ends_with("_exact");
+        let left_out: Vec<&String> = more.keys().filter(|name| !less.contains_key(*name)).collect();
+        let history: Vec<&String> = more.keys().filter(|name| exact(name)).collect();
+        without.require(history.len() >= 3 && left_out == history, || format!("{left_out:?}"))?;
+        without.require(less.keys().all(|name| more.contains_key(name)), || "more".to_owned())?;
+        let texts = ["/case", "/plan"];
+        for (name, dataset) in less.iter().filter(|(name, _)| !texts.contains(&name.as_str())) {
+            without.require(dataset.bytes == more[name].bytes, || format!("{name} differs"))?;
+        }
+        for key in ["error_density_l1", "mass_exact"] {
+            let (here, there) = (without.number(key)?, with.number(key)?);
+            without.require(here == there, || format!("{key}: {here}, {there}"))?;
+        }
+        // Three times with a density, one with an exact density.
+        let text = text_of(end.path().join("space.xdmf"))?;
+        let counts = ["\"density\"", "\"density_exact\""].map(|name| text.matches(name).count());
+        without.require(counts == [3, 1], || format!("{counts:?} views in space.xdmf"))
     });
 }
 

@@ -206,6 +206,12 @@ fn mistakes_in_a_file_are_reported_with_their_line() {
             "kind = \"characteristics\"\nf = \"0\"",
             &["exact.f", "either"],
         ),
+        (
+            "kind = \"characteristics\"",
+            "kind = \"characteristics\"\nmoments = \"start\"",
+            &["exact.moments", "start", "all", "end"],
+        ),
+        ("kind = \"characteristics\"", "moments = \"end\"", &["exact.moments", "exact.kind"]),
         ("recovery_points = 2", "recovery_points = 3", &["output.recovery_points", "3", "1", "2"]),
         (
             "recovery_points = 2",

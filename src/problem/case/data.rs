@@ -249,6 +249,17 @@ pub enum Exact {
     Formula(Expression),
 }
 
+/// `exact.moments`: the times at which moments of the exact solution are computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExactTimes {
+    /// All output times.
+    #[default]
+    All,
+    /// The end only.
+    End,
+}
+
 /// One of `[[potential]]`.
 #[derive(Debug, Deserialize)]
 pub struct RegionTable {
@@ -351,6 +362,7 @@ pub struct InflowTable {
 pub struct ExactTable {
     kind: Option<ExactKind>,
     f: Option<Formula>,
+    moments: Option<ExactTimes>,
 }
 
 /// `exact.kind`.
@@ -605,5 +617,14 @@ impl ExactTable {
             (Some(ExactKind::Characteristics), None) => Ok(Some(Exact::Characteristics)),
             (Some(_), Some(_)) => file.refuse("exact.f", "give either exact.kind or exact.f"),
         }
+    }
+
+    /// The times at which moments of the exact solution are computed.
+    pub fn times(&self, file: &CaseFile<'_>) -> Result<ExactTimes> {
+        if self.moments.is_some() && self.kind.is_none() && self.f.is_none() {
+            let message = "needs an exact solution; give exact.kind or exact.f, or leave it out";
+            return file.refuse("exact.moments", message);
+        }
+        Ok(self.moments.unwrap_or_default())
     }
 }

@@ -4,6 +4,7 @@
 //! their titles differ only in the time.
 
 use crate::base::text::short;
+use crate::problem::case::ExactTimes;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
@@ -51,10 +52,14 @@ impl<'a> Film<'a> {
         // Older versions wrote no exact density, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
-        let known = run.case.as_ref().is_ok_and(|case| case.exact.is_some());
-        let without_exact = lacking
-            .filter(|_| known)
-            .map(|name| format!("there is no /{name} in result.h5; run the case again"));
+        let case = run.case.as_ref().ok().filter(|case| case.exact.is_some());
+        let without_exact = lacking.zip(case).map(|(name, case)| {
+            let remedy = match case.exact_times {
+                ExactTimes::All => "run the case again",
+                ExactTimes::End => "run the case with exact.moments = \"all\"",
+            };
+            format!("there is no /{name} in result.h5; {remedy}")
+        });
         let n = run.dimension();
         let scene = JumpLines {
             faces: (0..n).map(|a| jumps(run, a, &cut.cells)).collect(),
