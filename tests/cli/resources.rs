@@ -24,9 +24,11 @@ fn resources_are_consistent_in_every_format() {
     ];
     check_all(&rows, |&(name, ranks, qubits)| {
         let job = |format: &str| Job::new(["resources", &case(name), "--format", format]);
-        let read = |format: &str| job(format).on(ranks).succeed()?.json();
-        let (record, azure, qref) = (read("json")?, read("azure")?, read("qref")?);
+        let record = job("json").on(ranks).succeed()?.json()?;
         let alone = job("json").succeed()?;
+        // Formats are of the same record.
+        let read = |format: &str| job(format).succeed()?.json();
+        let (azure, qref) = (read("azure")?, read("qref")?);
         // Only round-off of norms depends on the ranks, and these numbers contain no norms.
         let same = alone.json()? == record;
         require(same, &alone, || format!("other than on {ranks} ranks: {record}"))?;
@@ -277,7 +279,11 @@ fn a_unitary_flow_has_no_register_for_p() {
     let rows: [(&str, &[&str], &[&str]); 3] = [
         ("unitary_advection.toml", &["scheme.degree=2", "solver.tolerance=1e-3"], &[]),
         ("example1.toml", CLOSED, &["solver.tolerance=1e-3"]),
-        ("example1.toml", CLOSED, &["solver.warp.shift=2", "output.recovery_points=1"]),
+        (
+            "example1.toml",
+            CLOSED,
+            &["solver.warp.shift=2", "output.recovery_points=1", "solver.tolerance=1e-3"],
+        ),
     ];
     check_all(&rows, |(name, settings, more)| {
         let job = |words: &[&str]| {
@@ -298,8 +304,10 @@ fn a_unitary_flow_has_no_register_for_p() {
         require(free(&record), &found, || format!("{record}"))?;
         let by_hand = more.iter().any(|key| key.contains("shift"));
         require(by_hand || free(&record["own"]), &found, || format!("{}", record["own"]))?;
-        // Tables have what is the same once, by the name of the unitary scheme.
-        for format in ["text", "csv", "latex"] {
+        // Tables have what is the same once, by the name of the unitary scheme. All formats have
+        // the rows of one table.
+        let formats = ["text", "csv", "latex"];
+        for format in &formats[..if by_hand { 1 } else { 3 }] {
             let table = job(&["--format", format]).succeed()?;
             let rows_of = |name: &str| {
                 let of = |line: &&str| line.starts_with(name) && line.contains("access");
@@ -370,7 +378,27 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
         }
         assert_eq!(number("gates_until_measured"), least);
         assert_eq!(Some(number("half_calls_qubits")), half["qubits"]["value"].as_f64());
+        // Sparse access alone calls oracles, six times a step.
+        let is_sparse = cost["access"] == "sparse";
+        has_queries(&lines[0], line, cost);
+        assert_eq!(line[column("queries")].is_empty(), !is_sparse, "{line:?}");
+        assert_eq!(is_sparse, cost["queries"].is_object(), "{cost}");
+        assert!(!is_sparse || number("queries") == 6.0 * number("steps"), "{line:?}");
     }
+    // The set-up at the top of the JSON has the queries of its row of sparse access.
+    for (line, record) in
+        lines[1..].iter().filter(|line| line[1] == "sparse access").zip([&record, &record["own"]])
+    {
+        has_queries(&lines[0], line, record);
+    }
+    // Columns of wide numbers do not run together.
+    let text = read(&["--t-of-rotation", "3e6,4"], "text").unwrap().printed;
+    let mut table = text.lines().skip_while(|line| !line.contains("alpha"));
+    let columns = |line: &str| line.split("  ").filter(|cell| !cell.trim().is_empty()).count();
+    let header = table.next().map(columns).expect("a header");
+    let rows: Vec<&str> = table.take_while(|line| line.contains(", ")).take(all.len()).collect();
+    assert!(rows.iter().any(|row| row.contains("e12 m")), "{rows:?}");
+    assert!(rows.len() == all.len() && rows.iter().all(|row| columns(row) == header + 1), "{text}");
     let table = read(&[], "latex").unwrap().printed;
     let rows = table.lines().filter(|line| line.ends_with("\\\\")).count();
     assert_eq!(rows, lines.len(), "{table}");
@@ -390,6 +418,8 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
         ] {
             assert_eq!(line[column(name)].parse().ok(), figure["value"].as_f64(), "{name}");
         }
+        has_queries(&lines[0], line, choice);
+        assert!(choice["points"]["value"].is_null() || choice["queries"]["value"].is_number());
     }
     // The list contains the unitary scheme once, with the lowest of its costs.
     let unitary = choices.as_array().into_iter().flatten();
@@ -402,6 +432,21 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
     });
     assert!(unitary.len() == 1 && unitary[0]["cost"][0]["value"] == least, "{unitary:?} {least}");
     read(&["--optimise"], "azure").unwrap_err();
+}
+
+/// Checks that the queries of a row of CSV are those of the JSON `found`.
+fn has_queries(header: &[String], line: &[String], found: &Value) {
+    let column = |name: &str| header.iter().position(|n| n == name).expect("a column");
+    let both = &found["queries_until_measured"];
+    for (name, figure) in [
+        ("location_queries", &found["location_queries"]),
+        ("value_queries", &found["value_queries"]),
+        ("queries", &found["queries"]),
+        ("queries_until_measured_repeated", &both[0]),
+        ("queries_until_measured_amplified", &both[1]),
+    ] {
+        assert_eq!(line[column(name)].parse().ok(), figure["value"].as_f64(), "{name}");
+    }
 }
 
 /// The cost of a density with a required accuracy: the orders are as documented, the numbers follow
@@ -883,21 +928,17 @@ fn density_behind_the_step(x: f64) -> f64 {
     never + reflected + low - slowest
 }
 
-/// A trace has a leg for every part of `V` that is linear: of a curved `V` as many as the accuracy
-/// needs, whatever the case's grid.
+/// The legs of a trace are in the record (a unit test counts those of curved potentials), and the
+/// evolutions are those of amplitude estimation without control.
 #[test]
 fn legs_of_a_trace_follow_from_the_potential() {
-    let legs = |cells: &str, accuracy: &str| {
-        let settings = ["potential=[{value='cos(3*x)/3'}]", cells];
-        let found = end_to_end("harmonic_step.toml", accuracy, &settings);
-        method_of(&found, "reversible characteristics")["legs"].as_u64().unwrap()
-    };
-    let [coarse, fine] = ["64", "128"].map(|n| format!("axis.0.x.cells={n}"));
-    let [rough, close] = ["0.3", "0.03"].map(|accuracy| legs(&coarse, accuracy));
-    assert!(3 < rough && rough < close, "{rough} {close}");
-    assert_eq!(legs(&fine, "0.3"), rough);
-    let step = end_to_end("example1.toml", "0.1", &[]);
+    let grid = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
+    let step = end_to_end("example1.toml", "0.1", &grid);
     assert_eq!(method_of(&step, "reversible characteristics")["legs"], 2);
+    let curved = [&grid[..], &["potential=[{value='cos(3*x)/3'}]"]].concat();
+    let curved = end_to_end("example1.toml", "0.3", &curved);
+    let legs = method_of(&curved, "reversible characteristics")["legs"].as_u64();
+    assert!(legs > Some(3), "{legs:?}");
     // The density is the amplitude of an outcome: its sign needs no control of the evolution.
     let evolutions = &method_of(&step, "one mode, unitary")["evolutions"]["value"];
     assert!(evolutions.as_f64().unwrap() < 2e4, "{evolutions}");
@@ -943,6 +984,32 @@ fn the_error_budget_adds_up() {
     let one = job.set(&settings).succeed().unwrap().json().unwrap();
     assert_eq!(one["error_budget"]["profile_and_window"]["value"], 0.0);
     assert_eq!(sum(&one), 1.0);
+}
+
+/// Of `f = 0` no state can be prepared, and that is what is said; its circuit is that of any `f`.
+#[test]
+fn without_a_field_there_is_no_state_to_prepare() {
+    let settings = ["initial.f=0", "axis.0.x.cells=8", "axis.0.v.cells=6", "exact={}"];
+    let job = Job::new(["resources", &case("example1.toml"), "--format", "json"]);
+    let found = job.set(&settings).set(&["scheme.interface=conservative"]).succeed().unwrap();
+    let found = found.json().unwrap();
+    assert!(found["no_circuit"].is_null(), "{}", found["no_circuit"]);
+    let all = &found["probabilities"]["at_slice"]["all"];
+    assert_eq!(all["label"], "unavailable");
+    assert!(all["because"].as_str().unwrap().contains("no state to prepare"), "{all}");
+    let why = found["not_compared"].as_str().unwrap();
+    assert!(why.contains("no state to prepare"), "{why}");
+}
+
+/// A number of qubits that is out of range is refused with the range.
+#[test]
+fn options_of_circuits_are_refused_with_their_ranges() {
+    for (command, option, range) in
+        [("export-quantum", "--complete", "0..=8"), ("export-circuit", "--sub-bins", "0..=32")]
+    {
+        let job = Job::new([command, &case("example1.toml"), option, "-1"]);
+        job.is_refused(&["-1", option, range]).unwrap();
+    }
 }
 
 /// Where no choice can be priced, or the case's own set-up takes fewer gates, the command says so.
