@@ -100,12 +100,12 @@ fn progress(world: &World, case: &Case, systems: usize) -> Progress {
 }
 
 /// An assembled case and what is known of its solution.
-struct Measured {
+struct ProbedCase {
     prepared: Prepared,
     rough: RoughSolution,
 }
 
-impl Measured {
+impl ProbedCase {
     /// Collective.
     ///
     /// # Errors
@@ -118,10 +118,10 @@ impl Measured {
 }
 
 /// Every choice that was priced.
-struct Search {
+struct RankedSystem {
     ranking: Ranking,
     /// The system of the last `δ`.
-    last: Measured,
+    last: ProbedCase,
 }
 
 /// The counts of the cheapest set-up and of the case's own. Collective.
@@ -132,14 +132,14 @@ struct Search {
 fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Comparison> {
     has_counts(case)?;
     let mut progress = progress(world, case, 3);
-    let Measured { prepared, rough } = Measured::new(world, case)?;
+    let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
     let warp = planned_modes(case, &prepared.plan)?;
     let planned = Preparation::of_plan(warp, case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
     progress.advance(OF_SYSTEM);
-    let Search { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
+    let RankedSystem { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
     let (unitary, not_unitary) = match unitary(world, case, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
@@ -185,14 +185,14 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
 fn record_of(
     world: &World,
     choice: &CostedChoice,
-    last: Measured,
+    last: ProbedCase,
     synthesis: RotationSynthesis,
 ) -> Result<Record> {
-    let Measured { mut prepared, rough } = match choice.delta {
+    let ProbedCase { mut prepared, rough } = match choice.delta {
         Some(delta) if delta != last.prepared.case.warp.delta => {
             let case = with_delta(&last.prepared.case, delta);
             drop(last);
-            Measured::new(world, &case)?
+            ProbedCase::new(world, &case)?
         }
         _ => last,
     };
@@ -219,7 +219,7 @@ fn optimise(
     case: &Case,
     synthesis: RotationSynthesis,
     progress: &mut Progress,
-) -> Result<Search> {
+) -> Result<RankedSystem> {
     let case = scheme_of(case);
     let mut all = Vec::new();
     let largest = if case.enters() { largest_inflow(world, &case)? } else { 0.0 };
@@ -227,7 +227,7 @@ fn optimise(
     for delta in deltas(&case, largest) {
         // Frees the system of the `δ` before.
         drop(last.take());
-        let Measured { prepared, rough } = Measured::new(world, &with_delta(&case, delta))?;
+        let ProbedCase { prepared, rough } = ProbedCase::new(world, &with_delta(&case, delta))?;
         progress.advance(OF_SYSTEM);
         let accesses = &accesses(&prepared, rough.ratio, synthesis);
         let system = System {
@@ -239,10 +239,10 @@ fn optimise(
             accesses,
         };
         all.extend(choices(&system, progress));
-        last = Some(Measured { prepared, rough });
+        last = Some(ProbedCase { prepared, rough });
     }
     let last = last.ok_or_else(|| Error::Input(format!("{}: no delta is tried", case.name)))?;
-    Ok(Search { ranking: Ranking::new(all), last })
+    Ok(RankedSystem { ranking: Ranking::new(all), last })
 }
 
 /// The largest `|b|` over the rows of all ranks. Collective.

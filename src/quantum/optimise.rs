@@ -244,7 +244,11 @@ pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice
     let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
     let mut found: Vec<CostedChoice> = Vec::new();
     for ((family, grid), first) in families.iter().zip(&mut grids).zip(cheapest) {
-        let close = grid.cheapest(KEPT, LARGEST_RATIO * least);
+        // One mode is the field: no profile is cheaper.
+        let close = match planned {
+            Some(_) => Vec::new(),
+            None => grid.cheapest(KEPT, LARGEST_RATIO * least),
+        };
         let refined = close.into_iter().map(|choice| family.refined(system, choice));
         found.extend(first.into_iter().chain(refined).reduce(CostedChoice::cheaper));
         progress.advance(1);
