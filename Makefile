@@ -32,7 +32,7 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 .DEFAULT_GOAL := build
 .PHONY: run build test torture fuzz bench example3 calibration study scaling stability chart \
     lines examples quantum baseline slurm docs check check-fmt check-clippy check-doc check-python \
-    deny readers qiskit python mkdocs browser mpich setup clean help
+    deny mutants readers qiskit python mkdocs browser mpich setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
@@ -102,6 +102,11 @@ deny: ## licences, advisories and duplicates of dependencies, with cargo-deny (A
 	@cargo deny --version >/dev/null 2>&1 || \
 	    { echo "make deny needs cargo-deny: cargo install cargo-deny --locked" >&2; exit 1; }
 	cargo deny check $(ARGS)
+
+mutants: setup ## faults in the core that no test notices, with cargo-mutants (ARGS="--file F")
+	@cargo mutants --version >/dev/null 2>&1 || \
+	    { echo "make mutants needs cargo-mutants: cargo install cargo-mutants --locked" >&2; exit 1; }
+	$(CARGO) mutants $(ARGS)
 
 check-python: $(if $(BUILT),,build) python ## test the Python package, notebooks, lints and types
 	cd python && $(PYTHON) -m ruff format --check . && $(PYTHON) -m ruff check . && \

@@ -169,12 +169,16 @@ fn main() {
             .flat_map(|d| ["x", "v"].map(|a| format!("axis.{d}.{a}.cells={n}")))
             .collect::<Vec<_>>()
     };
-    // About as many rows as 128x128.
-    let elements = |degree: usize, n: usize| {
-        let mut set = square(n);
+    let six = |n: usize| {
+        let kinds = ["x", "v"];
+        let axes = (0..3).flat_map(|d| kinds.map(|a| format!("axis.{d}.{a}.cells={n}")));
+        axes.collect::<Vec<_>>()
+    };
+    let of_degree = |degree: usize, mut set: Vec<String>| {
         set.push(format!("scheme.degree={degree}"));
         set
     };
+    let elements = |degree: usize, n: usize| of_degree(degree, square(n));
     // A word on the command line leaves out grids that it is not part of.
     let wanted = std::env::args().skip(1).find(|word| !word.starts_with('-')).unwrap_or_default();
     let mut criterion = Criterion::default()
@@ -188,13 +192,21 @@ fn main() {
         ("128x128", "example1.toml", square(128)),
         ("256x256", "example1.toml", square(256)),
         ("512x512", "example1.toml", square(512)),
+        // About as many rows as 128x128.
         ("degree 1, 64x64 elements", "example1.toml", elements(1, 64)),
         ("degree 2, 42x42 elements", "example1.toml", elements(2, 42)),
         ("degree 3, 32x32 elements", "example1.toml", elements(3, 32)),
         ("degree 4, 26x26 elements", "example1.toml", elements(4, 26)),
         ("degree 8, 14x14 elements", "example1.toml", elements(8, 14)),
+        // As many rows as 512x512.
+        ("degree 1, 256x256 elements", "example1.toml", elements(1, 256)),
+        ("degree 3, 128x128 elements", "example1.toml", elements(3, 128)),
+        ("degree 8, 56x56 elements", "example1.toml", elements(8, 56)),
+        ("6^4", "barrier2d.toml", four(6)),
         ("16^4", "barrier2d.toml", four(16)),
         ("24^4", "barrier2d.toml", four(24)),
+        ("degree 1, 12^4 elements", "barrier2d.toml", of_degree(1, four(12))),
+        ("8^6", "step3d.toml", six(8)),
         ("example 3, 16^4", "example3.toml", four(16)),
         ("example 3, 24^4", "example3.toml", four(24)),
         ("example 3, 32^4", "example3.toml", four(32)),

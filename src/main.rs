@@ -1,8 +1,9 @@
 //! Starts MPI, parses the command line, calls the library and turns an error into an exit code.
 
 use clap::Parser;
+use phasewarp::base::error::Result;
 use phasewarp::base::log::{report, say, unwritten};
-use phasewarp::base::machine;
+use phasewarp::base::machine::{self, RunPart};
 use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
 use phasewarp::parallel::communicator::World;
@@ -22,7 +23,7 @@ fn main() {
     let rank = world.group().rank();
     // Every rank parses the same command line; only rank 0 prints.
     let code = match Cli::try_parse() {
-        Ok(cli) => match execute(&world, &cli) {
+        Ok(cli) => match executed(&world, &cli) {
             Ok(()) => 0,
             Err(error) => {
                 if rank == 0 && error.is_stop() {
@@ -61,4 +62,12 @@ fn main() {
     // Finalises MPI, on every rank, before the exit code is given.
     drop(world);
     std::process::exit(code);
+}
+
+/// Executes a command. After it, stop signals do nothing: `mpirun` sends SIGTERM to the others when
+/// the first rank ends with an error.
+fn executed(world: &World, cli: &Cli) -> Result<()> {
+    let ended = execute(world, cli);
+    machine::begin(RunPart::Over);
+    ended
 }

@@ -636,7 +636,7 @@ def draw_peers(text, document):
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.4))
     seconds = lambda cell: float(cell.split()[0])
     bars = [(line[0], seconds(line[1])) for line in body(text, "peers", document)
-            if line[0].startswith("phasewarp")]
+            if line[0].startswith("phasewarp, ")]
     bars += [(f"{line[0]}, {line[1]}", seconds(line[3])) for line in body(text, "peers", document)
              if re.match(r"\d+ × \d+$", line[1])]
     bars.sort(key=lambda bar: -bar[1])

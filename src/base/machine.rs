@@ -1,5 +1,6 @@
 //! The operating system: caches, disks, signals, limits, and the end of the process.
 
+use crate::base::error::CAN_GO_ON;
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 use rustix::io::Errno;
 use rustix::process::{
@@ -9,12 +10,25 @@ use std::collections::BTreeSet;
 use std::ffi::CString;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, LazyLock, Once};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Whether the first signal comes too late for a checkpoint.
-static NO_CHECKPOINT: AtomicBool = AtomicBool::new(false);
+/// The part of a run by modes in which a stop signal arrives. It decides what the signal does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum RunPart {
+    /// The set-up: there is nothing to store, so the signal ends the process at once.
+    SetUp,
+    /// The modes: the signal raises [`stop_flag`], and the run writes a checkpoint.
+    Modes,
+    /// No run, or one that is over: the signal comes too late for a checkpoint.
+    Over,
+}
+
+static PART: AtomicU8 = AtomicU8::new(RunPart::Over as u8);
+
+static MESSAGES: OnceLock<StopMessages> = OnceLock::new();
 
 /// Signals closer to each other count as one: `timeout` and launchers send the same one twice.
 const ONE_SIGNAL: Duration = Duration::from_millis(500);
@@ -108,24 +122,53 @@ pub fn stop_flag() -> Arc<AtomicBool> {
     Arc::clone(&FLAG)
 }
 
-/// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
-/// the process at once. An ignored signal stays ignored. `message` is written to standard error
-/// when the first one arrives.
-pub fn stop_when_terminated(message: &'static str) {
-    static BEGUN: Once = Once::new();
-    BEGUN.call_once(|| {
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            if !is_ignored(signal) {
-                stop_on(signal, message);
-            }
-        }
-    });
+/// What this process writes to standard error when a stop signal arrives; empty on all ranks but
+/// one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StopMessages {
+    /// In [`RunPart::SetUp`].
+    pub set_up: &'static str,
+    /// In [`RunPart::Modes`], once.
+    pub modes: &'static str,
 }
 
-/// From now on signals request no checkpoint, as the run is over. `mpirun` sends SIGTERM to the
-/// others when the first rank ends with an error.
-pub fn no_more_checkpoints() {
-    NO_CHECKPOINT.store(true, Ordering::Relaxed);
+/// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
+/// the process at once. An ignored signal stays ignored. In [`RunPart::SetUp`] each of these
+/// signals, and SIGUSR1, ends the process at once with the exit code [`CAN_GO_ON`].
+pub fn stop_when_terminated(messages: StopMessages) {
+    if MESSAGES.set(messages).is_err() {
+        return;
+    }
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        if !is_ignored(signal) {
+            stop_on(signal);
+        }
+    }
+    // SAFETY: it reads atomics, writes to a descriptor and ends the process.
+    let _ = unsafe { signal_hook::low_level::register(signal_hook::consts::SIGUSR1, end_set_up) };
+}
+
+/// A part of a run begins, which ends the part before. A set-up that begins after a stop signal
+/// ends at once.
+pub fn begin(part: RunPart) {
+    PART.store(part as u8, Ordering::SeqCst);
+    if stop_flag().load(Ordering::SeqCst) {
+        end_set_up();
+    }
+}
+
+/// Ends the process if it sets up a run. A signal handler may call it.
+fn end_set_up() {
+    if PART.load(Ordering::SeqCst) == RunPart::SetUp as u8 {
+        write_message(|messages| messages.set_up);
+        leave(CAN_GO_ON);
+    }
+}
+
+/// Writes a message to standard error. A signal handler may call it.
+fn write_message(of: impl Fn(&StopMessages) -> &'static str) {
+    let message = MESSAGES.get().map_or("", of);
+    let _ = rustix::io::write(rustix::stdio::stderr(), message.as_bytes());
 }
 
 /// Whether this process ignores a signal, by choice or by inheritance: a bit of its status.
@@ -136,26 +179,26 @@ fn is_ignored(signal: i32) -> bool {
     ignored >> (signal - 1) & 1 == 1
 }
 
-fn stop_on(signal: i32, message: &'static str) {
+fn stop_on(signal: i32) {
     /// One more than the milliseconds from `start` to the first signal; 0 before it.
     static FIRST: AtomicU64 = AtomicU64::new(0);
     let (flag, start) = (stop_flag(), Instant::now());
     let act = move || {
-        flag.store(true, Ordering::Relaxed);
+        end_set_up();
+        flag.store(true, Ordering::SeqCst);
         let now = start.elapsed().as_millis() as u64 + 1;
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
-            Ok(_) if NO_CHECKPOINT.load(Ordering::Relaxed) => {}
-            Ok(_) => {
-                let _ = rustix::io::write(rustix::stdio::stderr(), message.as_bytes());
-            }
+            Ok(_) if PART.load(Ordering::Relaxed) == RunPart::Over as u8 => {}
+            Ok(_) => write_message(|messages| messages.modes),
             Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);
             }
             Err(_) => {}
         }
     };
-    // SAFETY: it stores to atomics, reads a clock, writes to a descriptor, and resets a handler:
-    // nothing that allocates, locks or panics. It fails for signals that cannot be caught only.
+    // SAFETY: it stores to atomics, reads a clock, writes to a descriptor, resets a handler or ends
+    // the process: nothing that allocates, locks or panics. It fails for signals that cannot be
+    // caught only.
     let _ = unsafe { signal_hook::low_level::register(signal, act) };
 }
 

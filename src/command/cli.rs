@@ -413,7 +413,8 @@ pub struct QuantumArgs {
         value_name = "QUBITS",
         num_args = 0..=1,
         default_missing_value = "2",
-        value_parser = value_parser!(u8).range(0..=8)
+        value_parser = value_parser!(u8).range(0..=8),
+        allow_negative_numbers = true
     )]
     pub complete: Option<u8>,
 }
@@ -429,7 +430,8 @@ pub struct CircuitArgs {
     #[arg(
         long,
         value_name = "B",
-        value_parser = value_parser!(u8).range(0..=MOST_ROUNDED_BITS as i64)
+        value_parser = value_parser!(u8).range(0..=MOST_ROUNDED_BITS as i64),
+        allow_negative_numbers = true
     )]
     pub sub_bins: Option<u8>,
     /// How the uniform superposition of the level register is prepared: over all values of its

@@ -6,7 +6,7 @@ use crate::base::text::{rounded, short};
 use crate::command::cli::{CircuitArgs, ExportArgs, QuantumArgs};
 use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
-use crate::command::resources::{has_counts, norms};
+use crate::command::resources::has_counts;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
@@ -19,6 +19,7 @@ use crate::quantum::resources::{Preparation, Record};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
+use crate::solve::system::RoughSolution;
 use std::path::{Path, PathBuf};
 
 /// Exports the circuit of a tiny case and prints its qubits and probability. Collective.
@@ -101,9 +102,8 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     has_counts(&case)?;
     scene::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
-    let ratio = prepared.probe();
-    let mut prepared = prepared.plan_modes(world, &here, ratio)?;
-    let norms = norms(&mut prepared);
+    let RoughSolution { ratio, norms } = prepared.rough_solution();
+    let prepared = prepared.plan_modes(world, &here, ratio)?;
     let planned = Preparation::of_plan(planned_modes(&case, &prepared.plan)?, case.tolerance);
     let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {

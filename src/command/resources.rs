@@ -1,6 +1,7 @@
 //! `phasewarp resources`: the cost of the case on a quantum computer.
 
 use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::base::table::{ColumnValues, csv, tabular};
 use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
@@ -12,12 +13,12 @@ use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::candidate::{CostedChoice, System};
 use crate::quantum::optimise::pricing::preparation;
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::optimise::{choices, deltas, scheme_of, unitary_of};
+use crate::quantum::optimise::{UNITS, choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
 use crate::quantum::resources::{Comparison, Preparation, Record, Unitary, accesses};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
-use crate::solve::system::StateNorms;
+use crate::solve::system::RoughSolution;
 use crate::study::end_to_end::EndToEnd;
 use serde::Serialize;
 use std::fmt::Display;
@@ -25,6 +26,9 @@ use std::fmt::Display;
 /// First line of a table in LaTeX.
 const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gates (exact), \
                         b upper bound, m model or estimate";
+
+/// Units of progress of a system.
+const OF_SYSTEM: usize = 4;
 
 /// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
 /// choices, with `--accuracy` the cost from end to end. Collective.
@@ -51,11 +55,12 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     }
     if args.optimise {
         has_counts(&case)?;
-        let Ranking(mut all) = optimise(world, &case, synthesis)?;
+        let mut progress = progress(world, &case, 1);
+        let Ranking(mut all) = optimise(world, &case, synthesis, &mut progress)?.ranking;
         // The unitary scheme, if the case has one and does not use it already.
         let other = unitary(world, &case, synthesis).ok().filter(|_| !case.is_unitary());
-        let least = other.as_ref().and_then(Unitary::least);
-        all.extend(least.map(CostedChoice::unitary));
+        progress.finish();
+        all.extend(other.and_then(|unitary| CostedChoice::unitary(&unitary.costs)));
         show(world, args.format, &Ranking::new(all), Ranking::columns);
         return Ok(());
     }
@@ -88,6 +93,37 @@ fn show<T: Serialize + Display>(
     }
 }
 
+/// Progress of a search, and of so many systems beside it.
+fn progress(world: &World, case: &Case, systems: usize) -> Progress {
+    let of_search = deltas(case, 0.0).len() * (OF_SYSTEM + UNITS);
+    Progress::new(world.group().rank() == 0, "resources", of_search + systems * OF_SYSTEM)
+}
+
+/// An assembled case and what is known of its solution.
+struct ProbedCase {
+    prepared: Prepared,
+    rough: RoughSolution,
+}
+
+impl ProbedCase {
+    /// Collective.
+    ///
+    /// # Errors
+    /// As [`Prepared::new`].
+    fn new(world: &World, case: &Case) -> Result<Self> {
+        let mut prepared = prepare(world, case)?;
+        let rough = prepared.rough_solution();
+        Ok(Self { prepared, rough })
+    }
+}
+
+/// Every choice that was priced.
+struct RankedSystem {
+    ranking: Ranking,
+    /// The system of the last `δ`.
+    last: ProbedCase,
+}
+
 /// The counts of the cheapest set-up and of the case's own. Collective.
 ///
 /// # Errors
@@ -95,43 +131,37 @@ fn show<T: Serialize + Display>(
 /// [`preparation`].
 fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Comparison> {
     has_counts(case)?;
-    let mut prepared = prepare(world, case)?;
-    let ratio = prepared.probe();
-    let mut prepared = prepared.plan_modes(world, &Resources::here(world), ratio)?;
-    let norms_of_own = norms(&mut prepared);
+    let mut progress = progress(world, case, 3);
+    let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
+    let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
     let warp = planned_modes(case, &prepared.plan)?;
     let planned = Preparation::of_plan(warp, case.tolerance);
-    let own = Record::new(&prepared, planned, norms_of_own, synthesis)?;
+    let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
-    let ranking = optimise(world, case, synthesis)?;
+    progress.advance(OF_SYSTEM);
+    let RankedSystem { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
     let (unitary, not_unitary) = match unitary(world, case, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
     };
-    let not_compared = ranking.not_compared();
+    progress.advance(OF_SYSTEM);
+    let comparison = Comparison {
+        cheapest: own.clone(),
+        own,
+        unitary,
+        not_unitary,
+        cheapest_is_own: None,
+        own_not_taken: None,
+        not_compared: ranking.not_compared(),
+    };
     let Some(choice) = ranking.first() else {
+        progress.finish();
         let cheapest_is_own = Some("no other set-up could be priced".to_owned());
-        let cheapest = own.clone();
-        return Ok(Comparison {
-            cheapest,
-            own,
-            unitary,
-            not_unitary,
-            cheapest_is_own,
-            own_not_taken: None,
-            not_compared,
-        });
+        return Ok(Comparison { cheapest_is_own, ..comparison });
     };
-    let scheme = scheme_of(case);
-    let mut prepared = match choice.delta {
-        None => prepare(world, &scheme)?,
-        Some(delta) => prepare(world, &with_delta(&scheme, delta))?,
-    };
-    let ratio = prepared.probe();
-    let norms = norms(&mut prepared);
-    prepared.case = choice.of(&prepared.case, &prepared.bounds);
-    let planned = preparation(&prepared.case, &prepared.bounds, ratio)?;
-    let found = Record::new(&prepared, planned, norms, synthesis)?;
+    let found = record_of(world, choice, last, synthesis)?;
+    progress.finish();
+    let own = &comparison.own;
     let own_is_cheaper = own.least_gates() < found.least_gates();
     let refused = own.not_comparable();
     let taken = own_is_cheaper && refused.is_none();
@@ -144,11 +174,31 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
         cheapest: if taken { own.clone() } else { found },
         cheapest_is_own: taken.then_some(why),
         own_not_taken: refused.filter(|_| own_is_cheaper),
-        own,
-        unitary,
-        not_unitary,
-        not_compared,
+        ..comparison
     })
+}
+
+/// The counts of `choice`, for which the system `last` serves if it has the same `δ`. Collective.
+///
+/// # Errors
+/// As [`Prepared::new`] and [`preparation`].
+fn record_of(
+    world: &World,
+    choice: &CostedChoice,
+    last: ProbedCase,
+    synthesis: RotationSynthesis,
+) -> Result<Record> {
+    let ProbedCase { mut prepared, rough } = match choice.delta {
+        Some(delta) if delta != last.prepared.case.warp.delta => {
+            let case = with_delta(&last.prepared.case, delta);
+            drop(last);
+            ProbedCase::new(world, &case)?
+        }
+        _ => last,
+    };
+    prepared.case = choice.of(&prepared.case, &prepared.bounds);
+    let planned = preparation(&prepared.case, &prepared.bounds, rough.ratio)?;
+    Record::new(&prepared, planned, rough.norms, synthesis)
 }
 
 /// The unitary scheme on the grid of `case`. Collective.
@@ -164,26 +214,35 @@ fn unitary(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<U
 ///
 /// # Errors
 /// As [`Prepared::new`].
-fn optimise(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Ranking> {
+fn optimise(
+    world: &World,
+    case: &Case,
+    synthesis: RotationSynthesis,
+    progress: &mut Progress,
+) -> Result<RankedSystem> {
     let case = scheme_of(case);
     let mut all = Vec::new();
     let largest = if case.enters() { largest_inflow(world, &case)? } else { 0.0 };
+    let mut last = None;
     for delta in deltas(&case, largest) {
-        let case = with_delta(&case, delta);
-        let mut prepared = prepare(world, &case)?;
-        let ratio = prepared.probe();
-        let norms = norms(&mut prepared);
-        let accesses = &accesses(&prepared, ratio, synthesis);
-        all.extend(choices(&System {
+        // Frees the system of the `δ` before.
+        drop(last.take());
+        let ProbedCase { prepared, rough } = ProbedCase::new(world, &with_delta(&case, delta))?;
+        progress.advance(OF_SYSTEM);
+        let accesses = &accesses(&prepared, rough.ratio, synthesis);
+        let system = System {
             world: Some(&world.group()),
             case: &prepared.case,
             bounds: &prepared.bounds,
-            ratio,
-            norms,
+            ratio: rough.ratio,
+            norms: rough.norms,
             accesses,
-        }));
+        };
+        all.extend(choices(&system, progress));
+        last = Some(ProbedCase { prepared, rough });
     }
-    Ok(Ranking::new(all))
+    let last = last.ok_or_else(|| Error::Input(format!("{}: no delta is tried", case.name)))?;
+    Ok(RankedSystem { ranking: Ranking::new(all), last })
 }
 
 /// The largest `|b|` over the rows of all ranks. Collective.
@@ -227,10 +286,4 @@ pub(super) fn has_counts(case: &Case) -> Result<()> {
 fn prepare(world: &World, case: &Case) -> Result<Prepared> {
     refuse_too_large_here(world, case)?;
     Prepared::new(world, case, &Resources::here(world))
-}
-
-/// Norms of the first field. Collective.
-pub(super) fn norms(prepared: &mut Prepared) -> StateNorms {
-    let Prepared { system, communicator, bounds, case, .. } = prepared;
-    system.rough_norms(communicator, bounds, case.duration())
 }

@@ -1,7 +1,7 @@
 //! `phasewarp run`: solves a case.
 
 use crate::base::error::{Error, Result};
-use crate::base::machine;
+use crate::base::machine::{self, RunPart, StopMessages};
 use crate::base::text::short;
 use crate::command::accuracy;
 use crate::command::cli::{CaseArgs, RunArgs};
@@ -15,9 +15,13 @@ use crate::run;
 use crate::run::options::Options;
 use std::path::{Path, PathBuf};
 
-/// Written as soon as a signal requests a checkpoint.
-const STOP_MESSAGE: &str =
-    "stop signal: a checkpoint of the finished modes follows; a second signal ends at once\n";
+/// Written as soon as a signal requests a stop.
+const STOP_MESSAGES: StopMessages = StopMessages {
+    set_up: "stopped by a signal before the first mode: nothing to store; the same command with \
+             --resume starts again, from an older checkpoint if there is one\n",
+    modes: "stop signal: a checkpoint of the finished modes follows; a second signal ends at \
+            once\n",
+};
 
 /// Solves the case, unless `--resume` finds it finished. Collective.
 ///
@@ -25,6 +29,11 @@ const STOP_MESSAGE: &str =
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let RunRequest { case: given, directory } = run_request(world, args)?;
+    if given.method == Method::Schrodingerized {
+        let prints = world.group().rank() == 0;
+        machine::stop_when_terminated(if prints { STOP_MESSAGES } else { StopMessages::default() });
+        machine::begin(RunPart::SetUp);
+    }
     let case = match args.continued {
         // A continued run keeps its grid.
         Some(_) => given,
@@ -42,13 +51,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
-    if case.method == Method::Schrodingerized {
-        let prints = world.group().rank() == 0;
-        machine::stop_when_terminated(if prints { STOP_MESSAGE } else { "" });
-    }
-    let solved = run::run(world, &case, &directory, &options);
-    machine::no_more_checkpoints();
-    let summary = solved?;
+    let summary = run::run(world, &case, &directory, &options)?;
     if world.group().rank() == 0 {
         summary.report_late_warnings();
     }

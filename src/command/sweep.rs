@@ -1,8 +1,9 @@
 //! `phasewarp sweep`: a case with every combination of values.
 
+use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::{disk, machine};
+use crate::base::machine::{self, RunPart, StopMessages};
 use crate::command::cli::{Mode, SweepArgs};
 use crate::command::loading::{default_directory_of, load_text};
 use crate::command::printing::{print, print_unwrapped};
@@ -14,8 +15,12 @@ use crate::study::sweep::{Sweep, SweepRequest, SweepResult};
 use std::path::Path;
 
 /// Written as soon as a signal requests a stop.
-const STOP_MESSAGE: &str = "stop signal: this run writes a checkpoint, or ends if it makes none; \
-                            a second signal ends at once\n";
+const STOP_MESSAGES: StopMessages = StopMessages {
+    set_up: "stopped by a signal before the first mode of a run: nothing to store; the same \
+             command goes on\n",
+    modes: "stop signal: this run writes a checkpoint, or ends if it makes none; a second signal \
+            ends at once\n",
+};
 
 /// Solves the cases that are not finished, writes and prints the table. Collective.
 ///
@@ -59,15 +64,13 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
-    machine::stop_when_terminated(if world.group().rank() == 0 { STOP_MESSAGE } else { "" });
+    let prints = world.group().rank() == 0;
+    machine::stop_when_terminated(if prints { STOP_MESSAGES } else { StopMessages::default() });
+    machine::begin(RunPart::Modes);
     if let Some(number) = args.index {
-        let solved = sweep.solve_one(world, number, &options);
-        machine::no_more_checkpoints();
-        return solved;
+        return sweep.solve_one(world, number, &options);
     }
-    let solved = sweep.solve(world, &options);
-    machine::no_more_checkpoints();
-    let SweepResult { table, stopped } = solved?;
+    let SweepResult { table, stopped } = sweep.solve(world, &options)?;
     match stopped {
         None => conclude(world, &directory, &table),
         Some(stopped) => {

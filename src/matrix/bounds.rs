@@ -234,6 +234,11 @@ impl Bounds {
         self.decay == 0.0 && self.growth == 0.0
     }
 
+    /// Whether the flow is unitary in `f` itself: `‖f(t)‖ = ‖f(0)‖`.
+    pub fn keeps_norm(&self) -> bool {
+        self.is_skew() && !self.inflow && !self.weighted
+    }
+
     /// Bound on the numerical radius: on `|x*Ax|` for unit vectors `x`, in weighted unknowns.
     pub fn radius(&self) -> f64 {
         let Interval { centre, half_width } = self.interval(0.0);

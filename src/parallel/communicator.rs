@@ -5,7 +5,7 @@
 
 pub mod transpose;
 pub mod vote;
-mod watch;
+pub(crate) mod watch;
 
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;

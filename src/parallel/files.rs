@@ -14,7 +14,7 @@ use std::path::Path;
 pub const CHECKSUM: &str = "checksum";
 
 /// Makes the error of an operation on a file from a text that says what is wrong.
-pub type Failure<'a> = &'a dyn Fn(&dyn Display) -> Error;
+pub type MakeError<'a> = &'a dyn Fn(&dyn Display) -> Error;
 
 /// A file that all ranks have open.
 ///
@@ -40,7 +40,7 @@ impl<'a> SharedFile<'a> {
     ///
     /// # Errors
     /// What `fail` makes of HDF5's error, the same on all ranks.
-    pub fn open(world: &'a Group, path: &Path, fail: Failure<'_>) -> Result<Self> {
+    pub fn open(world: &'a Group, path: &Path, fail: MakeError<'_>) -> Result<Self> {
         let file = || File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path);
         Self::new(world, fail, file)
     }
@@ -49,7 +49,7 @@ impl<'a> SharedFile<'a> {
     ///
     /// # Errors
     /// As [`open`](Self::open).
-    pub fn create(world: &'a Group, path: &Path, fail: Failure<'_>) -> Result<Self> {
+    pub fn create(world: &'a Group, path: &Path, fail: MakeError<'_>) -> Result<Self> {
         let file = || {
             File::with_options()
                 .with_fapl(|p| {
@@ -62,7 +62,7 @@ impl<'a> SharedFile<'a> {
 
     fn new(
         world: &'a Group,
-        fail: Failure<'_>,
+        fail: MakeError<'_>,
         file: impl FnOnce() -> hdf5::Result<File>,
     ) -> Result<Self> {
         let late = fail(&"could not be opened on all ranks");
@@ -74,7 +74,7 @@ impl<'a> SharedFile<'a> {
     ///
     /// # Errors
     /// As [`open`](Self::open).
-    pub fn close(self, fail: Failure<'_>) -> Result<()> {
+    pub fn close(self, fail: MakeError<'_>) -> Result<()> {
         let late = fail(&"could not be closed on all ranks");
         let file = ManuallyDrop::into_inner(self.file);
         self.world.in_time(&late, || file.close().map_err(|e| fail(&e)))

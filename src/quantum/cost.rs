@@ -30,12 +30,17 @@ use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels, Mo
 use crate::quantum::cost::sequence::{SequenceCost, SequenceCounts};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
-use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::{LOCATION_CALLS, VALUE_CALLS, WalkCost, WalkRegisters};
+use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
+use crate::quantum::walk::{
+    LOCATION_CALLS, OracleQueries, VALUE_CALLS, WalkCost, WalkRegisters, calls_both_ways,
+};
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
+
+/// Rotations of a call for each mode of the register, where they weight the modes.
+const ROTATIONS_OF_A_MODE: usize = 6;
 
 /// How a quantum computer accesses `H`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -77,9 +82,17 @@ pub struct Cost {
     pub evolution: SequenceCost,
     /// By steps forward and back, about half as many.
     pub half_calls: SequenceCost,
+    /// Calls of the oracles, of sparse access.
+    #[serde(flatten)]
+    pub queries: Option<OracleQueries>,
 }
 
 impl Cost {
+    /// The access of these that takes the fewest gates until the field is measured.
+    pub fn least_of(costs: &[Self]) -> Option<&Self> {
+        costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a })
+    }
+
     /// The sequence with fewer gates.
     pub fn cheaper(&self) -> &SequenceCost {
         match self.half_calls.least() < self.evolution.least() {
@@ -162,6 +175,34 @@ pub struct JumpRounding {
     pub change: LabelledNumber,
 }
 
+/// The access that costs least, and the oracles' calls of sparse access beside it.
+pub struct LeastCost {
+    /// Its cost.
+    pub cost: Cost,
+    /// Calls of the oracles by sparse access.
+    pub queries: OracleQueries,
+}
+
+/// A circuit of a case.
+struct CircuitAccess<'a> {
+    transport: &'a CaseTransport,
+    weights: ModeWeights,
+    levels: Levels,
+}
+
+impl CircuitAccess<'_> {
+    /// The modes that it acts on; one of a `skew` matrix.
+    fn modes(&self, demand: &EvolutionRequirements, skew: bool) -> CircuitModes {
+        let EvolutionRequirements { highest, points, period, .. } = *demand;
+        let qubits = points.trailing_zeros() as usize;
+        match self.weights {
+            _ if skew => CircuitModes::One(0.0),
+            ModeWeights::Sum => CircuitModes::Register { qubits, period },
+            ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
+        }
+    }
+}
+
 /// The data on which the accesses to a case's `H` depend.
 pub struct Accesses {
     time: f64,
@@ -227,40 +268,76 @@ impl Accesses {
         demand: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Vec<Cost> {
-        let sparse = self.by_oracles(demand, evolutions);
-        std::iter::once(sparse).chain(self.by_circuits(demand, evolutions)).collect()
+        let sparse = self.by_oracles(demand, evolutions).cost;
+        let circuits = self.circuits().map(|it| self.by_circuit(&it, demand, evolutions));
+        std::iter::once(sparse).chain(circuits).collect()
     }
 
-    /// Costs by all circuits; none where no circuit is compiled.
-    fn by_circuits(
-        &self,
-        demand: &EvolutionRequirements,
-        evolutions: &[LabelledNumber; 2],
-    ) -> impl Iterator<Item = Cost> {
+    /// The circuits of a case; none where no circuit is compiled.
+    fn circuits(&self) -> impl Iterator<Item = CircuitAccess<'_>> {
         // One mode has one weight.
         let weights = [ModeWeights::Sum, ModeWeights::Rotations];
         let weights = weights.into_iter().filter(|&w| !self.skew || w == ModeWeights::Sum);
         let choices = weights.flat_map(|w| [Levels::Hadamard, Levels::Uniform].map(|l| (w, l)));
-        self.circuit.iter().flat_map(move |circuit| {
-            choices.clone().map(move |(weights, levels)| {
-                self.by_circuit(&circuit.transport, weights, levels, demand, evolutions)
-            })
+        self.circuit.iter().flat_map(move |CircuitCase { transport, .. }| {
+            let access = |(weights, levels)| CircuitAccess { transport, weights, levels };
+            choices.clone().map(access)
         })
     }
 
-    /// The cost by the access that costs least.
-    pub fn least(&self, demand: &EvolutionRequirements, evolutions: &[LabelledNumber; 2]) -> Cost {
-        let sparse = self.by_oracles(demand, evolutions);
-        let circuits = self.by_circuits(demand, evolutions);
-        circuits.fold(sparse, |best, next| if next.least() < best.least() { next } else { best })
+    /// The access that costs least.
+    pub fn least(
+        &self,
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> LeastCost {
+        let LeastCost { mut cost, queries } = self.by_oracles(demand, evolutions);
+        for circuit in self.circuits() {
+            // A table of rotations is not emitted where its rotations alone are too many.
+            if self.rotations_alone(&circuit, demand, evolutions) > cost.least() {
+                continue;
+            }
+            let next = self.by_circuit(&circuit, demand, evolutions);
+            if next.least() < cost.least() {
+                cost = next;
+            }
+        }
+        LeastCost { cost, queries }
+    }
+
+    /// A lower bound of the cost by a circuit: that of the rotations which weight its modes.
+    fn rotations_alone(
+        &self,
+        circuit: &CircuitAccess<'_>,
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> f64 {
+        if circuit.weights == ModeWeights::Sum {
+            return 0.0;
+        }
+        let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
+        let tau = circuit.transport.alpha(circuit.modes(demand, self.skew), circuit.levels);
+        let tau = tau * self.time;
+        let evolution = WalkCost::new(&LabelledNumber::exact(tau), &demand.tolerance);
+        let degree = number(&evolution.degree);
+        let calls = calls_both_ways(degree, tau).min(2.0 * degree);
+        let rotations = calls * (ROTATIONS_OF_A_MODE * demand.points) as f64;
+        let t = rotations * number(&self.synthesis.t_of_each(rotations, number(&demand.tolerance)));
+        let [repeated, amplified] = evolutions.each_ref().map(number);
+        repeated.min(amplified) * t / T_OF_TOFFOLI_STATE
     }
 
     /// Sparse access.
-    fn by_oracles(&self, demand: &EvolutionRequirements, evolutions: &[LabelledNumber; 2]) -> Cost {
+    fn by_oracles(
+        &self,
+        demand: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> LeastCost {
         const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
         let alpha = self.entries.nonzeros as f64 * self.entries.largest(demand.highest);
         let tau = self.of_grid(LabelledNumber::exact(alpha * self.time));
         let evolution = WalkCost::new(&tau, &demand.tolerance);
+        let queries = OracleQueries::new(&evolution, evolutions);
         let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
         let system = self.qubits + of_p;
         let bits = evolution.bits.value().unwrap_or_default();
@@ -271,14 +348,16 @@ impl Accesses {
         let tolerance = demand.tolerance.value().unwrap_or_default();
         let [evolution, half_calls] =
             sequences.map(|counts| counts.cost(self.synthesis, tolerance, evolutions));
-        Cost {
+        let cost = Cost {
             access: Access::Sparse,
             alpha: tau.with(alpha),
             tau,
             block_qubits: walk.row_and_column - system,
             evolution,
             half_calls,
-        }
+            queries: Some(queries.clone()),
+        };
+        LeastCost { cost, queries }
     }
 
     /// A number of the grid: an estimate where the grid is.
@@ -290,25 +369,18 @@ impl Accesses {
     /// A circuit, whose register of modes has all wavenumbers.
     fn by_circuit(
         &self,
-        transport: &CaseTransport,
-        weights: ModeWeights,
-        levels: Levels,
+        circuit: &CircuitAccess<'_>,
         demand: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Cost {
-        let EvolutionRequirements { highest, points, period, .. } = *demand;
-        let qubits = points.trailing_zeros() as usize;
-        let (access, modes) = match weights {
-            _ if self.skew => (Access::Circuit(levels), CircuitModes::One(0.0)),
-            ModeWeights::Sum => {
-                (Access::Circuit(levels), CircuitModes::Register { qubits, period })
-            }
-            ModeWeights::Rotations => {
-                (Access::Rotated(levels), CircuitModes::Rotated { qubits, period, highest })
-            }
+        let CircuitAccess { transport, weights, levels } = *circuit;
+        let modes = circuit.modes(demand, self.skew);
+        let access = match weights {
+            ModeWeights::Sum => Access::Circuit(levels),
+            ModeWeights::Rotations => Access::Rotated(levels),
         };
         let [call, controlled] =
-            *self.counts.borrow_mut().entry((points, access)).or_insert_with(|| {
+            *self.counts.borrow_mut().entry((demand.points, access)).or_insert_with(|| {
                 [false, true].map(|controlled| transport.encode(modes, levels, controlled).counts())
             });
         let alpha = transport.alpha(modes, levels);
@@ -325,6 +397,7 @@ impl Accesses {
             block_qubits: controlled.block_qubits,
             evolution: costs(SequenceCounts::whole(&evolution, &controlled, &a_gate)),
             half_calls: costs(SequenceCounts::both_ways(&evolution, forward, both, &a_gate)),
+            queries: None,
             alpha,
             tau,
         }

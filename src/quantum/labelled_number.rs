@@ -116,9 +116,15 @@ impl LabelledNumber {
 
     /// The number to three digits with a letter for its label, of tables.
     pub fn marked(&self) -> String {
+        self.marked_to(3)
+    }
+
+    /// The same to so many digits; whole numbers below 1e5 have all of theirs.
+    pub fn marked_to(&self, digits: usize) -> String {
+        let decimals = digits.saturating_sub(1);
         let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e5 {
             true => format!("{x}"),
-            false => format!("{x:.2e}"),
+            false => format!("{x:.decimals$e}"),
         };
         let Some(value) = self.value() else { return "-".to_owned() };
         format!("{} {}", number(value), self.column_label().mark)

@@ -21,6 +21,7 @@ pub mod ranking;
 mod tests;
 
 use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::problem::case::{
     Alpha, Case, Delta, EndFlux, Interface, Limiter, Method, ProfileChoice,
 };
@@ -176,6 +177,35 @@ impl ProfileFamily {
             let next = PricedGrid::new(system, next).cheapest(1, found.least_cost());
             found = next.into_iter().fold(found, CostedChoice::cheaper);
         }
+        self.at_edges(system, found)
+    }
+
+    /// The cheapest at the ends of the range of values about `found` that take as many rounds of
+    /// amplification: steps fall up to an end, and the range may be narrower than any grid.
+    fn at_edges(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
+        /// Halvings of a step of the whole grid.
+        const HALVINGS: usize = 16;
+        if !self.continuous {
+            return found;
+        }
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let ratio = self.values[1] / self.values[0];
+        let (start, rounds) = (found.candidate.clone(), found.rounds());
+        let at = |value: f64| {
+            let profile = (self.of)(value);
+            choice(system, &ProfileCandidate { profile, value, ..start.clone() })
+        };
+        for step in [ratio, ratio.recip()] {
+            let (mut inside, mut beyond) = (start.value, (start.value * step).clamp(least, most));
+            for _ in 0..HALVINGS {
+                let next = at((inside * beyond).sqrt());
+                match next.rounds() == rounds {
+                    true => inside = next.candidate.value,
+                    false => beyond = next.candidate.value,
+                }
+                found = found.cheaper(next);
+            }
+        }
         found
     }
 }
@@ -186,34 +216,48 @@ struct ScanGrid {
     further: Vec<Option<f64>>,
 }
 
+/// Units of progress of [`choices`]: two a family, and one for the defaults.
+pub const UNITS: usize = 11;
+
 /// The cheapest of every profile for one system, the profiles as they are by default, and the
-/// case's own where that is one of a formula; what cannot be planned says why. Collective.
-pub fn choices(system: &System<'_>) -> Vec<CostedChoice> {
+/// case's own where that is one of a formula; what cannot be planned says why. Advances `progress`
+/// by [`UNITS`]. Collective.
+pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice> {
     /// A family whose least cost on its grid is more than so many times the least is not refined.
     const LARGEST_RATIO: f64 = 2.0;
     /// Number of values of a parameter that are refined: costs jump where a register or a round of
     /// amplification is saved.
     const KEPT: usize = 4;
     let families = ProfileFamily::all();
-    let mut grids: Vec<PricedGrid<'_>> =
-        families.iter().map(|family| family.coarse(system)).collect();
-    let cheapest: Vec<Vec<CostedChoice>> =
-        grids.iter_mut().map(|grid| grid.cheapest(1, f64::INFINITY)).collect();
-    let all = cheapest.iter().flatten();
-    let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
-    let mut found: Vec<CostedChoice> = Vec::new();
-    for ((family, grid), first) in families.iter().zip(&mut grids).zip(cheapest) {
-        let close = grid.cheapest(KEPT, LARGEST_RATIO * least);
-        let refined = close.into_iter().map(|choice| family.refined(system, choice));
-        found.extend(first.into_iter().chain(refined).reduce(CostedChoice::cheaper));
+    let (mut grids, mut cheapest) = (Vec::new(), Vec::new());
+    for family in &families {
+        let mut grid = family.coarse(system);
+        cheapest.push(grid.cheapest(1, f64::INFINITY));
+        grids.push(grid);
+        progress.advance(1);
     }
     // With S = 0 one mode suffices for any profile.
     let one = ProfileCandidate::planned(ProfileChoice::Planned);
     let one_case = candidate_case(system.case, system.bounds, &one);
-    let planned = takes_one_mode(&one_case, system.bounds).then_some(one.profile);
+    let planned = takes_one_mode(&one_case, system.bounds).then(|| choice(system, &one));
+    let all = cheapest.iter().flatten().chain(&planned);
+    let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
+    let mut found: Vec<CostedChoice> = Vec::new();
+    for ((family, grid), first) in families.iter().zip(&mut grids).zip(cheapest) {
+        // One mode is the field: no profile is cheaper.
+        let close = match planned {
+            Some(_) => Vec::new(),
+            None => grid.cheapest(KEPT, LARGEST_RATIO * least),
+        };
+        let refined = close.into_iter().map(|choice| family.refined(system, choice));
+        found.extend(first.into_iter().chain(refined).reduce(CostedChoice::cheaper));
+        progress.advance(1);
+    }
     let own = &system.case.warp.profile;
     let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
-    let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
+    let defaults = DEFAULTS.into_iter().chain(formula.then(|| own.clone()));
+    found.extend(planned);
     found.extend(defaults.map(|profile| choice(system, &ProfileCandidate::planned(profile))));
+    progress.advance(1);
     found
 }

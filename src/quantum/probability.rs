@@ -315,8 +315,9 @@ impl Probabilities {
     ) -> Self {
         let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
         let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
-        if norms.field == 0.0 || !slice.is_finite() {
-            let none = Chain::unavailable("the field has decayed to zero");
+        let decayed = (!slice.is_finite()).then_some("the field has decayed to zero");
+        if let Some(why) = norms.no_field().or(decayed) {
+            let none = Chain::unavailable(why);
             return Self {
                 points,
                 recovery: point,
@@ -326,7 +327,7 @@ impl Probabilities {
                 window_error: None,
                 at_slice: none.clone(),
                 in_window: none,
-                norm_of_field: LabelledNumber::unavailable("the field has decayed to zero"),
+                norm_of_field: LabelledNumber::unavailable(why),
             };
         }
         if points == 1 {

@@ -26,14 +26,15 @@
 //! error `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`; `ε_F` is the tolerance of the run, or as much more
 //! as the window's points have. The postselected state needs `C_f` too, with relative error `η`,
 //! which adds `|m| η`, and, as exact amplitude amplification rests on the `P` that gave it, `3/2
-//! |m| η²`. A bound holds with probability [`CONFIDENCE`] for each measurement that it needs: one
-//! from the enlarged state, two from the postselected state and for a mean velocity.
+//! |m| η²`; of a unitary flow `C_f = ‖u(0)‖` and `P` are known, and `η` is 0. A bound holds with
+//! probability [`CONFIDENCE`] for each measurement that it needs: one from the enlarged state and
+//! of a unitary flow, two from the postselected state else, and for a mean velocity.
 //!
 //! **Cost**, in evolutions `e^{−iHT}` of the whole state. A shot from the postselected state takes
 //! `1/P` of them by repetition, `2r + 1` with `r` rounds of exact amplitude amplification; a shot
 //! from the enlarged state takes one. Amplitude estimation inverts the preparation, which excludes
 //! repetition. `C_f = C_w √P/G` follows from how many repetitions succeed, or else takes an
-//! amplitude estimation of `P` of its own.
+//! amplitude estimation of `P` of its own; that of a unitary flow takes nothing.
 //!
 //! A measurement of the x-register alone does not give the density: it finds the cell `i` with
 //! probability `Σ_j f_ij²/C_f²` (the paper's last remark there), reported as `basis_probability`.
@@ -144,8 +145,8 @@ impl Readout {
         let Some(readout) = &case.readout else {
             return Self::unavailable(case, "the case has no [readout]");
         };
-        if source.norm() == 0.0 {
-            return Self::unavailable(case, "the field has decayed to zero");
+        if let Some(why) = source.probabilities.norms.no_field() {
+            return Self::unavailable(case, why);
         }
         let chain = source.probabilities.nearest();
         let factors = VelocityFactors::new(&case.space);

@@ -32,8 +32,7 @@ use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
 use crate::quantum::walk::{
-    LOCATION_CALLS, OF_ROTATIONS, OF_ROUNDING, OF_SERIES, VALUE_CALLS, WalkCost, WalkRegisters,
-    of_evolution,
+    OF_ROTATIONS, OF_ROUNDING, OF_SERIES, OracleQueries, WalkCost, WalkRegisters, of_evolution,
 };
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -220,12 +219,9 @@ pub struct Record {
     pub degree: LabelledNumber,
     /// `2K`: phased steps of the walk.
     pub walk_steps: LabelledNumber,
-    /// Calls of the location oracle and its inverse in an evolution.
-    pub location_queries: LabelledNumber,
-    /// Calls of the value oracle and its inverse.
-    pub value_queries: LabelledNumber,
-    /// Calls of both.
-    pub queries: LabelledNumber,
+    /// Calls of the oracles.
+    #[serde(flatten)]
+    pub queries: OracleQueries,
     /// `m`: bits of the real part of a value, and of the imaginary part.
     pub value_bits: LabelledNumber,
     /// `n + m log₂(m)²`: other gates for each query.
@@ -252,9 +248,6 @@ pub struct Record {
     pub classical_operations: LabelledNumber,
     /// With what probability the first field is measured.
     pub probabilities: Probabilities,
-    /// Calls of both oracles until the field is measured in the window, or in the slice where there
-    /// is none: repeated, and by amplitude amplification.
-    pub queries_until_measured: [LabelledNumber; 2],
     /// The paper's regimes.
     pub regimes: Vec<Regime>,
     /// Why the moments of measure-valued data, whose first field is counted, are no overlaps, and
@@ -307,11 +300,6 @@ pub struct Comparison {
 }
 
 impl Unitary {
-    /// The access that takes the fewest gates.
-    pub fn least(&self) -> Option<&Cost> {
-        self.costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a })
-    }
-
     /// For `accesses` of a skew matrix.
     pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
         let once = || LabelledNumber::exact(1.0);
@@ -331,8 +319,9 @@ impl Unitary {
 /// field the rounding of jumps to levels may take as much as the rounding of values. Collective.
 pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -> Accesses {
     let Prepared { case, bounds, .. } = prepared;
-    // A unitary flow keeps the norm; a rough solution does so to some digits.
-    let ratio = if bounds.is_skew() { 1.0 } else { ratio };
+    // A unitary flow keeps the norm; a rough solution does so to some digits. Of f = 0 no rounding
+    // changes anything.
+    let ratio = if bounds.is_skew() || ratio.is_nan() { 1.0 } else { ratio };
     let rounding = OF_ROUNDING * of_evolution(!bounds.is_skew()) * case.tolerance / ratio;
     Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
 }
@@ -410,10 +399,10 @@ impl Record {
         let unknowns = system.terms - case.space.space_cells() + case.space.cells();
         let qubits = RegisterSizes::new(case, unknowns, points, bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
-        let [location, value, both] =
-            [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
+        let queries = OracleQueries::new(&evolution, &probabilities.evolutions());
         let weights_table = bounds.weighted.then(|| {
-            WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
+            let (cells, each) = (case.space.cells(), &queries.value_queries);
+            WeightsTable::new(cells, each, system.weights.sweeps, &sparsity)
         });
         let period = series.period;
         let demand = EvolutionRequirements { highest, points, period, tolerance: fine.clone() };
@@ -448,10 +437,7 @@ impl Record {
             weights_table,
             qubits,
             classical_operations: exact(operations),
-            queries_until_measured: probabilities.evolutions().map(|n| n.times(&both)),
-            location_queries: location,
-            value_queries: value,
-            queries: both,
+            queries,
             probabilities,
             measure_valued: smooth_delta(case).map(|keys| format!("{MEASURE_VALUED}: {keys}")),
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
@@ -464,8 +450,7 @@ impl GatesAround {
     /// Around the evolutions of the least of `costs`, `system` qubits numbering the unknowns.
     fn new(costs: &[Cost], probabilities: &Probabilities, system: usize) -> Self {
         let none = || LabelledNumber::unavailable("no access has a cost");
-        let least = costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a });
-        let Some(cost) = least else {
+        let Some(cost) = Cost::least_of(costs) else {
             return Self {
                 toffoli_of_reflections: none(),
                 rotations_of_transforms: none(),

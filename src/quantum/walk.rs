@@ -94,6 +94,44 @@ impl WalkCost {
     }
 }
 
+/// Calls of the oracles of sparse access and of their inverses, by the sequence of `2K` steps.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OracleQueries {
+    /// Calls of the location oracle in an evolution.
+    pub location_queries: LabelledNumber,
+    /// Calls of the value oracle in an evolution.
+    pub value_queries: LabelledNumber,
+    /// Calls of both.
+    pub queries: LabelledNumber,
+    /// Calls of both until the field is measured in the window, or in the slice where there is
+    /// none: repeated, and by amplitude amplification.
+    pub queries_until_measured: [LabelledNumber; 2],
+}
+
+impl OracleQueries {
+    /// Of an `evolution`, and of this many of them: repeated, and by amplitude amplification.
+    pub fn new(evolution: &WalkCost, evolutions: &[LabelledNumber; 2]) -> Self {
+        let queries = evolution.calls(LOCATION_CALLS + VALUE_CALLS);
+        Self {
+            location_queries: evolution.calls(LOCATION_CALLS),
+            value_queries: evolution.calls(VALUE_CALLS),
+            queries_until_measured: evolutions.each_ref().map(|n| n.times(&queries)),
+            queries,
+        }
+    }
+
+    /// No numbers, for this reason.
+    pub fn unavailable(why: &str) -> Self {
+        let none = || LabelledNumber::unavailable(why);
+        Self {
+            location_queries: none(),
+            value_queries: none(),
+            queries: none(),
+            queries_until_measured: [none(), none()],
+        }
+    }
+}
+
 /// Part of the field's tolerance that the evolution has: all of it without a profile.
 pub fn of_evolution(has_profile: bool) -> f64 {
     if has_profile { OF_EVOLUTION } else { 1.0 }

@@ -1,6 +1,7 @@
 //! The run by modes: their start, the files of modes that are kept, and the recovered fields.
 
 use crate::base::error::{Error, Result};
+use crate::base::machine::{self, RunPart};
 use crate::base::progress::Progress;
 use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::Communicator;
@@ -212,6 +213,11 @@ impl ModeRun<'_> {
         let begun = self.case.start.is_some();
         let mut keeping = kept.map(|kept| Keeping { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
+        if hooks.checkpoints.is_some() {
+            // From now on all ranks answer a stop signal together.
+            communicator.world.barrier();
+            machine::begin(RunPart::Modes);
+        }
         modes::run(&task, evolution, &mut *propagator, progress, hooks)
     }
 

@@ -38,6 +38,7 @@ pub(crate) fn readout(
         pi: &prepared.system.weights.pi[place.mine.clone()],
         least: summary.minimum,
         probabilities,
+        norm_is_known: prepared.bounds.keeps_norm(),
         state_error,
     };
     Readout::new(&prepared.communicator.world, case, &source)

@@ -10,7 +10,7 @@ use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::solve::place::Place;
-use crate::solve::system::{DiscreteSystem, SystemLimits};
+use crate::solve::system::{DiscreteSystem, RoughSolution, SystemLimits};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
 pub struct Prepared {
@@ -91,6 +91,12 @@ impl Prepared {
     pub fn probe(&mut self) -> f64 {
         let legs = self.case.legs();
         self.system.probe(&self.communicator, &self.bounds, &legs)
+    }
+
+    /// The same, and the norms that determine probabilities. Collective.
+    pub fn rough_solution(&mut self) -> RoughSolution {
+        let (legs, time) = (self.case.legs(), self.case.duration());
+        self.system.rough_solution(&self.communicator, &self.bounds, &legs, time)
     }
 
     /// `ũ` on this rank's share to `f`: undoes the weights.

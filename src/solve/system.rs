@@ -287,6 +287,36 @@ impl DiscreteSystem {
     /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with a rough `f(t)`. The
     /// mode groups share the fields. Collective.
     pub fn probe(&mut self, communicator: &Communicator, bounds: &Bounds, legs: &[f64]) -> f64 {
+        self.probe_keeping(communicator, bounds, legs, &mut None)
+    }
+
+    /// The same, and the norms of the first field at the end, after `time`. Collective.
+    pub fn rough_solution(
+        &mut self,
+        communicator: &Communicator,
+        bounds: &Bounds,
+        legs: &[f64],
+        time: f64,
+    ) -> RoughSolution {
+        let mut last = None;
+        let ratio = self.probe_keeping(communicator, bounds, legs, &mut last);
+        // In several legs round-off is another, and a mode group has not the fields of others.
+        let is_whole = legs.len() == 1 && communicator.modes.size() == 1;
+        let norms = match last.filter(|_| is_whole) {
+            Some(state) => self.norms_at(communicator, &state),
+            None => self.rough_norms(communicator, bounds, time),
+        };
+        RoughSolution { ratio, norms }
+    }
+
+    /// [`Self::probe`], which keeps the end of the first field in `last`, on ranks that have it.
+    fn probe_keeping(
+        &mut self,
+        communicator: &Communicator,
+        bounds: &Bounds,
+        legs: &[f64],
+        last: &mut Option<Vec<f64>>,
+    ) -> f64 {
         let mut largest: f64 = 1.0;
         if let Some(schedule) = &self.schedule {
             // The pilot has run to the end; the rest of the tolerance is the profile's.
@@ -295,7 +325,7 @@ impl DiscreteSystem {
             return ratio.max(1.0) / (1.0 - TIME_SHARE);
         }
         let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
-        for start in self.states.iter().skip(group).step_by(groups) {
+        for (field, start) in self.states.iter().enumerate().skip(group).step_by(groups) {
             let mut state = start.clone();
             let start = self.norm(communicator, start, false);
             for &time in legs {
@@ -305,22 +335,30 @@ impl DiscreteSystem {
                     largest = largest.max(PROBE_SAFETY * start / now);
                 }
             }
+            if field == 0 {
+                *last = Some(state);
+            }
         }
         communicator.modes.max(largest)
     }
 
     /// Norms of the first field that determine probabilities, with a rough `f(T)`. Collective.
-    pub fn rough_norms(
+    fn rough_norms(
         &mut self,
         communicator: &Communicator,
         bounds: &Bounds,
         time: f64,
     ) -> StateNorms {
-        let start = self.norm(communicator, &self.states[0], false);
         let mut state = self.states[0].clone();
         propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
-        let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
-        StateNorms { start, weighted, auxiliary, field: self.norm(communicator, &state, true) }
+        self.norms_at(communicator, &state)
+    }
+
+    /// The norms of the first field, which is `state` at the end. Collective.
+    fn norms_at(&self, communicator: &Communicator, state: &[f64]) -> StateNorms {
+        let start = self.norm(communicator, &self.states[0], false);
+        let [weighted, auxiliary] = self.norms_of_parts(communicator, state);
+        StateNorms { start, weighted, auxiliary, field: self.norm(communicator, state, true) }
     }
 }
 
@@ -347,6 +385,15 @@ fn propagate_roughly(
     }
 }
 
+/// What is known of a solution before modes are planned, to about three digits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughSolution {
+    /// Largest `‖ũ(0)‖/‖f(t)‖`, with a margin, that modes are planned for.
+    pub ratio: f64,
+    /// Norms of the first field.
+    pub norms: StateNorms,
+}
+
 /// Norms of the vectors whose ratios are probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StateNorms {
@@ -358,4 +405,15 @@ pub struct StateNorms {
     pub field: f64,
     /// `‖r‖`, which does not change.
     pub auxiliary: f64,
+}
+
+impl StateNorms {
+    /// Why there is no field to be measured; none where there is one.
+    pub fn no_field(&self) -> Option<&'static str> {
+        match (self.start == 0.0, self.field == 0.0) {
+            (true, _) => Some("f(0) is 0 and nothing enters: there is no state to prepare"),
+            (false, true) => Some("the field has decayed to zero"),
+            (false, false) => None,
+        }
+    }
 }

@@ -94,7 +94,12 @@ impl Budget {
 
     /// Whether the time of the part in progress is over. Collective.
     pub fn is_over(&self) -> bool {
-        self.decide(self.elapsed() > self.end)
+        !self.has_time_for(0.0)
+    }
+
+    /// Whether `seconds` more fit into the time of the part in progress. Collective.
+    pub fn has_time_for(&self, seconds: f64) -> bool {
+        self.decide(self.elapsed() + seconds <= self.end)
     }
 
     /// Rank 0's numbers on all ranks. Collective.

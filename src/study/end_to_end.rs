@@ -30,6 +30,7 @@ mod traced;
 
 use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Data, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
@@ -40,7 +41,9 @@ use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::advise::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
-use crate::study::end_to_end::task::{Candidate, DensityTask, OVER_CHARACTERISTICS};
+use crate::study::end_to_end::task::{
+    Candidate, DensityTask, OF_PRICE, OF_TRIALS, OVER_CHARACTERISTICS,
+};
 use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
     BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
@@ -49,6 +52,8 @@ use crate::study::grids::of_degree;
 
 /// Degrees that are compared.
 const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
+/// Units of progress: two schemes of every degree, and one with slopes.
+const UNITS: usize = 10 * (OF_TRIALS + OF_PRICE) + OF_TRIALS;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
 /// Names of methods.
@@ -71,6 +76,7 @@ impl EndToEnd {
         accuracy: f64,
         synthesis: RotationSynthesis,
     ) -> Result<Self> {
+        let progress = Progress::new(world.group().rank() == 0, "resources", UNITS).into();
         let exact = exact_of(case)?;
         let PointOfTask { point, mean } = PointOfTask::new(world, case, &exact)?;
         let tracer = Tracer::new(case)?;
@@ -90,7 +96,7 @@ impl EndToEnd {
             )));
         }
         let density = traced.density.abs();
-        let task = DensityTask { world, exact: &exact, accuracy, density, synthesis };
+        let task = DensityTask { world, exact: &exact, accuracy, density, synthesis, progress };
         let upwind = candidates(&task, case, |case| Ok(dissipative_of(case)));
         let unitary = candidates(&task, case, unitary_of);
         let quantum = vec![
@@ -105,6 +111,7 @@ impl EndToEnd {
             },
         ];
         let baselines = classical_methods(&task, &at_point, &traced, &upwind);
+        task.progress.borrow().finish();
         let mut sentences = verdict(&quantum, &baselines, density_of_mean);
         if traced.error > accuracy {
             let TracedDensity { error, traces, .. } = traced;
@@ -142,6 +149,7 @@ fn classical_methods(
         let found = MeasuredScheme::new(world, &steeper, exact);
         let found = found.map_err(|error| case.reason(&error));
         baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
+        task.advance(OF_TRIALS);
     }
     baselines.extend(match case.reflects() {
         true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
@@ -237,6 +245,7 @@ fn candidates(
     };
     let of_degree = |degree: usize| {
         let scheme = measured(degree).map_err(|error| case.reason(&error));
+        task.advance(OF_TRIALS);
         Candidate { degree, scheme }
     };
     DEGREES.map(of_degree).collect()

@@ -102,8 +102,8 @@ pub fn measure(
     limit: Duration,
 ) -> Result<Stability> {
     refuse_start_from_file(case, "stability takes a case whose field at the start is a formula")?;
-    refuse_slow_grid(world, case, limit.as_secs_f64())?;
     let mut budget = Budget::new(world, limit.as_secs_f64());
+    refuse_slow_grid(world, case, limit.as_secs_f64())?;
     let wanted: Vec<&PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();
     let by_modes = cases::by_modes(case);

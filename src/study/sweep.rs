@@ -12,10 +12,11 @@ pub mod vary;
 use crate::base::checksum::indices;
 use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
+use crate::base::machine::{self, RunPart};
 use crate::base::memory;
 use crate::base::text::plain;
 use crate::parallel::communicator::World;
-use crate::problem::case::{self, Case};
+use crate::problem::case::{self, Case, Method};
 use crate::results::summary;
 use crate::run;
 use crate::run::options::Options;
@@ -214,6 +215,10 @@ impl Sweep {
         let mut table = SweepTable::new(&self.keys);
         let (mut finished, mut computed) = (0, 0);
         for run in &self.runs {
+            if !table.rows.is_empty() {
+                // A signal in the set-up of a run ends the program at once.
+                world.group().on_first_rank(|| table.write(&self.request.directory))?;
+            }
             let stopped = |why: String| self.stopped(why, finished, self.runs.len());
             let found = match reason_to_stop(world, options, computed > 0) {
                 Some(why) => Err(stopped(why)),
@@ -279,7 +284,12 @@ impl Sweep {
         // So that the peak is that of this run alone.
         memory::reset_peak();
         let options = Options { resume, ..options.clone() };
-        let summary = run::run(world, &case, &run.directory, &options)?;
+        if case.method == Method::Schrodingerized {
+            machine::begin(RunPart::SetUp);
+        }
+        let solved = run::run(world, &case, &run.directory, &options);
+        machine::begin(RunPart::Modes);
+        let summary = solved?;
         if world.group().rank() == 0 {
             summary.report_late_warnings();
         }

@@ -1,8 +1,9 @@
 //! Random cases, and fields of any size: solved to the tolerance, or refused.
 
 use crate::support::{
-    INTERFACES, Job, check_all, datasets, differences, directory, estimate_is_right_or_silent,
-    number_from_environment, refused, run, solved_or_refused, tolerance_is_met,
+    INTERFACES, Job, Summary, at_most, check_all, datasets, differences, directory,
+    estimate_is_right_or_silent, number_from_environment, refused, run, solved_or_refused,
+    tolerance_is_met,
 };
 
 /// Random scenes, which are the same in every run of the tests, are refused, or solved to the
@@ -22,7 +23,14 @@ fn random_scenes_of_elements_are_solved_or_refused() {
 /// and periodic axes, in one to three dimensions.
 #[test]
 fn random_scenes_of_methods_are_solved_or_refused() {
-    solved_or_refused_scenes(24, scene_of_methods);
+    solved_or_refused_scenes(24, |choices| scene_of_methods(choices, Steps::ToTheTolerance));
+}
+
+/// The same for implicit methods. The tolerance bounds all of the error but that of the step, which
+/// is estimated.
+#[test]
+fn random_scenes_of_implicit_methods_are_solved_or_refused() {
+    solved_or_refused_scenes(24, |choices| scene_of_methods(choices, Steps::ByHand));
 }
 
 /// Tries `count` scenes, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets.
@@ -32,41 +40,71 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
     let seeds: Vec<u64> = (first..first + count).collect();
     let solved = std::sync::atomic::AtomicUsize::new(0);
     check_all(&seeds, |&seed| {
-        let (place, more) = (directory(), directory());
-        let path = place.path().join("scene.toml");
         let mut choices = Choices(seed);
         let text = scene(&mut choices);
-        let with_scene = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
-        std::fs::write(&path, &text).map_err(|e| e.to_string())?;
-        let path = path.display().to_string();
-        let finished = Job::new(["run", &path]).into(place.path()).run()?;
-        if finished.code == Some(2) {
-            return refused(&finished, &[]).map_err(with_scene);
-        }
-        let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
-        let summary = job.solve(more.path()).map_err(with_scene)?;
-        let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
-        let same = differ.is_empty();
-        summary
-            .require(same, || format!("other bits than on one rank in {}", differ.join(", ")))
-            .map_err(with_scene)?;
-        if summary.value["error_semidiscrete"].is_null() {
-            let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
-            return summary
-                .require(nothing, || "no error_semidiscrete of a field that is not zero".into())
-                .map_err(with_scene);
-        }
-        solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        tolerance_is_met(&summary).map_err(with_scene)?;
-        if summary.value["modes"] == 1 {
-            // A skew system has one mode and no second reading.
-            return Ok(());
-        }
-        estimate_is_right_or_silent(&summary, 6.0).map_err(with_scene)
+        let found = is_solved(&text, &mut choices);
+        let is_solved = found.map_err(|e| format!("{e}\n  of scene {seed}:\n{text}"))?;
+        solved.fetch_add(usize::from(is_solved), std::sync::atomic::Ordering::Relaxed);
+        Ok(())
     });
     // Most scenes can be solved.
     let solved = solved.into_inner();
     assert!(solved > seeds.len() / 2, "only {solved} of {} solved", seeds.len());
+}
+
+/// Whether a scene has a solution other than zero: it is solved as it must be, or refused.
+fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
+    let (place, more) = (directory(), directory());
+    let path = place.path().join("scene.toml");
+    std::fs::write(&path, scene).map_err(|e| e.to_string())?;
+    let path = path.display().to_string();
+    let finished = Job::new(["run", &path]).into(place.path()).run()?;
+    if finished.code == Some(2) {
+        return refused(&finished, &[]).map(|()| false);
+    }
+    let mut job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
+    let by_steps = scene.contains(STEP);
+    // Implicit methods give the same bits unless ranks split space.
+    let splits = by_steps && choices.of(&[false, true]);
+    if by_steps && !splits {
+        job = job.with(["--ranks-x", &vec!["1"; scene.matches("[[axis]]").count()].join(",")]);
+    }
+    let summary = job.solve(more.path())?;
+    let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
+    summary.require(splits || differ.is_empty(), || {
+        format!("other bits than on one rank in {}", differ.join(", "))
+    })?;
+    if summary.value["error_semidiscrete"].is_null() {
+        let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
+        let what = || "no error_semidiscrete of a field that is not zero".to_owned();
+        return summary.require(nothing, what).map(|()| false);
+    }
+    match by_steps {
+        true => step_is_estimated(&summary)?,
+        false => tolerance_is_met(&summary)?,
+    }
+    // A skew system has one mode and no second reading.
+    if summary.value["modes"] != 1 {
+        estimate_is_right_or_silent(&summary, 6.0)?;
+    }
+    Ok(true)
+}
+
+/// The key of a step by hand in a scene.
+const STEP: &str = "step = ";
+
+/// Checks that the error is at most the tolerance and a few times the leading term of the step's
+/// error, if that is a reliable estimate, and that the run says whether it misses its tolerance.
+fn step_is_estimated(summary: &Summary) -> Result<(), String> {
+    let [error, tolerance, step] = ["error_semidiscrete", "tolerance", "step_error"]
+        .map(|key| summary.number(key).unwrap_or(f64::NAN));
+    if summary.boolean("error_estimate_reliable")? {
+        summary.holds(at_most("error_semidiscrete", error, tolerance + 3.0 * step))?;
+    }
+    let missed = &summary.value["missed"]["tolerance"];
+    summary.require(missed.is_string() == (error > tolerance), || {
+        format!("error_semidiscrete {error:e}, tolerance {tolerance:e}, missed: {missed}")
+    })
 }
 
 /// A sequence of choices that depends on its seed alone (SplitMix64).
@@ -139,11 +177,27 @@ fn scene_of_elements(choices: &mut Choices) -> String {
     text + &content(choices, scheme)
 }
 
+/// How the steps of a scene's propagator are chosen.
+#[derive(Clone, Copy, PartialEq)]
+enum Steps {
+    /// By the propagator, to meet the tolerance.
+    ToTheTolerance,
+    /// By the scene, for an implicit method, which takes no inflow that depends on time.
+    ByHand,
+}
+
 /// Cells or elements in one to three dimensions, with a random choice of the methods.
-fn scene_of_methods(choices: &mut Choices) -> String {
-    let dimension = choices.of(&[1, 1, 1, 2, 2, 3]);
-    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3]][dimension - 1];
-    let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4]][dimension - 1];
+fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
+    let (dimension, size) = match steps {
+        Steps::ToTheTolerance => {
+            let dimension = choices.of(&[1, 1, 1, 2, 2, 3]);
+            (dimension, dimension - 1)
+        }
+        // Each mode is factorised.
+        Steps::ByHand => choices.of(&[(1, 0), (1, 0), (1, 0), (2, 2)]),
+    };
+    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3]][size];
+    let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4]][size];
     let mut text = String::new();
     for _ in 0..dimension {
         let boundary = choices.of(&["inflow", "inflow", "periodic"]);
@@ -163,7 +217,10 @@ fn scene_of_methods(choices: &mut Choices) -> String {
         "[[potential]]\nwhere = \"{place}\"\nvalue = \"{height}\"\n[[potential]]\nvalue = \"0\"\n\
          [initial]\nf = \"{}\"\n[inflow]\nvalue = \"{}\"\n[time]\nend = {}\n",
         choices.of(&["exp(-3*x^2 - vx^2)", "1 if x < 0 else 0", "1 + x*vx"]),
-        choices.of(&["0", "0", "1", "exp(-vx^2)", "0.5 + 0.5*sin(3*t)", "exp(-20*(t - 0.2)^2)"]),
+        match steps {
+            Steps::ToTheTolerance => choices.of(&INFLOWS),
+            Steps::ByHand => choices.of(&INFLOWS[..4]),
+        },
         choices.of(&["0.05", "0.4", "1"]),
     );
     text += choices.of(&[
@@ -183,10 +240,17 @@ fn scene_of_methods(choices: &mut Choices) -> String {
         ("exponential", ["0.1", "3e-2", "1e-2"]),
     ]);
     text += &format!("[solver]\nverify = true\ntolerance = {}\n", choices.of(&tolerances));
-    text += &format!(
-        "[solver.propagator]\nmethod = \"{}\"\n",
-        choices.of(&["chebyshev", "chebyshev", "krylov"])
-    );
+    text += &match steps {
+        Steps::ToTheTolerance => {
+            let method = choices.of(&["chebyshev", "chebyshev", "krylov"]);
+            format!("[solver.propagator]\nmethod = \"{method}\"\n")
+        }
+        Steps::ByHand => {
+            let method = choices.of(&["crank-nicolson", "backward-euler"]);
+            let step = choices.of(&["0.1", "0.05", "0.02"]);
+            format!("[solver.propagator]\nmethod = \"{method}\"\n{STEP}{step}\n")
+        }
+    };
     let recovery = choices.of(&["point", "point", "integral", "least-squares"]);
     let inflow = choices.of(&["boundary", "boundary", "full", "scalar"]);
     text + &format!(
@@ -195,6 +259,10 @@ fn scene_of_methods(choices: &mut Choices) -> String {
         choices.of(&["dissipative", "dissipative", "none"])
     )
 }
+
+/// What enters; the last two depend on time.
+const INFLOWS: [&str; 6] =
+    ["0", "0", "1", "exp(-vx^2)", "0.5 + 0.5*sin(3*t)", "exp(-20*(t - 0.2)^2)"];
 
 /// The potential, initial data, inflow, end time, scheme and solver of a scene.
 fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -> String {

@@ -161,6 +161,26 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
     }
 }
 
+/// `C_f` is known of a unitary flow and takes no evolution; of the upwind flux it is measured.
+#[test]
+fn a_unitary_flow_pays_nothing_for_its_norm() {
+    const GRID: &[&str] = &["axis.0.x.cells=24", "axis.0.v.cells=16"];
+    let cells = &["readout={cells=[[5]],shots=1000,evaluations=64}"];
+    let unitary = &["scheme.flux=0", "scheme.ends=closed", "solver.warp.profile=designed"];
+    let of_norm = |settings: &[&[&str]]| -> Vec<Option<f64>> {
+        let summary = run(settings).summary().unwrap().value;
+        let measured = rows(&summary)[0]["measured"].as_array().unwrap().clone();
+        measured.iter().map(|m| m["evolutions_norm"]["value"].as_f64()).collect()
+    };
+    // f is negative somewhere, so that the outcome of all zeros says nothing.
+    let kept = of_norm(&[GRID, cells, &unitary[..2]]);
+    assert_eq!(kept, [Some(0.0), Some(0.0), None, None, None]);
+    // With a register of p, too.
+    assert_eq!(of_norm(&[GRID, cells, unitary]), kept);
+    let measured = of_norm(&[GRID, LIKELY, cells]);
+    assert!(measured[..3].iter().all(|of| of > &Some(0.0)), "{measured:?}");
+}
+
 #[test]
 fn a_readout_without_a_quantum_state_gives_a_reason() {
     type Row = (&'static str, &'static [&'static str], usize, &'static str);

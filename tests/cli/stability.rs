@@ -314,6 +314,17 @@ fn every_case_has_panels_and_figures_within_its_budget() {
     });
 }
 
+/// On a fine grid, too, no trial begins that takes longer than what is left.
+#[test]
+fn a_fine_grid_ends_within_the_budget() {
+    let place = directory();
+    let fine = ["axis.0.x.cells=4000", "axis.0.v.cells=4000"];
+    let job = of_case("stability", "example1.toml").set(&fine).with(["--budget", "2s"]);
+    let finished = job.into(place.path()).succeed().expect("panels");
+    let used = finished.processor_seconds;
+    assert!(used < 5.0, "{}", finished.report(&format!("{used} s of a processor")));
+}
+
 /// Ordinary runs with settings beyond the limits are refused or print a warning with the key, the
 /// value and the limit.
 #[test]

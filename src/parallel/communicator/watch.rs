@@ -5,9 +5,7 @@
 //! its own looks and no time: where the whole job is suspended (by Slurm, by a checkpoint of the
 //! machine), the watch is suspended with it. A rank that a debugger holds is in another state.
 
-use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::parallel::communicator::Group;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
 use rustix::process::{Pid, Signal, kill_process};
@@ -15,20 +13,19 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::{Builder, JoinHandle, park_timeout, sleep};
 use std::time::Duration;
 
 /// Variable of the environment: after so many seconds a stopped rank ends the job, with 0 never.
 const VARIABLE: &str = "PHASEWARP_STOPPED_SECONDS";
 /// Its value where it is not set.
-const USUAL_LOOKS: u32 = 60;
+pub(crate) const USUAL_LOOKS: u32 = 60;
 /// Between two looks.
-const PAUSE: Duration = Duration::from_secs(1);
+pub(crate) const PAUSE: Duration = Duration::from_secs(1);
 /// How long a launcher may take to end a job of which a rank was killed.
 const LAUNCHER: Duration = Duration::from_secs(10);
 /// Far more than the thread needs; what it does not touch takes no memory.
-const STACK: usize = 256 << 10;
+pub(crate) const STACK: usize = 256 << 10;
 
 /// The thread that watches another rank, until dropped.
 pub(super) struct RankWatch {
@@ -84,7 +81,7 @@ impl Drop for RankWatch {
 }
 
 /// The number that [`VARIABLE`] gives; the error is a text that is none.
-fn looks() -> std::result::Result<u32, String> {
+pub(crate) fn looks() -> Result<u32, String> {
     let Some(value) = std::env::var_os(VARIABLE) else { return Ok(USUAL_LOOKS) };
     let number = value.to_str().and_then(|text| text.parse().ok());
     number.ok_or_else(|| value.display().to_string())
@@ -169,62 +166,6 @@ impl Watched {
         if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
             SimpleCommunicator::world().abort(1);
         }
-    }
-}
-
-/// Ends the job unless dropped in time.
-struct Deadline {
-    /// Dropping it ends the thread.
-    _open: Sender<()>,
-}
-
-impl Deadline {
-    /// After as many seconds as a rank may be stopped, `error` is reported, and the job ends with
-    /// exit code 1. The time in which the whole job is suspended does not count. None where the
-    /// user wants none.
-    fn new(error: &Error) -> Option<Self> {
-        let message = format!("error: {error}");
-        let looks = looks().unwrap_or(USUAL_LOOKS);
-        let (open, closed) = channel::<()>();
-        let wait = move || {
-            for _ in 0..looks {
-                if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
-                    return;
-                }
-            }
-            report(&message);
-            SimpleCommunicator::world().abort(1);
-        };
-        let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
-        (looks > 0 && thread.spawn(wait).is_ok()).then_some(Self { _open: open })
-    }
-}
-
-impl Group {
-    /// As [`agree`](Self::agree), for an outcome of what is collective within a library. If that
-    /// fails on some ranks only, the others may wait within it for ever: then the job ends with the
-    /// error.
-    ///
-    /// # Errors
-    /// As [`agree`](Self::agree).
-    pub fn agree_in_time<T>(&self, outcome: Result<T>) -> Result<T> {
-        let deadline = outcome.as_ref().err().map(Deadline::new);
-        let agreed = self.agree(outcome);
-        drop(deadline);
-        agreed
-    }
-
-    /// Does `work`, which is collective within a library and takes little time, and agrees on its
-    /// outcome. If it does not end, as all ranks wait within it, the job ends with the error `late`.
-    /// Collective.
-    ///
-    /// # Errors
-    /// As [`agree`](Self::agree).
-    pub fn in_time<T>(&self, late: &Error, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let deadline = (self.rank() == 0).then(|| Deadline::new(late));
-        let agreed = self.agree_in_time(work());
-        drop(deadline);
-        agreed
     }
 }
 

@@ -161,11 +161,19 @@ impl CircuitCase {
         found.ok_or_else(|| {
             let odd = faces.iter().flatten().find(|f| f.height.off(MOST_BIN_BITS) > 0.0);
             let odd = odd.map_or(Height { rise: 0.0, levels: 0.0 }, |face| face.height);
+            let why = match bins {
+                Bins::Within(change) => format!(
+                    "no rounding to 2^-{MOST_ROUNDED_BITS} of a level or more changes A by \
+                     {change:.1e} or less, which the tolerance of the field allows"
+                ),
+                Bins::Whole | Bins::Given(_) => format!(
+                    "which is no multiple of 2^-{MOST_BIN_BITS}; `export-circuit --sub-bins B` \
+                     rounds it to a multiple of 2^-B of a level, a complete circuit does not"
+                ),
+            };
             Error::Input(format!(
-                "{}: V jumps by {} = {:.6} levels of dv²/2, which is no multiple of \
-                 2^-{MOST_BIN_BITS}; `export-circuit --sub-bins B` rounds it to a multiple of 2^-B \
-                 of a level, a complete circuit does not; another number of velocity cells may \
-                 make it whole",
+                "{}: V jumps by {} = {:.6} levels of dv²/2, {why}; another number of velocity \
+                 cells may make it whole",
                 case.name, odd.rise, odd.levels
             ))
         })

@@ -1,8 +1,9 @@
 //! Costs as a table.
 
-use crate::base::table::ColumnValues;
+use crate::base::table::{Column, ColumnValues, in_pieces};
 use crate::quantum::cost::Cost;
 use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::walk::OracleQueries;
 use std::fmt;
 
 /// A table of costs, each by its name.
@@ -13,6 +14,11 @@ impl CostTable<'_> {
     pub fn columns(&self) -> Vec<ColumnValues> {
         let figures = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
             LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
+        };
+        let none = OracleQueries::unavailable("a circuit calls no oracles");
+        let queries = |name: &str, figure: fn(&OracleQueries) -> &LabelledNumber| {
+            let all = self.0.iter().map(|(_, cost)| cost.queries.as_ref().unwrap_or(&none));
+            LabelledNumber::column(name, all.map(figure))
         };
         vec![
             ColumnValues::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
@@ -42,44 +48,44 @@ impl CostTable<'_> {
             figures("until_measured_repeated", |cost| &cost.cheaper().gates_until_measured[0]),
             figures("until_measured_amplified", |cost| &cost.cheaper().gates_until_measured[1]),
             figures("gates_until_measured", Cost::measured),
+            queries("location_queries", |calls| &calls.location_queries),
+            queries("value_queries", |calls| &calls.value_queries),
+            queries("queries", |calls| &calls.queries),
+            queries("queries_until_measured_repeated", |calls| &calls.queries_until_measured[0]),
+            queries("queries_until_measured_amplified", |calls| &calls.queries_until_measured[1]),
         ]
     }
 }
 
 impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{:<26}{:>10}{:>10}{:>8}{:>9}{:>10}{:>10}{:>11}{:>6}",
-            "", "alpha", "steps", "Toffoli", "rot.", "evolution", "halved", "measured", "qb."
-        )?;
         // Gates of a model are no whole numbers.
-        let whole = |figure: &LabelledNumber| match figure.value() {
-            Some(value) => figure.with(value.round()).marked(),
+        let whole = |figure: &LabelledNumber, digits: usize| match figure.value() {
+            Some(value) => figure.with(value.round()).marked_to(digits),
             None => figure.marked(),
         };
-        for (name, cost) in &self.0 {
-            let Cost { evolution, half_calls, .. } = cost;
-            writeln!(
-                f,
-                "{:<26}{:>10}{:>10}{:>8}{:>9}{:>10}{:>10}{:>11}{:>6}",
-                format!("{name}, {}", cost.access),
-                cost.alpha.marked(),
-                evolution.steps.marked(),
-                whole(&evolution.toffoli_a_step),
-                evolution.rotations_a_step.marked(),
-                evolution.gates.marked(),
-                half_calls.gates.marked(),
-                cost.measured().marked(),
-                cost.cheaper().qubits.marked(),
-            )?;
-        }
+        let figures = |name: &str, digits: usize, figure: fn(&Cost) -> &LabelledNumber| {
+            Column::new(name, self.0.iter().map(|(_, cost)| whole(figure(cost), digits)))
+        };
+        let names = self.0.iter().map(|(name, cost)| format!("{name}, {}", cost.access));
+        let columns = [
+            figures("alpha", 3, |cost| &cost.alpha),
+            figures("steps", 3, |cost| &cost.evolution.steps),
+            figures("Toffoli", 3, |cost| &cost.evolution.toffoli_a_step),
+            figures("rot.", 3, |cost| &cost.evolution.rotations_a_step),
+            figures("whole", 2, |cost| &cost.evolution.gates),
+            figures("halved", 2, |cost| &cost.half_calls.gates),
+            figures("measured", 3, Cost::measured),
+            figures("qb.", 3, |cost| &cost.cheaper().qubits),
+        ];
+        f.write_str(&in_pieces(&Column::of_words("", names), &columns))?;
         writeln!(
             f,
             "x exact, g exact (emitted gates), b upper bound, m model or estimate. Toffoli, rot.: \
-             Toffoli gates and rotations of a step. evolution: gates of 2K steps, in Toffoli gates \
-             (4 T gates are one; T gates of rotations are a model). halved: the same by about half \
-             as many steps. measured: until the result is measured, the cheapest way. qb.: qubits"
+             Toffoli gates and rotations of a step. whole: gates of an evolution of 2K steps, in \
+             Toffoli gates (4 T gates are one; T gates of rotations are a model). halved: the same \
+             by about half as many steps. measured: until the result is measured, the cheapest \
+             way. qb.: qubits"
         )
     }
 }

@@ -5,6 +5,8 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice, RecoveryMethod, Shift};
 use crate::quantum::cost::{Access, Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::probability::amplification_rounds;
+use crate::quantum::walk::OracleQueries;
 use crate::solve::system::StateNorms;
 use serde::Serialize;
 
@@ -36,6 +38,9 @@ pub struct CostedChoice {
     /// All gates, in Toffoli gates, until it succeeds in the window, or in the slice where there is
     /// none: repeated, and by amplitude amplification; by the cheaper sequence.
     pub cost: [LabelledNumber; 2],
+    /// Calls of the oracles by sparse access, whatever access takes the fewest gates.
+    #[serde(flatten)]
+    pub queries: OracleQueries,
     /// The required evolution; none if it is not known.
     #[serde(skip)]
     pub demand: Option<EvolutionRequirements>,
@@ -66,14 +71,16 @@ impl CostedChoice {
             half_calls: None,
             probability: [none(), none()],
             cost: [none(), none()],
+            queries: OracleQueries::unavailable(why),
             demand: None,
         }
     }
 
-    /// The unitary scheme, whose cheapest access costs this: one mode, which is the field.
-    pub fn unitary(cost: &Cost) -> Self {
+    /// The unitary scheme with these accesses: one mode, which is the field. None without access.
+    pub fn unitary(costs: &[Cost]) -> Option<Self> {
         let one = || LabelledNumber::exact(1.0);
-        Self {
+        let cost = Cost::least_of(costs)?;
+        Some(Self {
             unitary_scheme: true,
             recovery: LabelledNumber::exact(0.0),
             points: one(),
@@ -84,14 +91,20 @@ impl CostedChoice {
             steps: cost.evolution.steps.clone(),
             half_calls_steps: cost.half_calls.steps.clone(),
             half_calls: Some(cost.cheaper() == &cost.half_calls),
+            queries: costs.iter().find_map(|cost| cost.queries.clone())?,
             ..Self::unavailable(&ProfileCandidate::planned(ProfileChoice::Planned), None, "")
-        }
+        })
     }
 
     /// The probability of the window, or of the slice where there is none.
     pub fn nearest(&self) -> &LabelledNumber {
         let [slice, window] = &self.probability;
         if window.value().is_some() { window } else { slice }
+    }
+
+    /// Rounds of amplitude amplification; none if the probability is not known.
+    pub(super) fn rounds(&self) -> Option<f64> {
+        self.nearest().value().map(amplification_rounds)
     }
 
     /// Calls of the block encoding in an evolution, of the cheaper sequence.

@@ -12,6 +12,8 @@ use crate::quantum::optimise::pricing::{PlannedCandidate, choice};
 pub(super) struct PricedGrid<'a> {
     system: &'a System<'a>,
     candidates: Vec<Priced>,
+    /// Whether `S = 0`.
+    one_mode: bool,
 }
 
 /// A candidate and what is known of its cost.
@@ -39,12 +41,15 @@ impl<'a> PricedGrid<'a> {
         largest_of_ranks(system, &mut bounds);
         let all = candidates.into_iter().zip(bounds);
         let priced = |(candidate, bound)| Priced { candidate, bound, cost: None, choice: None };
-        Self { system, candidates: all.map(priced).collect() }
+        let one_mode = system.bounds.is_skew();
+        Self { system, candidates: all.map(priced).collect(), one_mode }
     }
 
     /// The cheapest candidates of up to `most` values of the parameter, the cheapest first, of
     /// those that cost `limit` at most. Collective.
     pub fn cheapest(&mut self, most: usize, limit: f64) -> Vec<CostedChoice> {
+        /// Costs this close to each other are the same; bounds are below them by less.
+        const TIE: f64 = 1e-8;
         let (_, ranks) = rank_of(self.system);
         let mut order: Vec<usize> = (0..self.candidates.len()).collect();
         order.sort_by(|&a, &b| self.candidates[a].bound.total_cmp(&self.candidates[b].bound));
@@ -55,7 +60,10 @@ impl<'a> PricedGrid<'a> {
                 true => limit,
                 false => known.last().map_or(limit, |&k| self.cost(k).min(limit)),
             };
-            if self.candidates[due[0]].bound > sought {
+            // Where one mode is the field, profiles are compared with it only: of those that cost
+            // the same, of which there are many, the first will do.
+            let least = if self.one_mode { (1.0 - TIE) * sought } else { sought };
+            if self.candidates[due[0]].bound > least {
                 break;
             }
             self.price(due);

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Delta};
-use crate::quantum::cost::EvolutionRequirements;
+use crate::quantum::cost::{EvolutionRequirements, LeastCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::probability::{PlannedState, Probabilities, WINDOW, amplification_rounds};
@@ -140,7 +140,7 @@ impl PlannedCandidate {
             ),
         };
         let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
-        (1.0 - ROUND_OFF) * least.least()
+        (1.0 - ROUND_OFF) * least.cost.least()
     }
 
     /// The cost.
@@ -169,7 +169,8 @@ impl PlannedCandidate {
                 .amplitude()
                 .times(&LabelledNumber::exact(of_evolution(points > 1) * system.case.tolerance)),
         };
-        let least = system.accesses.least(&demand, &found.evolutions());
+        let LeastCost { cost: least, queries } =
+            system.accesses.least(&demand, &found.evolutions());
         CostedChoice {
             profile: candidate.profile.clone(),
             unitary_scheme: false,
@@ -184,6 +185,7 @@ impl PlannedCandidate {
             walk_steps: least.cheaper().steps.clone(),
             steps: least.evolution.steps,
             half_calls_steps: least.half_calls.steps,
+            queries,
             probability: [found.at_slice.all, found.in_window.all],
         }
     }

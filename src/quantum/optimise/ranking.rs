@@ -1,6 +1,6 @@
 //! The choices in the order of their cost, as a table.
 
-use crate::base::table::ColumnValues;
+use crate::base::table::{Column, ColumnValues, in_pieces};
 use crate::base::text::shortened;
 use crate::problem::case::{Alpha, Delta, ProfileChoice};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -60,6 +60,15 @@ impl Ranking {
             figures("until_measured_amplified", |choice| &choice.cost[1]),
             figures("gates_until_measured", CostedChoice::measured),
             words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
+            figures("location_queries", |choice| &choice.queries.location_queries),
+            figures("value_queries", |choice| &choice.queries.value_queries),
+            figures("queries", |choice| &choice.queries.queries),
+            figures("queries_until_measured_repeated", |choice| {
+                &choice.queries.queries_until_measured[0]
+            }),
+            figures("queries_until_measured_amplified", |choice| {
+                &choice.queries.queries_until_measured[1]
+            }),
         ];
         columns.into_iter().filter(|column| !column.is_empty()).collect()
     }
@@ -76,45 +85,59 @@ fn delta_text(delta: Delta) -> String {
 
 impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Width of a profile: rows have 100 columns.
-        const PROFILE: usize = 25;
-        writeln!(
-            f,
-            "{:<PROFILE$}{:>8}{:>6}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
-            "profile", "delta", "p", "N_p", "access", "calls", "P", "repeated", "amplified"
-        )?;
-        let number =
-            |figure: &LabelledNumber| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
+        let priced = || self.0.iter().filter(|choice| choice.why_not().is_none());
+        let words = |name: &str, word: fn(&CostedChoice) -> String| {
+            Column::of_words(name, priced().map(word))
+        };
+        let figures = |name: &str, figure: fn(&CostedChoice) -> &LabelledNumber, digits: usize| {
+            let number = |choice| match figure(choice).value() {
+                Some(value) => format!("{value:.digits$e}"),
+                None => "-".to_owned(),
+            };
+            Column::new(name, priced().map(number))
+        };
+        let plain = |name: &str, figure: fn(&CostedChoice) -> &LabelledNumber, digits: usize| {
+            let number = |choice| figure(choice).value().unwrap_or(f64::NAN);
+            Column::new(name, priced().map(|choice| format!("{:.digits$}", number(choice))))
+        };
+        let columns = [
+            plain("p", |choice| &choice.recovery, 2),
+            plain("N_p", |choice| &choice.points, 0),
+            words("access", |choice| choice.access.map_or(String::new(), |way| way.to_string())),
+            figures("calls", CostedChoice::calls, 2),
+            figures("queries", |choice| &choice.queries.queries, 2),
+            figures("P", CostedChoice::nearest, 1),
+            figures("repeat.", |choice| &choice.cost[0], 2),
+            figures("amplif.", |choice| &choice.cost[1], 2),
+        ];
+        f.write_str(&in_pieces(&words("profile", short_name), &columns))?;
         for choice in &self.0 {
-            let delta = choice.delta.map_or("-".to_owned(), delta_text);
-            let mut profile = name_of(choice);
-            if profile.chars().count() > PROFILE {
-                profile = shortened(&profile, PROFILE - 1);
-            }
             if let Some(because) = choice.why_not() {
-                writeln!(f, "{profile:<PROFILE$}{delta:>8}   unavailable: {because}")?;
-                continue;
+                writeln!(f, "{}  unavailable: {because}", short_name(choice))?;
             }
-            writeln!(
-                f,
-                "{profile:<PROFILE$}{delta:>8}{:>6.2}{:>6}  {:<16}{:>9}{:>9}{:>9}{:>10}",
-                choice.recovery.value().unwrap_or(f64::NAN),
-                choice.points.value().unwrap_or(f64::NAN),
-                choice.access.map_or(String::new(), |access| access.to_string()),
-                number(choice.calls()),
-                number(choice.nearest()),
-                number(&choice.cost[0]),
-                number(&choice.cost[1]),
-            )?;
         }
         writeln!(
             f,
-            "calls: calls of the block encoding in one evolution, by the cheaper sequence. P: of \
-             the window, or of the slice where there is none. repeated: gates until the field is \
-             found, in Toffoli gates (T gates of rotations are a model). amplified: the same by \
+            "calls: calls of the block encoding in one evolution, by the cheaper sequence. \
+             queries: calls of the oracles in one evolution by sparse access, 2K steps. P: of the \
+             window, or of the slice where there is none. repeat.: gates until the field is found, \
+             repeated, in Toffoli gates (T gates of rotations are a model). amplif.: the same by \
              amplitude amplification. Gates of circuits are emitted, those of sparse access a \
              model's; probabilities are estimates."
         )
+    }
+}
+
+/// The name of a choice with its `δ`: short, so that rows without one have 100 columns mostly.
+fn short_name(choice: &CostedChoice) -> String {
+    const WIDTH: usize = 25;
+    let mut name = name_of(choice);
+    if name.chars().count() > WIDTH {
+        name = shortened(&name, WIDTH - 1);
+    }
+    match choice.delta {
+        Some(delta) => format!("{name}, delta {}", delta_text(delta)),
+        None => name,
     }
 }
 

@@ -21,12 +21,13 @@ use num_complex::Complex64;
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_4, PI, SQRT_2};
 
-/// Example 1 on 8² cells.
-fn case() -> Case {
-    let text = r#"
+/// Example 1 on a grid of so many cells along `x` and `v`.
+fn case([x, v]: [usize; 2]) -> Case {
+    let text = format!(
+        r#"
         [[axis]]
-        x = { lower = -1.5, upper = 1.5, cells = 8 }
-        v = { lower = -1.5, upper = 1.5, cells = 8 }
+        x = {{ lower = -1.5, upper = 1.5, cells = {x} }}
+        v = {{ lower = -1.5, upper = 1.5, cells = {v} }}
         [[potential]]
         where = "x < 0"
         value = "0.2"
@@ -38,8 +39,9 @@ fn case() -> Case {
         end = 1.0
         [solver]
         tolerance = 1e-3
-        "#;
-    Case::parse("step", text, &[]).expect("a case")
+        "#
+    );
+    Case::parse("step", &text, &[]).expect("a case")
 }
 
 /// Dense `S` and `K`, and the first and last vector of `f' = A f`.
@@ -103,9 +105,9 @@ impl Dense {
     }
 }
 
-/// Runs `test` on the system that is taken on a quantum computer.
-fn with_system(test: impl Fn(&System<'_>, &Dense)) {
-    let case = scheme_of(&case());
+/// Runs `test` on the system that is taken on a quantum computer, on a grid of up to 8² cells.
+fn with_system(cells: [usize; 2], test: impl Fn(&System<'_>, &Dense)) {
+    let case = scheme_of(&case(cells));
     assert_eq!(case.interface, Interface::Conservative);
     assert!(!case.warp.weights);
     let bounds = Bounds::new(&case).expect("bounds");
@@ -258,7 +260,10 @@ impl<'a> Twin<'a> {
     ) -> f64 {
         let ModesOfRegister { held, period, highest } = *register;
         let [x, v] = [&self.system.case.space.x[0], &self.system.case.space.v[0]];
-        let values = if levels == Levels::Uniform { 7.0 } else { 8.0 };
+        let values = match levels {
+            Levels::Uniform => v.cells - 1,
+            Levels::Hadamard => (v.cells - 1).next_power_of_two(),
+        } as f64;
         let alpha = 0.5 * v.width() * values / x.width() * modes;
         let qubits = held.trailing_zeros() as usize;
         let transport = &self.transport;
@@ -318,55 +323,87 @@ fn all_candidates() -> Vec<ProfileCandidate> {
     whole.chain(moved).collect()
 }
 
-/// Nothing of all profiles, parameters and recovery points is cheaper than what was found, but by
-/// what the grid of the search leaves; costs are computed here once more, with entries of the real
-/// `S` and `K` and gates that are counted one by one, and are those of the search.
+/// Nothing of all profiles, parameters and recovery points is cheaper than what was found, nor is a
+/// finer line of the parameter about it; costs are computed here once more, with entries of the
+/// real `S` and `K` and gates that are counted one by one, and are those of the search.
 #[test]
 fn an_exhaustive_scan_finds_nothing_cheaper() {
-    const CLOSE: f64 = 1e-9;
+    for cells in [[8, 8], [8, 6]] {
+        with_system(cells, nothing_is_cheaper);
+    }
+}
+
+/// Round-off of costs.
+const CLOSE: f64 = 1e-9;
+
+fn nothing_is_cheaper(system: &System<'_>, dense: &Dense) {
     /// Beyond τ = 10⁴ the search has a bound of the degree, a few units above the least one.
     const BOUND: f64 = 1e-3;
-    with_system(|system, dense| {
-        let ranking = Ranking::new(choices(system));
-        let first = ranking.first().expect("a choice");
-        let found = first.least_cost();
-        let mut twin = Twin::new(system, dense);
-        let again = twin.cost(&first.candidate).expect("a plan");
-        assert!((again / found - 1.0).abs() < CLOSE, "{again:e} {found:e}");
-        let (mut least, mut compared, mut bounds) = (f64::INFINITY, 0, 0);
-        for candidate in all_candidates() {
-            let cost = choice(system, &candidate).least_cost();
-            assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
-            // What is far from the cheapest has long series.
-            if cost < 100.0 * found {
-                let own = twin.cost(&candidate).expect("a plan");
-                let above = cost / own - 1.0;
-                assert!((-CLOSE..BOUND).contains(&above), "{candidate:?}: {own:e} {cost:e}");
-                (least, compared) = (least.min(own), compared + 1);
-                bounds += usize::from(above > CLOSE);
+    let ranking = Ranking::new(choices(system, &mut Progress::silent()));
+    let first = ranking.first().expect("a choice");
+    let found = first.least_cost();
+    let mut twin = Twin::new(system, dense);
+    let again = twin.cost(&first.candidate).expect("a plan");
+    assert!((again / found - 1.0).abs() < CLOSE, "{again:e} {found:e}");
+    let (mut least, mut compared, mut bounds) = (f64::INFINITY, 0, 0);
+    for candidate in all_candidates() {
+        let cost = choice(system, &candidate).least_cost();
+        assert!(cost >= (1.0 - CLOSE) * found, "{candidate:?}: {cost:e} {found:e}");
+        // What is far from the cheapest has long series.
+        if cost < 100.0 * found {
+            let own = twin.cost(&candidate).expect("a plan");
+            let above = cost / own - 1.0;
+            assert!((-CLOSE..BOUND).contains(&above), "{candidate:?}: {own:e} {cost:e}");
+            (least, compared) = (least.min(own), compared + 1);
+            bounds += usize::from(above > CLOSE);
+        }
+    }
+    assert!(compared > 1000 && least >= (1.0 - CLOSE) * found, "{compared}: {least:e} {found:e}");
+    assert!(10 * bounds < compared, "{bounds} of {compared}");
+    // The choice that is cheapest to emulate is not the cheapest here, nor is the default
+    // parameter of a run.
+    let emulated = [
+        ProfileChoice::Designed,
+        ProfileChoice::Gaussian { sigma: None },
+        ProfileChoice::LowSomma { c: None },
+    ];
+    for profile in emulated {
+        let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
+        assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
+    }
+}
+
+/// Where a round of amplification is saved, the range of values that save it may be narrower than
+/// any grid: on 6 by 8 cells σ from 0.2374 to 0.2379 is 2.6 % cheaper than what is found without
+/// its ends. A line in steps of 0.05 % finds nothing cheaper than the search.
+#[test]
+fn a_fine_line_finds_nothing_cheaper() {
+    for cells in [[6, 8], [8, 4]] {
+        with_system(cells, |system, _| {
+            let ranking = Ranking::new(choices(system, &mut Progress::silent()));
+            let first = ranking.first().expect("a choice");
+            let found = first.least_cost();
+            let ProfileChoice::Gaussian { sigma: Some(sigma) } = first.profile else {
+                panic!("{:?}", first.profile)
+            };
+            for k in -400..=400 {
+                let sigma = Some(sigma * (1.0 + 5e-4 * f64::from(k)));
+                let candidate = ProfileCandidate::planned(ProfileChoice::Gaussian { sigma });
+                let cost = choice(system, &candidate).least_cost();
+                assert!(cost >= (1.0 - CLOSE) * found, "{sigma:?}: {cost:e} {found:e}");
             }
-        }
-        assert!(compared > 1000 && least >= 0.98 * found, "{compared}: {least:e} {found:e}");
-        assert!(10 * bounds < compared, "{bounds} of {compared}");
-        // The choice that is cheapest to emulate is not the cheapest here, nor is the default
-        // parameter of a run.
-        let emulated = [
-            ProfileChoice::Designed,
-            ProfileChoice::Gaussian { sigma: None },
-            ProfileChoice::LowSomma { c: None },
-        ];
-        for profile in emulated {
-            let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
-            assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
-        }
-    });
+        });
+    }
 }
 
 /// The case of a choice has the plan whose cost was computed.
 #[test]
 fn a_choice_is_planned_as_it_was_priced() {
-    with_system(|system, _| {
-        for found in choices(system).iter().filter(|choice| choice.points.value().is_some()) {
+    with_system([8, 8], |system, _| {
+        for found in choices(system, &mut Progress::silent())
+            .iter()
+            .filter(|choice| choice.points.value().is_some())
+        {
             let case = found.of(system.case, system.bounds);
             let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
             assert_eq!(Some(planned.point), found.recovery.value());
@@ -419,10 +456,10 @@ fn probabilities_are_those_of_the_evolved_state() {
     /// Error of a reading in the window, in tolerances. The window ends where a single rate of
     /// decay has 10; `K` mixes the rates (11.1 for `exponential`).
     const OF_READING: f64 = 12.0;
-    with_system(|system, dense| {
+    with_system([8, 8], |system, dense| {
         let time = system.case.duration();
         let mut compared = 0;
-        for found in choices(system) {
+        for found in choices(system, &mut Progress::silent()) {
             let [slice, window] = found.probability.each_ref().map(LabelledNumber::value);
             let held = found.points.value().unwrap_or(f64::INFINITY) as usize;
             // What is nearly never measured drowns in round-off.

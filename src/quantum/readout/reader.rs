@@ -27,6 +27,9 @@ pub struct ReadoutSource<'a> {
     pub least: f64,
     /// Probabilities of the enlarged state.
     pub probabilities: &'a Probabilities,
+    /// Whether `C_f` needs no measurement: a unitary flow keeps `‖u(0)‖`, and then `P` is known
+    /// too.
+    pub norm_is_known: bool,
     /// `ε_F`.
     pub state_error: LabelledNumber,
 }
@@ -57,8 +60,8 @@ struct Repetitions {
     shots: f64,
     /// Values of the register of amplitude estimation; 0 of other estimators.
     evaluations: f64,
-    /// Values of the register of amplitude estimation of `P`; 0 if `C_f` is not needed, or follows
-    /// from the number of shots that succeed.
+    /// Values of the register of amplitude estimation of `P`; 0 if `C_f` is not measured, or
+    /// follows from the number of shots that succeed.
     norm_evaluations: f64,
 }
 
@@ -85,30 +88,6 @@ impl Repetitions {
                 measurement::amplitude_bound(0.0, self.evaluations)
             }
         }
-    }
-
-    /// Bound on the relative error of `C_f`, and with it of the part by which an amplified overlap
-    /// is too small; 0 if `C_f` is not needed.
-    fn of_norm(self, estimator: OverlapEstimator, probability: f64) -> [f64; 2] {
-        match estimator {
-            OverlapEstimator::EnlargedHadamard | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                [0.0; 2]
-            }
-            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => {
-                [measurement::root_bound_of_successes(self.shots), 0.0]
-            }
-            OverlapEstimator::AmplitudeEstimation => {
-                let error = measurement::root_bound(probability, self.norm_evaluations);
-                [error, measurement::amplification_loss(error)]
-            }
-        }
-    }
-
-    /// Bound on the error of the measured `overlap`, relative to its prefactor.
-    fn bound(self, estimator: OverlapEstimator, overlap: f64, probability: f64) -> f64 {
-        let error = self.of_overlap(estimator);
-        let of_norm: f64 = self.of_norm(estimator, probability).iter().sum();
-        error + (overlap.abs() + error) * of_norm
     }
 }
 
@@ -261,7 +240,7 @@ impl ReadoutContext<'_> {
         };
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
         let bare_bound = within(repetitions.of_overlap(estimator));
-        let bound = within(repetitions.bound(estimator, overlap.value, self.probability()));
+        let bound = within(self.bound(estimator, repetitions, overlap.value));
         let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
         let evolutions = self.evolutions(estimator, repetitions);
         let of_norm = self.norm_evolutions(estimator, repetitions);
@@ -291,6 +270,31 @@ impl ReadoutContext<'_> {
             };
         }
         MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
+    }
+
+    /// Whether `C_f` is measured with this estimator.
+    fn measures_norm(&self, estimator: OverlapEstimator) -> bool {
+        !estimator.enlarged() && !self.source.norm_is_known
+    }
+
+    /// Bound on the relative error of `C_f`, and with it of the part by which an amplified overlap
+    /// is too small; 0 if `C_f` is not measured.
+    fn of_norm(&self, estimator: OverlapEstimator, repetitions: Repetitions) -> [f64; 2] {
+        if !self.measures_norm(estimator) {
+            return [0.0; 2];
+        }
+        if !estimator.coherent() {
+            return [measurement::root_bound_of_successes(repetitions.shots), 0.0];
+        }
+        let error = measurement::root_bound(self.probability(), repetitions.norm_evaluations);
+        [error, measurement::amplification_loss(error)]
+    }
+
+    /// Bound on the error of the measured `overlap`, relative to its prefactor.
+    fn bound(&self, estimator: OverlapEstimator, repetitions: Repetitions, overlap: f64) -> f64 {
+        let error = repetitions.of_overlap(estimator);
+        let of_norm: f64 = self.of_norm(estimator, repetitions).iter().sum();
+        error + (overlap.abs() + error) * of_norm
     }
 
     /// The probability `P` of the window or the slice that is read; NaN where it is not known.
@@ -343,11 +347,9 @@ impl ReadoutContext<'_> {
             error: overlap.prefactor * drawn.error,
         };
         let probability = self.probability();
-        let (root, error) = match estimator {
-            OverlapEstimator::EnlargedHadamard | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                (1.0, 0.0)
-            }
-            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => {
+        let (root, error) = match (self.measures_norm(estimator), estimator.coherent()) {
+            (false, _) => (1.0, 0.0),
+            (true, false) => {
                 // With more trials than are emulated, the same number succeeds.
                 let trials = (repetitions.shots / probability).min(MOST_SHOTS).round();
                 let probability = (repetitions.shots / trials).min(1.0);
@@ -355,10 +357,10 @@ impl ReadoutContext<'_> {
                     measurement::root_by_successes(stream, probability, trials.max(1.0) as u64);
                 (root, 0.5 * ((1.0 - probability) / repetitions.shots).sqrt())
             }
-            OverlapEstimator::AmplitudeEstimation => {
+            (true, true) => {
                 let root =
                     measurement::root_by_estimation(stream, probability, norm_evaluations as u64);
-                (root, repetitions.of_norm(estimator, probability)[0])
+                (root, self.of_norm(estimator, repetitions)[0])
             }
         };
         let whole = Estimate {
@@ -396,7 +398,7 @@ impl ReadoutContext<'_> {
                 return Ok(of_shots(shots as f64));
             }
             MeasurementEffort::Given { evaluations, .. } => {
-                let of_norm = if estimator.enlarged() { 0.0 } else { evaluations as f64 };
+                let of_norm = if self.measures_norm(estimator) { evaluations as f64 } else { 0.0 };
                 return Ok(of_runs(evaluations as f64, of_norm));
             }
             MeasurementEffort::Accuracy(accuracy) => accuracy,
@@ -415,22 +417,24 @@ impl ReadoutContext<'_> {
             let linear = 1.0 + c * size;
             2.0 * error / (linear + (linear * linear + 4.0 * c * error).sqrt())
         };
+        let measures_norm = self.measures_norm(estimator);
+        let beside_norm = |c: f64| if measures_norm { beside_norm(c) } else { error };
         Ok(match estimator {
-            OverlapEstimator::Hadamard => {
+            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
                 of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2)))
             }
-            OverlapEstimator::EnlargedHadamard => of_shots(measurement::hadamard_shots(error)),
             OverlapEstimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
-            OverlapEstimator::EnlargedAmplitudeEstimation => {
-                of_runs(measurement::evaluations(error), 0.0)
-            }
-            OverlapEstimator::AmplitudeEstimation => {
+            OverlapEstimator::AmplitudeEstimation if measures_norm => {
                 // Half for each; of C_f with what amplification then loses, h = η + 3η²/2.
                 let half = 0.5 * error;
                 let part = half / (size + half);
                 let of_norm = 2.0 * part / (1.0 + (1.0 + 6.0 * part).sqrt());
                 let evaluations = measurement::root_evaluations(self.probability(), of_norm);
                 of_runs(measurement::evaluations(half), evaluations)
+            }
+            OverlapEstimator::AmplitudeEstimation
+            | OverlapEstimator::EnlargedAmplitudeEstimation => {
+                of_runs(measurement::evaluations(error), 0.0)
             }
         })
     }
@@ -445,6 +449,9 @@ impl ReadoutContext<'_> {
         if estimator.enlarged() {
             return LabelledNumber::unavailable("C_f is not measured: C_w is known");
         }
+        if self.source.norm_is_known {
+            return LabelledNumber::exact(0.0);
+        }
         let probability = self.probability();
         if !probability.is_finite() {
             return self.source.probabilities.nearest().all.clone();
@@ -452,7 +459,7 @@ impl ReadoutContext<'_> {
         let evaluations = match repetitions.norm_evaluations > 0.0 {
             true => repetitions.norm_evaluations,
             false => {
-                let [error, _] = repetitions.of_norm(estimator, probability);
+                let [error, _] = self.of_norm(estimator, repetitions);
                 measurement::root_evaluations(probability, error)
             }
         };

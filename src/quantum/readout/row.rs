@@ -114,6 +114,7 @@ pub struct Measured {
     /// Evolutions and their inverses where everything is coherent, those for `C_f` included.
     pub evolutions_coherent: LabelledNumber,
     /// Evolutions that measure `C_f`; of repeated postselections the number of successes gives it.
+    /// None are needed for a unitary flow.
     pub evolutions_norm: LabelledNumber,
 }
 

@@ -104,6 +104,7 @@ fn rows_of(
         pi: &pi,
         least: 0.5,
         probabilities,
+        norm_is_known: false,
         state_error: LabelledNumber::bound(case.tolerance),
     };
     change(&mut source);
@@ -326,6 +327,45 @@ fn bounds_hold_with_the_stated_probability() {
             assert!((m as f64) < most, "{missed:?}");
         }
     }
+}
+
+/// A unitary flow keeps the norm: `C_f` costs nothing, and all of an accuracy is the overlap's.
+#[test]
+fn a_known_norm_is_not_measured() {
+    let known = |settings: &str| {
+        let settings = format!("cells = [[0, 0]]\n{settings}");
+        let of = |known| rows(&case(&settings), [0, 0], |source| source.norm_is_known = known);
+        [false, true].map(|known| of(known).swap_remove(0).measured)
+    };
+    let [measured, kept] = known("shots = 1000\nevaluations = 64");
+    let (f, pi) = data();
+    let prefactor = number(&probabilities(&f, &pi).norm_of_field) * 0.5 * 6f64.sqrt();
+    for (k, bound) in [
+        measurement::hadamard_bound(1000.0),
+        measurement::amplitude_bound(0.0, 64.0),
+        measurement::all_zero_bound(1000.0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        assert!((number(&kept[k].bound) / prefactor - bound - 1e-8).abs() < 1e-12, "{k}");
+        assert!(number(&kept[k].bound) < number(&measured[k].bound), "{k}");
+        assert_eq!(number(&kept[k].evolutions_norm), 0.0);
+        let of_norm = number(&measured[k].evolutions_norm);
+        assert!(of_norm > 0.0);
+        let both = [&measured[k], &kept[k]].map(|m| number(&m.evolutions_coherent));
+        assert_eq!(both[0] - of_norm, both[1], "{k}");
+    }
+    // The enlarged state measures no norm anyway.
+    for (a, b) in measured.iter().zip(&kept).skip(3) {
+        assert_eq!(a, b);
+    }
+    let [measured, kept] = known("accuracy = 0.01");
+    for k in [0, 2] {
+        assert!(number(&kept[k].shots) < number(&measured[k].shots), "{k}");
+    }
+    assert!(number(&kept[1].evaluations) <= number(&measured[1].evaluations));
+    assert!(kept[..3].iter().all(|m| number(&m.bound) <= 0.01), "{kept:?}");
 }
 
 /// If `P` is small, the error of `C_f` limits the density; a mean velocity does not need it.

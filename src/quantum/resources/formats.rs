@@ -74,9 +74,9 @@ impl Record {
                 "rotationDepth": rotations,
             },
             "oracleCalls": {
-                "location": self.location_queries.value(),
-                "value": self.value_queries.value(),
-                "total": self.queries.value(),
+                "location": self.queries.location_queries.value(),
+                "value": self.queries.value_queries.value(),
+                "total": self.queries.queries.value(),
             },
             "toffoli": model,
             "tOfRotations": of_rotations.map(|t| t as u64),
@@ -133,9 +133,9 @@ impl Record {
     fn of_oracles(&self) -> Vec<(&'static str, &LabelledNumber)> {
         let mut figures = vec![
             ("walk_steps", &self.walk_steps),
-            ("location_queries", &self.location_queries),
-            ("value_queries", &self.value_queries),
-            ("queries", &self.queries),
+            ("location_queries", &self.queries.location_queries),
+            ("value_queries", &self.queries.value_queries),
+            ("queries", &self.queries.queries),
             ("qubits", &self.qubits.walk.total),
         ];
         let sparse = self.costs.iter().find(|cost| cost.access == Access::Sparse);

@@ -136,6 +136,7 @@ impl Record {
     /// Queries, gates and qubits.
     fn costs(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f)?;
+        let queries = &self.queries;
         let rows = [
             ("tolerance of the walk", &self.walk_tolerance),
             ("most nonzeros a row, d", &self.nonzeros),
@@ -143,11 +144,11 @@ impl Record {
             ("tau = d |H| T", &self.tau),
             ("degree K", &self.degree),
             ("walk steps 2K", &self.walk_steps),
-            ("location queries", &self.location_queries),
-            ("value queries", &self.value_queries),
-            ("queries of an evolution", &self.queries),
-            ("queries until measured", &self.queries_until_measured[0]),
-            ("the same, amplified", &self.queries_until_measured[1]),
+            ("location queries", &queries.location_queries),
+            ("value queries", &queries.value_queries),
+            ("queries of an evolution", &queries.queries),
+            ("queries until measured", &queries.queries_until_measured[0]),
+            ("the same, amplified", &queries.queries_until_measured[1]),
             ("bits of a value", &self.value_bits),
             ("gates a query", &self.gates_factor),
             ("QFT gates", &self.transform_gates),

@@ -1,6 +1,7 @@
 //! The task, and its cost on a quantum computer by a scheme on a grid, or over characteristics.
 
 use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
@@ -17,14 +18,18 @@ use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::{OF_ROUNDING, of_evolution};
 use crate::solve::prepared::Prepared;
-use crate::solve::system::StateNorms;
+use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
 use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod};
 use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
 use crate::study::grids::on_grid;
+use std::cell::RefCell;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
+/// Units of progress of the trials of a scheme, and of its price.
+pub(super) const OF_TRIALS: usize = 1;
+pub(super) const OF_PRICE: usize = 1;
 /// Name of the method.
 pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
 /// What the tolerance of a state follows from.
@@ -46,6 +51,7 @@ pub(super) struct DensityTask<'a> {
     /// Size of the density.
     pub density: f64,
     pub synthesis: RotationSynthesis,
+    pub progress: RefCell<Progress>,
 }
 
 /// The state that a method prepares.
@@ -58,6 +64,11 @@ struct StateOfMethod {
 }
 
 impl DensityTask<'_> {
+    /// Counts so many units as done.
+    pub fn advance(&self, units: usize) {
+        self.progress.borrow_mut().advance(units);
+    }
+
     /// The quantum method by the degree that takes the fewest gates. Collective.
     pub fn cheapest(&self, name: &'static str, candidates: &[Candidate]) -> QuantumMethod {
         let mut best = QuantumMethod::unavailable(name, "no degree has a grid");
@@ -70,6 +81,7 @@ impl DensityTask<'_> {
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
+            self.advance(OF_PRICE);
             degrees.push(DegreeCost {
                 degree: *degree,
                 order: found.order,
@@ -100,9 +112,7 @@ impl DensityTask<'_> {
         let scheme = Case { tolerance, ..scheme.clone() };
         refuse_too_large_here(self.world, &scheme)?;
         let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
-        let ratio = prepared.probe();
-        let Prepared { system, communicator, bounds, case, .. } = &mut prepared;
-        let norms = system.rough_norms(communicator, bounds, case.duration());
+        let RoughSolution { ratio, norms } = prepared.rough_solution();
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
@@ -120,7 +130,8 @@ impl DensityTask<'_> {
         let probability = state.probability.value().unwrap_or(f64::NAN);
         let register = root_evaluations(probability, overlap_error);
         let evolutions = LabelledNumber::estimate(preparations(register), MEASURED);
-        let cost = accesses.least(&state.demand, &[evolutions.clone(), evolutions.clone()]);
+        let evolutions_of_both = [evolutions.clone(), evolutions.clone()];
+        let cost = accesses.least(&state.demand, &evolutions_of_both).cost;
         let mut grids = measured.grids.clone();
         grids.push(shape);
         Ok(QuantumMethod {
@@ -184,7 +195,7 @@ impl DensityTask<'_> {
     ) -> Result<StateOfMethod> {
         let world = &self.world.group();
         let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
-        let ranking = Ranking::new(choices(&system));
+        let ranking = Ranking::new(choices(&system, &mut Progress::silent()));
         let first = ranking.first().and_then(|choice| Some((choice, choice.demand.clone()?)));
         let Some((choice, demand)) = first else {
             let why = ranking.0.first().and_then(CostedChoice::why_not);

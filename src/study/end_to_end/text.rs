@@ -73,6 +73,11 @@ impl EndToEnd {
         let degrees = degrees.chain(self.classical.iter().map(|method| method.degree.into()));
         let sizes = self.quantum.iter().map(|_| Value::Null);
         let sizes = sizes.chain(self.classical.iter().map(|method| method.size.into()));
+        let queries = self.quantum.iter().map(|way| {
+            let calls = way.cost.as_ref().and_then(|cost| cost.queries.as_ref());
+            calls.map_or(&none, |calls| &calls.queries)
+        });
+        let queries = queries.chain(self.classical.iter().map(|_| &none));
         let seconds = self.quantum.iter().map(|way| &way.physical.seconds);
         let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));
         vec![
@@ -102,6 +107,7 @@ impl EndToEnd {
             words("code_distance", |way| way.physical.code_distance.into()),
             ColumnValues::new("cells_or_traces", sizes),
             LabelledNumber::column("seconds", seconds),
+            LabelledNumber::column("queries", queries),
         ]
     }
 }
@@ -119,14 +125,11 @@ impl QuantumMethod {
 impl fmt::Display for QuantumMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.name.to_uppercase())?;
-        for DegreeCost { degree, order, grid, gates } in &self.degrees {
-            write!(f, "  degree {degree:<17}")?;
-            match (grid, order, gates.value()) {
-                (Some(grid), Some(order), Some(gates)) => {
-                    writeln!(f, "order {order:.2}, {} needed, {gates:.1e} gates", shape_text(grid))?
-                }
-                _ => writeln!(f, "unavailable: {}", gates.because().unwrap_or_default())?,
-            }
+        // Degrees that have no number for the same reason are in one line.
+        let alike =
+            |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
+        for degrees in self.degrees.chunk_by(alike) {
+            degrees_line(f, degrees)?;
         }
         for (grid, error) in self.grids.iter().zip(&self.errors) {
             writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", shape_text(grid))?;
@@ -148,7 +151,6 @@ impl fmt::Display for QuantumMethod {
             let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
             writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
         }
-        let mut last = None;
         if let Some(legs) = self.legs {
             writeln!(
                 f,
@@ -156,6 +158,8 @@ impl fmt::Display for QuantumMethod {
                 "legs of a trace"
             )?;
         }
+        // A reason that several numbers share is given once, that of the degrees above.
+        let mut last = self.degrees.first().and_then(DegreeCost::why_not);
         for (name, figure) in [
             ("recovery point p", &self.recovery),
             ("points in p, N_p", &self.points),
@@ -167,7 +171,6 @@ impl fmt::Display for QuantumMethod {
             ("physical qubits", &self.physical.physical_qubits),
             ("seconds", &self.physical.seconds),
         ] {
-            // A reason that several numbers share is given once.
             if figure.value().is_none() && figure.because() == last {
                 continue;
             }
@@ -175,6 +178,30 @@ impl fmt::Display for QuantumMethod {
             writeln!(f, "  {name:<24}{figure}")?;
         }
         Ok(())
+    }
+}
+
+impl DegreeCost {
+    /// Why it has no number, if so.
+    fn why_not(&self) -> Option<&str> {
+        let known = self.grid.is_some() && self.order.is_some() && self.gates.value().is_some();
+        (!known).then(|| self.gates.because().unwrap_or_default())
+    }
+}
+
+/// A line of a degree, or of several that have no number for one reason.
+fn degrees_line(f: &mut fmt::Formatter<'_>, degrees: &[DegreeCost]) -> fmt::Result {
+    let Some(one) = degrees.first() else { return Ok(()) };
+    let name = match degrees {
+        [first, .., last] => format!("degrees {} to {}", first.degree, last.degree),
+        _ => format!("degree {}", one.degree),
+    };
+    write!(f, "  {name:<24}")?;
+    match (&one.grid, one.order, one.gates.value()) {
+        (Some(grid), Some(order), Some(gates)) => {
+            writeln!(f, "order {order:.2}, {} needed, {gates:.1e} gates", shape_text(grid))
+        }
+        _ => writeln!(f, "unavailable: {}", one.why_not().unwrap_or_default()),
     }
 }
 
@@ -201,5 +228,37 @@ impl fmt::Display for EndToEnd {
         }
         writeln!(f)?;
         self.verdict.iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A way without a number says why once, whatever number of degrees it has.
+    #[test]
+    fn a_reason_is_said_once() {
+        let degree = |degree: usize, why: &str| DegreeCost {
+            degree,
+            order: None,
+            grid: None,
+            gates: LabelledNumber::unavailable(why),
+        };
+        let text = |reasons: [&str; 3]| {
+            let degrees = (0..3).map(|k| degree(k, reasons[k])).collect();
+            let way = QuantumMethod::unavailable("a way", reasons[0]);
+            QuantumMethod { degrees, ..way }.to_string()
+        };
+        let why = "no isometry";
+        let shown = text([why; 3]);
+        assert_eq!(shown.matches(why).count(), 1, "{shown}");
+        assert!(shown.contains("degrees 0 to 2") && shown.contains("unavailable"), "{shown}");
+        assert_eq!(shown.lines().count(), 2, "{shown}");
+        let shown = text([why, why, "errors do not fall"]);
+        assert_eq!(shown.matches(why).count(), 1, "{shown}");
+        assert!(shown.contains("degrees 0 to 1") && shown.contains("degree 2 "), "{shown}");
+        // Without degrees it is that of the first number.
+        let shown = QuantumMethod::unavailable("a way", why).to_string();
+        assert_eq!(shown.matches(why).count(), 1, "{shown}");
     }
 }

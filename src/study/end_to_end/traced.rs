@@ -300,6 +300,47 @@ mod tests {
         }
     }
 
+    /// A trace has a leg for every part of `V` that is linear: across a jump two, and of a curved
+    /// `V` as many as the accuracy needs, whatever the case's grid.
+    #[test]
+    fn legs_follow_from_the_potential() {
+        let legs = |potential: &str, cells: usize, accuracy: f64| {
+            let text = format!(
+                r#"
+                [[axis]]
+                x = {{ lower = -1.5, upper = 1.5, cells = {cells} }}
+                v = {{ lower = -1.4, upper = 1.4, cells = 84 }}
+                {potential}
+                [initial]
+                f = "(1 + cos(pi*min(1, sqrt((x + 0.5)^2 + (v - 0.4)^2)/0.4)))/2"
+                [time]
+                end = 1.5
+                [solver]
+                tolerance = 1e-6
+                "#
+            );
+            let case = Case::parse("curved", &text, &[]).expect("a case");
+            let tracer = Tracer::new(&case).expect("a tracer");
+            let densest = (-14..15).map(|k| {
+                let point = [0.1 * f64::from(k), 0.0, 0.0, 0.0, 0.0, 0.0];
+                let value = |at: &[f64; 6]| tracer.value(at, case.end);
+                let there = DensityAtPoint { case: &case, point, value: Box::new(value) };
+                (there.by_quadrature(accuracy).density, there)
+            });
+            let densest = densest.reduce(|a, b| if b.0 > a.0 { b } else { a });
+            let (density, there) = densest.expect("a point");
+            assert!(density > 0.05, "{density}");
+            there.most_legs(density, accuracy).expect("legs")
+        };
+        let curved = "[[potential]]\nvalue = \"cos(3*x)/3\"";
+        let [rough, close] = [0.3, 0.03].map(|accuracy| legs(curved, 64, accuracy));
+        assert!(3 < rough && rough < close, "{rough} {close}");
+        assert_eq!(legs(curved, 128, 0.3), rough);
+        let step = "[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.1\"\n\
+                    [[potential]]\nvalue = \"0\"";
+        assert_eq!(legs(step, 64, 0.1), 2);
+    }
+
     /// Where no more values may be taken, the error that is left is told.
     #[test]
     fn an_error_that_is_not_reached_is_told() {

@@ -17,6 +17,9 @@ const FEWEST: usize = 256;
 const MOST: usize = 1 << 17;
 /// Factors of refinement along every axis.
 const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
+/// The time of a grid grows with this power of the factor in one dimension: cells, and steps of
+/// Lanczos.
+const POWER: i32 = 3;
 
 /// Whether `λ⁺T` rises or falls with the logarithm of the cells, by a line of least squares. Its
 /// slope counts if it exceeds `SURE` times its standard error and changes `λ⁺T` by at least
@@ -117,14 +120,17 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         .collect();
     let (mut borders, mut notes) = (Vec::new(), Vec::new());
     let mut shape = start.space.elements();
+    // The seconds of a grid by those of the grid before it.
+    let (mut before, mut expected) = (1, 0.0);
     for factor in FACTORS {
         let grid = refined(&start, factor);
-        if grid.space.cells() > MOST || task.budget.is_over() {
+        expected *= (factor as f64 / before as f64).powi(POWER);
+        if grid.space.cells() > MOST || !task.budget.has_time_for(expected) {
             notes.push("finer grids take too long here".to_owned());
             break;
         }
         shape = grid.space.elements();
-        let x = shape[0] as f64;
+        let (x, begun) = (shape[0] as f64, task.budget.elapsed());
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
@@ -136,6 +142,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
             let border = Border::place(name, Some(measured), Some(theory));
             borders.push(Border { bound: curve.bound, ..border });
         }
+        (before, expected) = (factor, task.budget.elapsed() - begun);
     }
     if curves.iter().all(|c| c.points.is_empty()) {
         return Err(nothing_tried());

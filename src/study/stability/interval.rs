@@ -14,7 +14,6 @@ use crate::study::stability::reading::{
     LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
-use crate::study::trial::trial;
 
 /// Largest number of cells: a series is propagated for every interval.
 const CELLS: usize = 1024;
@@ -50,10 +49,10 @@ struct IntervalErrors {
     ended: bool,
 }
 
-/// The shortest interval that a run accepts.
+/// The shortest interval that a run accepts, and the error there, if the budget held that run.
 struct ShortestInterval {
     left_end: f64,
-    error: f64,
+    error: Option<f64>,
 }
 
 impl Intervals {
@@ -127,10 +126,11 @@ impl Intervals {
             return Ok(None);
         }
         let [_, enough] = bisect(1.0, longest, HALVINGS, |length| !accepts(&mut case, length));
-        case.warp.interval = Some([far - enough, far]);
-        let error = trial(task.world, &case)?.summary.error_semidiscrete;
         let left_end = far - enough;
-        Ok(error.map(|error| ShortestInterval { left_end, error }))
+        case.warp.interval = Some([left_end, far]);
+        let tried = task.trial(&case).transpose()?;
+        let error = tried.and_then(|trial| trial.summary.error_semidiscrete);
+        Ok(Some(ShortestInterval { left_end, error }))
     }
 }
 
@@ -209,7 +209,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let borders = [
         Border::new("left end L: the field wraps around", left, left_theory),
         Border::new("right end R: exp(-p) is cut off", right, right_theory),
-        Border::new(accepted, shortest.map(|s| s.error), Some(tolerance)),
+        Border::new(accepted, shortest.and_then(|s| s.error), Some(tolerance)),
     ];
     Ok(Findings {
         shape: case.space.elements(),

@@ -42,6 +42,10 @@ impl ToleranceErrors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
     fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
+        if task.budget.is_over() {
+            found.too_long = true;
+            return Ok(found);
+        }
         case.tolerance = BELOW_ALL_ERRORS;
         found.smallest = match planning::plan(task.world, &case, &Resources::unlimited(task.world))
         {

@@ -9,7 +9,7 @@ use crate::support::{
     directory_on_disk as directory, of_case,
 };
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
@@ -213,6 +213,70 @@ fn a_signal_ends_a_classical_run_at_once() {
     });
     let finished = finished.expect("an end");
     assert!(sent && finished.code.is_none(), "{}", finished.report("ended by the signal"));
+}
+
+/// Settings of a run whose set-up takes many seconds: the probe propagates the field to a late end.
+const LONG_SET_UP: [&str; 3] = ["axis.0.x.cells=900", "axis.0.v.cells=900", "time.end=9"];
+
+/// Runs `job`, and sends a signal to mpirun, or to the last of its ranks, half a second after the
+/// directory of `run` was locked. The job must end within eight seconds, with exit code 75
+/// and a message of rank 0 alone, and leave nothing but the lock.
+fn ends_in_set_up(job: &Job, run: &Path, signal: &str, to_a_rank: bool) -> Result<()> {
+    let (mut locked, mut sent) = (None, None);
+    let finished = job.clone().closely().run_while(|process, since| {
+        if locked.is_none() && run.join("run.lock").exists() {
+            locked = Some(since);
+        }
+        if sent.is_none() && locked.is_some_and(|at| since > at + Duration::from_millis(500)) {
+            sent = Some(Instant::now());
+            let rank = children(process.id()).last().copied().filter(|_| to_a_rank);
+            send(signal, rank.unwrap_or(process.id()));
+        }
+    })?;
+    let took = sent.map(|sent| sent.elapsed()).ok_or_else(|| finished.report("no signal sent"))?;
+    finished.ended(75, &["stopped by a signal before the first mode", "the same command"])?;
+    if took > Duration::from_secs(8) || !finished.others.is_empty() {
+        return Err(finished.report(&format!("{took:?}: at once, and said by rank 0 alone")));
+    }
+    let left = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    match left.filter(|name| name != "run.lock").collect::<Vec<_>>() {
+        left if left.is_empty() => Ok(()),
+        left => Err(finished.report(&format!("{left:?} stay"))),
+    }
+}
+
+/// There is nothing to store yet.
+#[test]
+fn a_signal_ends_a_set_up_at_once() {
+    let rows = [
+        (None, "-INT", false),
+        (None, "-TERM", false),
+        (Some(2), "-USR1", false),
+        (Some(2), "-USR1", true),
+        (Some(2), "-TERM", true),
+    ];
+    check_all(&rows, |&(ranks, signal, to_a_rank)| {
+        let place = directory();
+        let job = of_case("run", "example1.toml").set(&LONG_SET_UP).into(place.path());
+        // mpirun gives the other ranks a second to end, which is its default.
+        let job = job.environment("OMPI_MCA_odls_base_sigkill_timeout", "1");
+        let job = ranks.map_or(job.clone(), |ranks| job.on(ranks));
+        ends_in_set_up(&job, place.path(), signal, to_a_rank)
+    });
+}
+
+/// The table then has the runs that are finished.
+#[test]
+fn a_signal_in_a_set_up_ends_a_sweep_at_once() {
+    let place = directory();
+    let sweep = of_case("sweep", "example1.toml").set(&LONG_SET_UP[..2]).into(place.path());
+    let sweep = sweep.with(["--vary", "time.end=0.01,9"]);
+    let list = sweep.clone().with(["--list"]).succeed().expect("a list");
+    let second = list.output.lines().nth(1).and_then(|line| line.rsplit('\t').next());
+    let second = PathBuf::from(second.expect("two runs"));
+    ends_in_set_up(&sweep.on(2), &second, "-USR1", false).unwrap();
+    let table = fs::read_to_string(place.path().join("table.csv")).expect("a table");
+    assert_eq!(table.lines().count(), 2, "{table}");
 }
 
 /// A sweep that gets a stop signal ends with a checkpoint of the current run and a table of the

@@ -1,0 +1,66 @@
+//! Ends a job whose ranks wait for ever within a library: for each other, or for one that failed.
+
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::parallel::communicator::Group;
+use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_LOOKS, looks};
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::*;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::Builder;
+
+/// Ends the job unless dropped in time.
+struct Deadline {
+    /// Dropping it ends the thread.
+    _open: Sender<()>,
+}
+
+impl Deadline {
+    /// After as many seconds as a rank may be stopped, `error` is reported, and the job ends with
+    /// exit code 1. The time in which the whole job is suspended does not count. None where the
+    /// user wants none.
+    fn new(error: &Error) -> Option<Self> {
+        let message = format!("error: {error}");
+        let looks = looks().unwrap_or(USUAL_LOOKS);
+        let (open, closed) = channel::<()>();
+        let wait = move || {
+            for _ in 0..looks {
+                if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
+                    return;
+                }
+            }
+            report(&message);
+            SimpleCommunicator::world().abort(1);
+        };
+        let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
+        (looks > 0 && thread.spawn(wait).is_ok()).then_some(Self { _open: open })
+    }
+}
+
+impl Group {
+    /// As [`agree`](Self::agree), for an outcome of what is collective within a library. If that
+    /// fails on some ranks only, the others may wait within it for ever: then the job ends with the
+    /// error.
+    ///
+    /// # Errors
+    /// As [`agree`](Self::agree).
+    pub fn agree_in_time<T>(&self, outcome: Result<T>) -> Result<T> {
+        let deadline = outcome.as_ref().err().map(Deadline::new);
+        let agreed = self.agree(outcome);
+        drop(deadline);
+        agreed
+    }
+
+    /// Does `work`, which is collective within a library and takes little time, and agrees on its
+    /// outcome. If it does not end, because all ranks wait within it, the job ends with the error
+    /// `late`. Collective.
+    ///
+    /// # Errors
+    /// As [`agree`](Self::agree).
+    pub fn in_time<T>(&self, late: &Error, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let deadline = (self.rank() == 0).then(|| Deadline::new(late));
+        let agreed = self.agree_in_time(work());
+        drop(deadline);
+        agreed
+    }
+}
