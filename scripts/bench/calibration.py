@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 
-from report import ROOT, Bad, Node, busy_cores, median, replaced, short, spread, table
+from report import ROOT, Bad, Node, busy_cores, median, prose, replaced, short, spread, table
 
 
 def cells(n, axes=1):
@@ -128,9 +128,9 @@ def predictions(options, rounds):
         "case", "ranks", "solve expected, s", "taken, s", "ratio", "in all expected, s", "taken, s",
         "ratio", "calibrating, s"
     ]
-    return table(header, rows) + (f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; "
-                                  f"the furthest is off by a factor of {worst:.2f}. "
-                                  f"Rounds: {rounds}; cores at work before: {load:.1f}.")
+    return table(header, rows) + "\n\n" + prose(
+        f"{within} of {2 * len(rows)} ratios are within 20 %; the furthest is off by a factor of "
+        f"{worst:.2f}. Rounds: {rounds}; cores at work before: {load:.1f}.")
 
 
 def meshes(options, rounds):
@@ -157,8 +157,9 @@ def meshes(options, rounds):
         "case", "mode groups alone, s", "two blocks along x, y, z, s", "blocks chosen",
         "chosen / best"
     ]
-    return table(header, rows) + (f"\n\n{within} of {len(rows)} choices are within 15 % of the "
-                                  f"best mesh. Rounds: {rounds}; cores at work before: {load:.1f}.")
+    return table(header, rows) + "\n\n" + prose(
+        f"{within} of {len(rows)} choices are within 15 % of the best mesh. Rounds: {rounds}; cores "
+        f"at work before: {load:.1f}.")
 
 
 def main():

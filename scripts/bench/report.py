@@ -692,7 +692,7 @@ def rates(path):
         rows.append([grid, *measured, *blocked.get(grid, ("in cache: not blocked", *["–"] * 5))])
     each = ["ns a row, mode and step", "µs a mode", "of the triad", "of the FMA peak"]
     header = ["grid", f"step by step: {each[0]}", *each[1:], "blocked", *each, "speed-up"]
-    return f"Triad: {head}.\n\n" + table(header, rows)
+    return prose(f"Triad: {head}.") + "\n\n" + table(header, rows)
 
 
 def main():
