@@ -81,8 +81,8 @@ pub struct Readout {
 /// Why the moments of measure-valued data are no overlaps, and which data have the same moments.
 pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitudes: phi and psi \
      are in separate states, and the density, the integral of phi delta(psi) over v, is not linear \
-     in them; initial.f = density * a smooth delta function of v - velocity, of a width above some \
-     cells, is transported linearly, and its density and mean velocity are overlaps";
+     in them; initial.f = density * a smooth delta function of v - velocity, of a width of about \
+     2/3 of a cell, is transported linearly, and its density and mean velocity are overlaps";
 
 /// The keys of measure-valued data with a smooth delta function in its place: the normal density
 /// whose standard deviation is two thirds of a cell along each axis of velocity, the best width on

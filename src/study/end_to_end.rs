@@ -60,8 +60,8 @@ const LEAST_SHARE: f64 = 1e-3;
 const QUADRATURE: &str = "quadrature over characteristics";
 const MONTE_CARLO: &str = "Monte Carlo over characteristics";
 /// Why nothing is traced where `V` reflects in part.
-const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V, and the \
-                        paths of a point grow like 2 to the number of its jumps; none is traced";
+const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; all \
+                        branches are too many, and ways that draw one are not built";
 
 impl EndToEnd {
     /// The task of `case` to a relative error `accuracy` of the density, with T gates of rotations

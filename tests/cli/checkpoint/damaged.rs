@@ -231,10 +231,11 @@ fn only_a_run_that_must_stop_fails_if_its_checkpoint_cannot_be_written() {
 
     let directory = self::directory();
     let path = directory.path();
+    // In the modes: a signal in the set-up, of about a second, needs no checkpoint.
     let longer = ["checkpoint.minutes=0", "solver.warp.points=16384"];
     let job = wide().set(&longer).into(path);
     let finished =
-        with_fault(&job, Fault::Signal, |since| since > Duration::from_secs(1)).expect("a run");
+        with_fault(&job, Fault::Signal, |since| since > Duration::from_secs(4)).expect("a run");
     assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
 
