@@ -144,8 +144,7 @@ pub fn stop_when_terminated(messages: StopMessages) {
             stop_on(signal);
         }
     }
-    // SAFETY: it reads atomics, writes to a descriptor and ends the process.
-    let _ = unsafe { signal_hook::low_level::register(signal_hook::consts::SIGUSR1, end_set_up) };
+    on_signal(signal_hook::consts::SIGUSR1, end_set_up);
 }
 
 /// A part of a run begins, which ends the part before. A set-up that begins after a stop signal
@@ -196,9 +195,14 @@ fn stop_on(signal: i32) {
             Err(_) => {}
         }
     };
-    // SAFETY: it stores to atomics, reads a clock, writes to a descriptor, resets a handler or ends
-    // the process: nothing that allocates, locks or panics. It fails for signals that cannot be
-    // caught only.
+    on_signal(signal, act);
+}
+
+/// Does `act` on a signal, beside what was registered before. It must not allocate, lock or panic.
+fn on_signal(signal: i32, act: impl Fn() + Sync + Send + 'static) {
+    // SAFETY: the two callers' functions store to atomics, read a clock, write to a descriptor,
+    // reset a handler or end the process: nothing that allocates, locks or panics. It fails for
+    // signals that cannot be caught only.
     let _ = unsafe { signal_hook::low_level::register(signal, act) };
 }
 

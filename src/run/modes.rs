@@ -218,7 +218,10 @@ impl ModeRun<'_> {
             communicator.world.barrier();
             machine::begin(RunPart::Modes);
         }
-        modes::run(&task, evolution, &mut *propagator, progress, hooks)
+        let recovered = modes::run(&task, evolution, &mut *propagator, progress, hooks);
+        // A signal comes too late for a checkpoint now.
+        machine::begin(RunPart::Over);
+        recovered
     }
 
     /// Writes the modes of a field at the end of a leg, if the case asks for them. Collective.
