@@ -9,7 +9,7 @@
 use criterion::{Criterion, Throughput};
 mod support;
 
-use phasewarp::base::machine::{cache_per_core, processor_seconds};
+use phasewarp::base::machine::{cache_per_core, last_cache_per_core, processor_seconds};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::kernel::{InstructionSet, Vectorized};
@@ -152,14 +152,19 @@ impl Steps {
 
 fn main() {
     let world = World::start().expect("MPI starts");
-    let (memory, cache) = (triad(8 << 20), triad(cache_per_core() as usize / 48));
+    let memory = triad(8 << 20);
+    // Three arrays of numbers that fill half of a cache.
+    let [cache, last] =
+        [cache_per_core(), last_cache_per_core()].map(|bytes| triad(bytes as usize / 48));
     let peak = multiply_add_peak();
     println!(
-        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; FMA peak of a core {:.1} \
-        GFlop/s; {}, {LANES} modes in a batch",
+        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s, in half of its {} MiB of \
+        the last cache {:.1} GB/s; FMA peak of a core {:.1} GFlop/s; {}, {LANES} modes in a batch",
         memory / 1e9,
         cache_per_core() >> 10,
         cache / 1e9,
+        last_cache_per_core() >> 20,
+        last / 1e9,
         2e-9 * peak,
         InstructionSet::here().name()
     );
