@@ -27,15 +27,17 @@ LONGEST_VALUE = 60
 # Keys, attributes and columns that depend on the clock, the machine, or the program's version.
 VARIABLE = re.compile(
     r".*seconds.*|timings|memory_(?:(?:peak|anonymous)_)?bytes_per_rank|instruction_set"
-    r"|checkpoints|best|version|git|command|date|program|rustc|mpi|hdf5|front_.*"
+    r"|checkpoints|best|best_classical|version|git|command|date|program|rustc|mpi|hdf5|front_.*"
+    # Of whole files, whose attributes have the date and the command. Bits of datasets are compared.
+    r"|checksum"
 )
 # Those that may be others on other ranks.
 OF_RANKS = re.compile(
     r"ranks|space_blocks|mode_groups|imbalance|matvecs_here|memory_planned_bytes_per_rank"
     r"|distinct_rows|layout"
 )
-# HDF5's own attributes, and checksums, in place of which the bits are compared.
-INTERNAL = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "_Netcdf4Dimid", "checksum"}
+# HDF5's own attributes.
+INTERNAL = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "_Netcdf4Dimid"}
 NUMBER = re.compile(r"(?<![-\w./])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w|\.\d)")
 SECONDS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)? (?:ms|s|min|h|seconds|minutes|hours)\b")
 # The columns of chart.csv that say what was tried.

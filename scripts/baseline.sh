@@ -45,6 +45,11 @@ lens2d              13 run       lens2d         grid=18x8,12x6 tolerance=1e-4
 periodic2d          13 run       periodic2d
 step3d              13 run       step3d
 step_slope3d        13 run       step_slope3d   grid=6x6,6x6,6x6
+partial_reflection  13 run       partial_reflection
+quadrant2d          13 run       quadrant2d     tolerance=1e-3
+smooth-beams        13 run       smooth-beams
+smooth_step3d       13 run       smooth_step3d  tolerance=1e-2
+unitary_advection   13 run       unitary_advection
 paper1              13 run       paper/example1 grid=32x32 warp.points=512
 paper2              13 run       paper/example2 grid=16x16 warp.points=512
 paper3              13 run       paper/example3 grid=4x4,4x4 warp.points=512
@@ -61,6 +66,16 @@ conservative-2d     13 run       barrier2d      scheme.interface=conservative
 conservative-inflow 13 run       inflow_barrier grid=32x28 scheme.interface=conservative
 conservative-level  13 run       example2       grid=32x32 scheme.interface=conservative
 no-weights          13 run       example1       grid=32x32 warp.weights=none
+reflection          13 run       partial_reflection grid=24x20
+# elements, flux, ends
+degree-1            13 run       example1       grid=16x16 scheme.degree=1
+degree-3            13 run       slope_jump     grid=12x10 scheme.degree=3 tolerance=1e-4
+degree-2-2d         13 run       barrier2d      grid=3x4,3x4 scheme.degree=2 tolerance=1e-3
+degree-inflow       13 run       inflow_barrier grid=8x8 scheme.degree=2 scheme.flux=1
+degree-classical    13 run       example1       grid=16x16 scheme.degree=2 method=classical
+flux                13 run       example1       grid=16x16 scheme.degree=2 scheme.flux=0.25
+flux-0              13 run       smooth-beams   grid=16x16 scheme.degree=0 scheme.flux=0
+ends-closed         13 run       smooth-beams   grid=8x8 scheme.ends=closed tolerance=1e-3
 # profile
 designed            13 run       step_up        grid=48x40 warp.profile=designed
 gaussian            13 run       step_up        grid=48x40 warp.profile=gaussian
@@ -176,7 +191,7 @@ full-implicit       13 run       example1       grid=16x16 --mode=full
                                                 propagator.method=crank-nicolson
                                                 propagator.step=0.05 tolerance=1e-2
 from-full           13 run       example1       grid=32x32 initial={warped="@full/warped_f.h5"}
-                                                exact={}
+                                                exact={} output.warped_field=true
 # quantum side
 readout             13 run       example1       grid=32x32
                                                 readout={points=[[-0.5],[0.5]],accuracy=0.05,seed=1}
@@ -196,6 +211,10 @@ resources-2d         1 resources barrier2d      --format=json
 resources-level      1 resources example2       --format=json
 resources-paper      1 resources paper/example1 grid=32x32 --format=json
 export               1 export-quantum example1       grid=8x8 tolerance=1e-2
+resources-accuracy   1 resources example1       grid=16x16 --accuracy=1e-1 --format=json
+export-circuit       1 export-circuit example1       grid=8x8 scheme.interface=conservative
+                                                tolerance=1e-2 --sub-bins=9
+export-matrix       13 export-matrix  slope_jump     grid=9x8
 export-inflow        1 export-quantum inflow_barrier grid=4x4 tolerance=1e-1 warp.inflow=scalar
 # plan, check
 plan-example1        1 plan      example1       --json --memory-per-rank=4GiB
@@ -237,10 +256,12 @@ advise              13 advise    example1       grid=32x32 --accuracy=0.2 --json
 advise-well          1 advise    well           grid=24x20 --accuracy=0.5 --json --budget=1h
 advise-inflow        1 advise    inflow_barrier grid=8x5 --accuracy=0.5 --json --budget=1h
 advise-level         1 advise    example2       grid=32x32 --accuracy=0.5 --json --budget=1h
+sweep               13 sweep     example1       --vary=axis.0.x.cells=16,24 tolerance=1e-3
 chart                1 chart     example1       grid=8x8 time.end=0.2 --budget=10s
 # finished runs; pictures are looked for, not at
 plot                 1 plot      @example1
 plot-times           1 plot      @fields
+movie                1 movie     @fields
 plot-2d              1 plot      @barrier2d     --slice=y=0.1,vy=0
 report               1 report    @example2
 check-result        13 check-result @full
@@ -331,7 +352,7 @@ start() {
         esac
     done
     case $command in
-    run | export-quantum | stability | chart | plot | report) words+=(-o "$place") ;;
+    run | sweep | export-* | stability | chart | plot | movie | report) words+=(-o "$place") ;;
     esac
     timeout 120 "${launch[@]}" "$program" "$command" "$case" "${words[@]}" \
         >"$place/stdout" 2>"$place/stderr" </dev/null || code=$?
@@ -359,6 +380,18 @@ while read -r name ranks command case settings; do
 done < <(selected)
 wait
 echo "baseline: $(find "$results" -mindepth 1 -maxdepth 1 | wc -l) runs in $SECONDS s" >&2
+
+# A line that does not work shows nothing.
+broken=0
+set +f
+for place in "$results"/*; do
+    case ${place##*/} in refused-*) continue ;; esac
+    [ "$(<"$place/exit")" = 0 ] || {
+        echo "baseline: ${place##*/} ends with $(<"$place/exit"): $(tail -n 1 "$place/stderr")" >&2
+        broken=1
+    }
+done
+[ "$task" = compare ] || [ "$broken" = 0 ] || die "nothing recorded"
 
 if [ "$task" = record ]; then
     "$python" scripts/baseline.py record "$results" "$reference"
