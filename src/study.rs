@@ -10,7 +10,7 @@
 //! | [`end_to_end`] | a density by a quantum computer and without | [`end_to_end::EndToEnd`] |
 //! | [`ranks`] | how many ranks are worth it | [`ranks::RankTable`] |
 //!
-//! The runs of a [`sweep`] are those of `phasewarp run`. The other studies share these modules: a
+//! The runs of a [`sweep`] are those of `phasewarp run`. Studies that try settings share modules: a
 //! [`trial`] is a run for its numbers only, a [`budget`] is the time that a study may take,
 //! [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids of a case,
 //! [`choices`] are its other settings, and a [`treatment`] is a measure against growth at jumps.

@@ -72,8 +72,8 @@ pub fn peak() -> Peak {
     seen.look(Path::new("/proc/self/status"))
 }
 
-/// Takes what the process has now into account for [`peak`]: after each step of a run, while its
-/// arrays are there, and before memory is given back.
+/// Looks at the memory that the process has now, so that [`peak`] counts it. Called after each step
+/// of a run, while its arrays are there, and before memory is given back.
 pub fn mark() {
     peak();
 }

@@ -14,7 +14,7 @@ use crate::problem::grid::{Cell, PhaseSpace, for_each_cell};
 use crate::scheme::rows::{Row, Scheme};
 use std::collections::{HashMap, HashSet};
 
-/// The space cells of a block, with the first one that is like each of them.
+/// For each space cell of a block, the first cell that has equal rows.
 pub(super) struct AlikeCells {
     /// For each space cell of the block, the first one with equal rows.
     first: Vec<usize>,

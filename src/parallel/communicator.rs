@@ -24,7 +24,7 @@ use std::time::Instant;
 /// MPI, from initialisation to the end of the process.
 pub struct World {
     universe: mpi::environment::Universe,
-    /// Over after MPI is.
+    /// Dropped after MPI is finalised.
     _watch: Option<watch::RankWatch>,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,

@@ -12,9 +12,9 @@ use serde::Serialize;
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
-/// Up to this number of pieces are assigned by search, ...
+/// Largest number of pieces that are assigned by search.
 const SEARCHED: usize = 24;
-/// ... which ends after this number of steps.
+/// Largest number of steps of a search.
 const MOST_STEPS: usize = 100_000;
 
 /// Modes that are propagated together.

@@ -29,7 +29,7 @@ impl Leg {
             .collect()
     }
 
-    /// `legs`, with each that ends with moments only joined to the next.
+    /// `legs`, where a leg at whose end only moments are written is joined to the next one.
     pub fn joined(legs: &[Self]) -> Vec<Self> {
         let mut joined = Vec::new();
         let (mut now, mut passed) = (0.0, Vec::new());

@@ -10,8 +10,8 @@
 //! every profile is scanned over all values that a case file may have, together with the distance
 //! of the recovery point from where the profile is first `e^{−p}`.
 //!
-//! **The scheme** is the conservative interface where the degree is 0: it needs no weights, whose
-//! table as large as phase space no query could compute ([`scheme_of`]).
+//! **The scheme** is the conservative interface where the degree is 0, because it needs no weights
+//! ([`scheme_of`]). Weights are a table as large as phase space, which a query cannot compute.
 
 pub mod candidate;
 mod grid;
@@ -99,8 +99,8 @@ struct ProfileFamily {
     values: Vec<f64>,
     /// Whether there are values between these.
     continuous: bool,
-    /// Whether the recovery point is free: where it is not, the parameter moves it, or moving it
-    /// changes nothing.
+    /// Whether the recovery point is scanned as well. It is not where it follows from the parameter,
+    /// or where moving it changes nothing.
     free_point: bool,
 }
 
@@ -219,8 +219,9 @@ struct ScanGrid {
 /// Units of progress of [`choices`]: two a family, and one for the defaults.
 pub const UNITS: usize = 11;
 
-/// The cheapest of every profile for one system, the profiles as they are by default, and the
-/// case's own where that is one of a formula; what cannot be planned says why. Advances `progress`
+/// The cheapest set-up of every profile for one system, the profiles with their default parameters,
+/// and the case's own profile if it is given by a formula. A set-up that cannot be planned has the
+/// reason. Advances `progress`
 /// by [`UNITS`]. Collective.
 pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice> {
     /// A family whose least cost on its grid is more than so many times the least is not refined.

@@ -73,7 +73,7 @@ pub struct WalkCost {
 }
 
 impl WalkCost {
-    /// For `τ`, within `tolerance` of the state's norm. No number is more trusted than both.
+    /// For `τ`, within `tolerance` of the state's norm. Each label is the weaker of theirs.
     pub fn new(tau: &LabelledNumber, tolerance: &LabelledNumber) -> Self {
         /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
         const SUMMED: f64 = 1e4;

@@ -243,8 +243,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
 mod tests {
     use super::*;
 
-    /// Whoever waits long for exact moments at many times is told how long, and by which key they
-    /// are left out.
+    /// The note about slow exact moments has their seconds and the key that leaves them out.
     #[test]
     fn long_exact_solutions_name_their_key() {
         let line = slowness(1000, 20, 1.8).expect("90 s are long");

@@ -48,13 +48,14 @@ const NODES_AT_ONCE: usize = 1 << 10;
 const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
-/// Least number of equal parts of the time by which a time-dependent inflow is integrated, ...
+/// Least number of equal parts of the time by which a time-dependent inflow is integrated.
 const LEAST_PARTS: usize = 1 << 8;
-/// ... the nodes of Gauss's rule on each, ...
+/// Nodes of Gauss's rule on each of these parts.
 const NODES: usize = 4;
-/// ... the relative change of the mass by doubling them at which they are enough, ...
+/// Largest relative change of the mass by doubling the parts at which they are enough.
 const ENOUGH: f64 = 1e-10;
-/// ... and the number of values of the inflow in all, about, as where it jumps in time.
+/// About the largest number of values of the inflow in all. It is reached where the inflow jumps in
+/// time.
 const MOST_VALUES: usize = 1 << 21;
 
 /// The ledger of `case`, on the grid of its results, before the solve: regions, jumps, and

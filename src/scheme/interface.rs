@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn weights_are_positive_and_sum_to_one() {
-        for interface in [Interface::Hat, Interface::Conservative] {
+        for interface in Interface::ALL {
             each(interface, |axis, j, rise, out| {
                 let sum: f64 = out.iter().map(|s| s.weight).sum();
                 assert!(

@@ -386,7 +386,7 @@ fn relaxed(
         return Ok(planned);
     }
     // The state at the start, with its auxiliary unknowns, may be far larger than the field at the
-    // end, and an image of the state is seldom in the field alone.
+    // end. Then an error relative to the state may be large relative to the field.
     let of_state = ProfileRequirements { tolerance: demand.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(

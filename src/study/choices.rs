@@ -56,7 +56,7 @@ pub static PROFILES: [(&str, ProfileChoice); 6] = [
 ];
 
 /// Propagators that are compared, with their names.
-const PROPAGATORS: [(&str, PropagatorMethod); 4] = [
+pub const PROPAGATORS: [(&str, PropagatorMethod); 4] = [
     ("Chebyshev", PropagatorMethod::Chebyshev),
     ("Krylov", PropagatorMethod::Krylov),
     ("Crank-Nicolson", PropagatorMethod::CrankNicolson),

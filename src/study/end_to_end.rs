@@ -8,7 +8,7 @@
 //! |---|---|
 //! | grid | errors on three grids of the case, and the order that they show |
 //! | degree | the one that takes the fewest gates, where there are elements |
-//! | tolerance | `ε/4` over the most that the density's error is larger than that of `f` |
+//! | tolerance | `ε/4` divided by the largest ratio of the density's error to that of `f` |
 //! | `α`, Toffoli gates of a step | the circuit on that grid, emitted; or the model |
 //! | `P` | the cheapest profile on that grid |
 //! | evolutions | amplitude estimation from the enlarged state, `C_w Δv^n √N_v ⟨ζ|w⟩/G` |

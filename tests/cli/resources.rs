@@ -724,7 +724,7 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
 }
 
 /// The planner compares both ways to implement the weights of modes and names the cheaper one. If
-/// rotations cost nothing, it is the other one.
+/// rotations cost nothing, rotations are cheaper.
 #[test]
 fn weights_of_modes_are_compared() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];

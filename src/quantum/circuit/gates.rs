@@ -49,7 +49,7 @@ pub struct GateParts {
 }
 
 impl Gate {
-    /// Its name, angle and qubits.
+    /// The gate's name, its angle in radians if it has one, and the qubits that it acts on.
     pub fn parts(self) -> GateParts {
         let (name, angle, qubits) = match self {
             Self::X(q) => ("x", None, vec![q]),
@@ -102,7 +102,7 @@ impl Serialize for Gate {
 pub enum RegisterRole {
     /// A register that the operator acts on.
     System,
-    /// Zero before; the block is where it is zero after.
+    /// Zero before. The encoded block are the amplitudes for which it is zero after.
     Block,
     /// Zero before and after.
     Scratch,
@@ -113,11 +113,11 @@ pub enum RegisterRole {
 /// Neighbouring qubits, the lowest bit first.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Register {
-    /// As in the program.
+    /// Its name in the OpenQASM program.
     pub name: &'static str,
     /// The lowest qubit of the register.
     pub first: Qubit,
-    /// Qubits.
+    /// Number of qubits.
     pub size: usize,
     /// Its purpose.
     pub role: RegisterRole,
@@ -176,7 +176,7 @@ impl Circuit {
         registers.flat_map(|r| r.first..r.first + r.size).collect()
     }
 
-    /// Scratch becomes a register.
+    /// Makes the scratch qubits a register, as the last step.
     pub fn finish(&mut self) {
         let [_, size] = std::mem::take(&mut self.scratch);
         self.register("scratch", size, RegisterRole::Scratch);

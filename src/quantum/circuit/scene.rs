@@ -1,6 +1,7 @@
 //! From a case to whole numbers of cells and levels, or the reason why there are none.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::word;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
@@ -96,9 +97,11 @@ fn unknown_choice(case: &Case) -> Option<String> {
         ));
     }
     if case.interface != Interface::Conservative {
-        let what = "scheme.interface = \"hat\"; the circuit moves whole levels of energy, as \
-                    scheme.interface = \"conservative\" does";
-        return Some(what.to_owned());
+        return Some(format!(
+            "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
+             scheme.interface = \"conservative\" does",
+            word(&case.interface)
+        ));
     }
     case.embeds().then(|| {
         format!(

@@ -5,7 +5,7 @@ use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
 use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::run::ledger::draw::{AxisEnd, Particle};
-use crate::scheme::interface::{Side, sources, velocity};
+use crate::scheme::interface::{Side, law_of, sources, velocity};
 use std::collections::HashMap;
 
 /// Sums over particles.
@@ -68,8 +68,8 @@ pub struct Flight<'a> {
 impl<'a> Flight<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: Tracer<'a>) -> Self {
-        let hat = case.interface == Interface::Hat && !case.is_galerkin();
-        Self { tracer, gains: hat.then(|| Gains { case, known: HashMap::new() }) }
+        let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
+        Self { tracer, gains: changes.then(|| Gains { case, known: HashMap::new() }) }
     }
 
     /// Follows a particle with the fraction `share` of its mass.

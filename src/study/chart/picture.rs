@@ -13,6 +13,7 @@ use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::ends;
+use crate::study::choices::PROPAGATORS;
 use crate::study::treatment::Treatment;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
@@ -184,19 +185,19 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let propagators = ["chebyshev", "krylov", "crank-nicolson", "backward-euler"];
-    for (k, name) in propagators.into_iter().enumerate() {
+    let propagators = PROPAGATORS.map(|(_, method)| word(&method));
+    let count = propagators.len();
+    for (k, name) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {name}"), Style::of(k), |e| {
             planned(e) && usual(e) && is(&e.profile, &first) && is(&e.propagator, name)
         });
     }
     for (k, name) in ["forward-euler", "ssp-rk3"].into_iter().enumerate() {
-        plot = plot.series(name, Style::of(4 + k).hollow(), |e| is(&e.integrator, name));
+        plot = plot.series(name, Style::of(count + k).hollow(), |e| is(&e.integrator, name));
     }
     for (dash, name) in [(1, "crank-nicolson"), (2, "chebyshev")] {
-        let label = format!("the paper's, {name}");
-        plot =
-            plot.series(&label, Style::of(6).dashed(dash), |e| e.paper && is(&e.propagator, name));
+        let (label, style) = (format!("the paper's, {name}"), Style::of(count + 2).dashed(dash));
+        plot = plot.series(&label, style, |e| e.paper && is(&e.propagator, name));
     }
     plot.panel
 }

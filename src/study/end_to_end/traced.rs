@@ -239,9 +239,9 @@ impl DensityAtPoint<'_> {
         (0..self.dimension()).map(each).collect()
     }
 
-    /// The most legs of a characteristic, of those from so many velocities at random. Where `V`
-    /// curves, a leg is a cell in which it is linear: then on the coarsest grid of `2^k` cells an
-    /// axis whose density is within `ε/2` of `density`.
+    /// The largest number of legs of a characteristic, of those from so many velocities at random.
+    /// Where `V` curves, a leg is a cell in which it is taken as linear. The grid of these cells is
+    /// then the coarsest of `2^k` an axis whose density is within `ε/2` of `density`.
     ///
     /// # Errors
     /// As [`Tracer::new`].
@@ -341,9 +341,9 @@ mod tests {
         assert_eq!(legs(step, 64, 0.1), 2);
     }
 
-    /// Where no more values may be taken, the error that is left is told.
+    /// Where no more values may be taken, the error that is left is returned.
     #[test]
-    fn an_error_that_is_not_reached_is_told() {
+    fn an_error_that_is_not_reached_is_returned() {
         let mut value = |x: f64| f64::from(x < 1.0 / 3.0);
         let found = adaptive(4, [1e-9, 0.0], &|| false, &mut value);
         assert!(found.error > 1e-2 && (found.value - 1.0 / 3.0).abs() <= found.error);
