@@ -30,6 +30,8 @@ VARIABLE = re.compile(
     r"|checkpoints|best|best_classical|version|git|command|date|program|rustc|mpi|hdf5|front_.*"
     # Of whole files, whose attributes have the date and the command. Bits of datasets are compared.
     r"|checksum"
+    # Sentences with seconds of other methods.
+    r"|verdict"
 )
 # Those that may be others on other ranks.
 OF_RANKS = re.compile(
@@ -87,7 +89,8 @@ def of_run(directory):
     if values["exit"] == "0":
         # Progress; warnings are in summary.json.
         del values["stderr"]
-    if "chart.csv:columns" in values:
+    # What is printed has seconds; the file has them in columns of their own.
+    if any(place.startswith(("chart.csv:", "table.csv:")) for place in values):
         values["stdout"] = UNCOMPARED
     return dict(sorted(values.items()))
 
