@@ -15,6 +15,7 @@ use crate::problem::exported::{self, ExportKind, Owner};
 use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
+use crate::quantum::optimise::scheme_of;
 use crate::quantum::resources::{Preparation, Record};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
@@ -100,11 +101,16 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case)?;
     has_counts(&case)?;
+    // As `resources` does, unless the case names the other interface.
+    let (by_default, named) = (scheme_of(&case), case);
+    let chosen = !named.names_interface && named.interface != by_default.interface;
+    let case = if chosen { by_default } else { named };
     scene::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
     let RoughSolution { ratio, norms } = prepared.rough_solution();
     let prepared = prepared.plan_modes(world, &here, ratio)?;
-    let planned = Preparation::of_plan(planned_modes(&case, &prepared.plan)?, case.tolerance);
+    let field_tolerance = case.warp.share * case.tolerance;
+    let planned = Preparation::of_plan(planned_modes(&case, &prepared.plan)?, field_tolerance);
     let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
@@ -118,7 +124,12 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
         compiled.write(&directory)?;
         exported::write(&directory, &owner)
     })?;
-    print(world, &format!("{}\nfiles in {}", compiled.description, directory.display()));
+    let interface = match chosen {
+        true => "\ninterface conservative, as `resources` takes it: the case names none",
+        false => "",
+    };
+    let files = directory.display();
+    print(world, &format!("{}{interface}\nfiles in {files}", compiled.description));
     Ok(())
 }
 

@@ -11,14 +11,15 @@ use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::candidate::{CostedChoice, System};
-use crate::quantum::optimise::pricing::preparation;
+use crate::quantum::optimise::pricing::{PLANNED, preparation};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::optimise::{UNITS, choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
+use crate::quantum::resources::settings::{PlannedSetUp, SetUpSettings};
 use crate::quantum::resources::{Comparison, Preparation, Record, Unitary, accesses};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
-use crate::solve::system::RoughSolution;
+use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::EndToEnd;
 use serde::Serialize;
 use std::fmt::Display;
@@ -56,9 +57,14 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     if args.optimise {
         has_counts(&case)?;
         let mut progress = progress(world, &case, 1);
-        let Ranking(mut all) = optimise(world, &case, synthesis, &mut progress)?.ranking;
+        let RankedSystem { ranking: Ranking(mut all), last } =
+            optimise(world, &case, synthesis, &mut progress)?;
+        let ProbedCase { prepared: Prepared { bounds, .. }, rough } = last;
         // The unitary scheme, if the case has one and does not use it already.
-        let other = unitary(world, &case, synthesis).ok().filter(|_| !case.is_unitary());
+        let other = match bounds.is_skew() {
+            true => None,
+            false => unitary(world, &case, rough.norms, synthesis).ok(),
+        };
         progress.finish();
         all.extend(other.and_then(|unitary| CostedChoice::unitary(&unitary.costs)));
         show(world, args.format, &Ranking::new(all), Ranking::columns);
@@ -135,18 +141,19 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
     let warp = planned_modes(case, &prepared.plan)?;
-    let planned = Preparation::of_plan(warp, case.tolerance);
+    let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
     progress.advance(OF_SYSTEM);
     let RankedSystem { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
-    let (unitary, not_unitary) = match unitary(world, case, synthesis) {
+    let (unitary, not_unitary) = match unitary(world, case, rough.norms, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
     };
     progress.advance(OF_SYSTEM);
     let comparison = Comparison {
         cheapest: own.clone(),
+        cheapest_settings: None,
         own,
         unitary,
         not_unitary,
@@ -159,7 +166,7 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
         let cheapest_is_own = Some("no other set-up could be priced".to_owned());
         return Ok(Comparison { cheapest_is_own, ..comparison });
     };
-    let found = record_of(world, choice, last, synthesis)?;
+    let (found, settings) = record_of(world, choice, last, synthesis)?;
     progress.finish();
     let own = &comparison.own;
     let own_is_cheaper = own.least_gates() < found.least_gates();
@@ -172,13 +179,15 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     );
     Ok(Comparison {
         cheapest: if taken { own.clone() } else { found },
+        cheapest_settings: (!taken).then_some(settings),
         cheapest_is_own: taken.then_some(why),
         own_not_taken: refused.filter(|_| own_is_cheaper),
         ..comparison
     })
 }
 
-/// The counts of `choice`, for which the system `last` serves if it has the same `δ`. Collective.
+/// The counts of `choice`, for which the system `last` serves if it has the same `δ`, and its
+/// settings. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`] and [`preparation`].
@@ -187,7 +196,7 @@ fn record_of(
     choice: &CostedChoice,
     last: ProbedCase,
     synthesis: RotationSynthesis,
-) -> Result<Record> {
+) -> Result<(Record, SetUpSettings)> {
     let ProbedCase { mut prepared, rough } = match choice.delta {
         Some(delta) if delta != last.prepared.case.warp.delta => {
             let case = with_delta(&last.prepared.case, delta);
@@ -198,16 +207,32 @@ fn record_of(
     };
     prepared.case = choice.of(&prepared.case, &prepared.bounds);
     let planned = preparation(&prepared.case, &prepared.bounds, rough.ratio)?;
-    Record::new(&prepared, planned, rough.norms, synthesis)
+    let record = Record::new(&prepared, planned, rough.norms, synthesis)?;
+    let planned = PlannedSetUp {
+        points: record.points,
+        period: record.period,
+        recovery: record.probabilities.recovery,
+        share: PLANNED,
+        bin_bits: record.rounding.as_ref().map(|rounding| rounding.bin_bits),
+    };
+    let settings = SetUpSettings::new(&prepared.case, &planned);
+    Ok((record, settings))
 }
 
-/// The unitary scheme on the grid of `case`. Collective.
+/// The unitary scheme on the grid of `case`, whose state at the start has the first of `norms`.
+/// Collective.
 ///
 /// # Errors
 /// As [`unitary_of`]; as [`Prepared::new`].
-fn unitary(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Unitary> {
+fn unitary(
+    world: &World,
+    case: &Case,
+    norms: StateNorms,
+    synthesis: RotationSynthesis,
+) -> Result<Unitary> {
     let prepared = prepare(world, &unitary_of(case)?)?;
-    Ok(Unitary::new(&accesses(&prepared, 1.0, synthesis), case.tolerance))
+    let accesses = accesses(&prepared, 1.0, synthesis);
+    Ok(Unitary::new(&accesses, case.tolerance, norms.no_start()))
 }
 
 /// Every choice of profile, parameter, recovery point and `δ`, the cheapest first. Collective.

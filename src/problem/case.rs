@@ -134,6 +134,8 @@ pub struct Case {
     pub end: f64,
     /// `scheme.interface`.
     pub interface: Interface,
+    /// Whether the case names it.
+    pub names_interface: bool,
     /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
     pub flux: f64,
     /// `scheme.ends`.
@@ -266,6 +268,7 @@ impl Case {
             begin,
             end,
             interface: tables.scheme.interface(degree > 0 || reflects || flux < 1.0),
+            names_interface: tables.scheme.names_interface(),
             flux,
             ends: tables.scheme.ends,
             limiter: tables.scheme.limiter,

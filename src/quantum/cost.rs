@@ -82,6 +82,9 @@ pub struct Cost {
     pub evolution: SequenceCost,
     /// By steps forward and back, about half as many.
     pub half_calls: SequenceCost,
+    /// Gates until the field is measured by the sequence of `2K` steps, repeated or amplified, the
+    /// fewer of both.
+    pub gates_until_measured_2k: LabelledNumber,
     /// Calls of the oracles, of sparse access.
     #[serde(flatten)]
     pub queries: Option<OracleQueries>,
@@ -108,11 +111,7 @@ impl Cost {
 
     /// The same as a number with its label.
     pub fn measured(&self) -> &LabelledNumber {
-        let [repeated, amplified] = &self.cheaper().gates_until_measured;
-        match amplified.value() < repeated.value() {
-            true => amplified,
-            false => repeated,
-        }
+        self.cheaper().measured()
     }
 }
 
@@ -353,6 +352,7 @@ impl Accesses {
             alpha: tau.with(alpha),
             tau,
             block_qubits: walk.row_and_column - system,
+            gates_until_measured_2k: evolution.measured().clone(),
             evolution,
             half_calls,
             queries: Some(queries.clone()),
@@ -392,10 +392,12 @@ impl Accesses {
         let costs = |counts: SequenceCounts| counts.cost(self.synthesis, tolerance, evolutions);
         let both = [&call, &controlled];
         let forward = tau.value().unwrap_or_default();
+        let whole = costs(SequenceCounts::whole(&evolution, &controlled, &a_gate));
         Cost {
             access,
             block_qubits: controlled.block_qubits,
-            evolution: costs(SequenceCounts::whole(&evolution, &controlled, &a_gate)),
+            gates_until_measured_2k: whole.measured().clone(),
+            evolution: whole,
             half_calls: costs(SequenceCounts::both_ways(&evolution, forward, both, &a_gate)),
             queries: None,
             alpha,

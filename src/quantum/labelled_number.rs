@@ -4,6 +4,7 @@
 use crate::base::table::{ColumnValues, Label};
 use crate::base::text::short;
 use serde::Serialize;
+use serde_json::Value;
 use std::fmt;
 
 /// How far a number is to be trusted, the most trusted first.
@@ -22,6 +23,28 @@ pub enum Trust {
     Model,
     /// Not known.
     Unavailable,
+}
+
+impl Trust {
+    /// The label and its letter in tables.
+    fn label(self) -> Label {
+        let (word, mark) = match self {
+            Self::Exact => ("exact", 'x'),
+            Self::Emitted => ("emitted", 'g'),
+            Self::UpperBound => ("upper-bound", 'b'),
+            Self::Estimate => ("estimate", 'm'),
+            Self::Model => ("model", 'm'),
+            Self::Unavailable => ("unavailable", ' '),
+        };
+        Label { word, mark }
+    }
+
+    /// `column` with this label in every row that has a value.
+    pub fn of_column(self, mut column: ColumnValues) -> ColumnValues {
+        let label = |cell: &Value| if cell.is_null() { Self::Unavailable } else { self }.label();
+        column.labels = column.cells.iter().map(label).collect();
+        column
+    }
 }
 
 /// A number and how far it is to be trusted.
@@ -101,19 +124,6 @@ impl LabelledNumber {
         self.value
     }
 
-    /// The label and its letter in tables.
-    fn column_label(&self) -> Label {
-        let (word, mark) = match self.label {
-            Trust::Exact => ("exact", 'x'),
-            Trust::Emitted => ("emitted", 'g'),
-            Trust::UpperBound => ("upper-bound", 'b'),
-            Trust::Estimate => ("estimate", 'm'),
-            Trust::Model => ("model", 'm'),
-            Trust::Unavailable => ("unavailable", ' '),
-        };
-        Label { word, mark }
-    }
-
     /// The number to three digits with a letter for its label, of tables.
     pub fn marked(&self) -> String {
         self.marked_to(3)
@@ -127,7 +137,7 @@ impl LabelledNumber {
             false => format!("{x:.decimals$e}"),
         };
         let Some(value) = self.value() else { return "-".to_owned() };
-        format!("{} {}", number(value), self.column_label().mark)
+        format!("{} {}", number(value), self.label.label().mark)
     }
 
     /// Figures as a column of a table, with their labels.
@@ -135,7 +145,7 @@ impl LabelledNumber {
         let mut column = ColumnValues::new(name, []);
         for figure in figures {
             column.cells.push(figure.value().into());
-            column.labels.push(figure.column_label());
+            column.labels.push(figure.label.label());
         }
         column
     }

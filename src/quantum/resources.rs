@@ -12,10 +12,11 @@
 //! ([`crate::quantum::optimise`]), and the case's own, which is planned to be emulated.
 //!
 //! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of
-//! other programs in `formats`.
+//! other programs in `formats`, a set-up as settings of the case in [`settings`].
 
 mod formats;
 pub mod regime;
+pub mod settings;
 mod text;
 
 use crate::base::error::Result;
@@ -28,6 +29,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::resources::regime::{Regime, gates_factor};
+use crate::quantum::resources::settings::SetUpSettings;
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
@@ -284,6 +286,8 @@ pub struct Comparison {
     /// The cheapest.
     #[serde(flatten)]
     pub cheapest: Record,
+    /// The settings that make it the case's own; none where it is.
+    pub cheapest_settings: Option<SetUpSettings>,
     /// As the case file has it, or as it is planned to be emulated.
     pub own: Record,
     /// The unitary scheme on the same grid, where there is one.
@@ -300,9 +304,9 @@ pub struct Comparison {
 }
 
 impl Unitary {
-    /// For `accesses` of a skew matrix.
-    pub fn new(accesses: &Accesses, tolerance: f64) -> Self {
-        let once = || LabelledNumber::exact(1.0);
+    /// For `accesses` of a skew matrix; `no_start` is why there is no state to be prepared.
+    pub fn new(accesses: &Accesses, tolerance: f64, no_start: Option<&str>) -> Self {
+        let once = || no_start.map_or(LabelledNumber::exact(1.0), LabelledNumber::unavailable);
         let demand = EvolutionRequirements::unitary(LabelledNumber::exact(tolerance));
         Self {
             tolerance,

@@ -42,7 +42,7 @@ pub(crate) struct Placement {
     pub warnings: Vec<String>,
 }
 
-/// The plan of the auxiliary variable for the state's tolerance `ε = tolerance/ratio`.
+/// The plan of the auxiliary variable for the state's tolerance `ε = share·tolerance/ratio`.
 ///
 /// # Errors
 /// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it,
@@ -328,7 +328,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     let shift = shift(case, bounds);
     let growth = (bounds.growth * time - shift).max(0.0);
     let decay = bounds.decay * time + shift;
-    let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
+    let tolerance = warp.share * case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
     let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
     let mut demand = ProfileRequirements::new(tolerance, growth, decay, width + second);
@@ -415,16 +415,16 @@ fn relaxed(
 
 /// Why no profile meets `demand`, whatever the interval.
 fn no_profile(case: &Case, ratio: f64, demand: &ProfileRequirements) -> Error {
-    let growth = demand.growth;
+    let (growth, share) = (demand.growth, case.warp.share);
     match case.warp.recovery {
         Some(point) if !demand.keeps_digits(point) => {
             Error::Recovery { point, highest: demand.highest_point(), tolerance: case.tolerance }
         }
         _ => match Profile::smallest_tolerance(&case.warp.choice(), demand) {
-            Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+            Some(smallest) if smallest * ratio / share <= LARGEST_TOLERANCE => Error::Tolerance {
                 place: case.tolerance_place.clone(),
                 tolerance: case.tolerance,
-                smallest: round_up(smallest * ratio),
+                smallest: round_up(smallest * ratio / share),
                 ratio,
                 growth,
             },

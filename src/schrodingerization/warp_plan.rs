@@ -122,14 +122,14 @@ impl WarpPlan {
         let placement = place(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
         let modes = PropagatedModes::of(case, series);
-        let state_tolerance = case.tolerance / ratio;
+        let of_modes = case.tolerance / ratio;
         let mode_tolerances: Vec<f64> = match placement.profile {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
             // does not depend on whether its conjugate is propagated.
             Some(_) => {
                 let share = |l| modes.undivided().weight(modes.own(l).0, reading).norm();
                 (0..modes.count)
-                    .map(|l| mode_tolerance(state_tolerance, series.modes(), share(l)))
+                    .map(|l| mode_tolerance(of_modes, series.modes(), share(l)))
                     .collect()
             }
             None => vec![case.tolerance; modes.count],
@@ -144,7 +144,7 @@ impl WarpPlan {
         };
         Ok(Self {
             ratio,
-            state_tolerance,
+            state_tolerance: case.warp.share * case.tolerance / ratio,
             modes: modes.count,
             applications,
             solves,

@@ -408,12 +408,15 @@ pub struct StateNorms {
 }
 
 impl StateNorms {
+    /// Why there is no state to be prepared; none where there is one.
+    pub fn no_start(&self) -> Option<&'static str> {
+        const WHY: &str = "f(0) is 0 and nothing enters: there is no state to prepare";
+        (self.start == 0.0).then_some(WHY)
+    }
+
     /// Why there is no field to be measured; none where there is one.
     pub fn no_field(&self) -> Option<&'static str> {
-        match (self.start == 0.0, self.field == 0.0) {
-            (true, _) => Some("f(0) is 0 and nothing enters: there is no state to prepare"),
-            (false, true) => Some("the field has decayed to zero"),
-            (false, false) => None,
-        }
+        let decayed = (self.field == 0.0).then_some("the field has decayed to zero");
+        self.no_start().or(decayed)
     }
 }

@@ -32,11 +32,11 @@ use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Data, EndFlux, Exact, Integrator, Limiter, Method};
+use crate::problem::case::{Case, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
-use crate::quantum::readout::MEASURE_VALUED;
+use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::advise::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
@@ -144,13 +144,16 @@ fn classical_methods(
     let DensityTask { world, exact, accuracy, .. } = *task;
     let case = at_point.case;
     let mut baselines = vec![fastest_stepping(upwind, case, accuracy)];
-    if !case.is_galerkin() && !case.varies() {
-        let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
-        let found = MeasuredScheme::new(world, &steeper, exact);
-        let found = found.map_err(|error| case.reason(&error));
-        baselines.push(stepped("time stepping, van Leer", &found, case, accuracy));
-        task.advance(OF_TRIALS);
-    }
+    let steeper = match case.is_galerkin() {
+        true => Err(no_slopes(case)),
+        false => {
+            let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
+            let found = MeasuredScheme::new(world, &steeper, exact);
+            found.map_err(|error| case.reason(&error))
+        }
+    };
+    baselines.push(stepped("time stepping, van Leer", &steeper, case, accuracy));
+    task.advance(OF_TRIALS);
     baselines.extend(match case.reflects() {
         true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
         false => [
@@ -161,13 +164,23 @@ fn classical_methods(
     baselines
 }
 
+/// Why no slopes are limited in a case by elements.
+fn no_slopes(case: &Case) -> String {
+    let key = match (case.space.degree(), case.reflects()) {
+        (0, true) => "potential.reflection".to_owned(),
+        (0, false) => format!("scheme.flux = {}", case.flux),
+        (degree, _) => format!("scheme.degree = {degree}"),
+    };
+    format!("{key}: slopes are limited in upwind cells of degree 0 only; --set scheme.degree=0")
+}
+
 /// What errors of `case` are measured against.
 ///
 /// # Errors
 /// [`Error::Input`] for measure-valued data, and where nothing exact is known.
 fn exact_of(case: &Case) -> Result<Exact> {
-    if matches!(case.data, Data::Measure { .. }) {
-        return Err(Error::Input(format!("{}: {MEASURE_VALUED}", case.name)));
+    if let Some(keys) = smooth_delta(case) {
+        return Err(Error::Input(format!("{}: {MEASURE_VALUED}: {keys}", case.name)));
     }
     match (&case.exact, case.reflects()) {
         (Some(exact), _) => Ok(exact.clone()),

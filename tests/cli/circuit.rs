@@ -372,6 +372,39 @@ fn exports_are_the_same_on_any_ranks() {
     assert_eq!(files(1), files(3));
 }
 
+/// A case that names no interface has the circuit of the conservative one, and the command says so.
+#[test]
+fn the_interface_is_that_of_resources_unless_it_is_named() {
+    let files = |scheme: &str| {
+        let place = directory();
+        let settings = [STEP, MODES, &[scheme]].concat();
+        let job = export("export-circuit", "example1.toml", &settings, place.path());
+        let printed = job.succeed().unwrap().output;
+        (printed, text_of(place.path().join("circuit.json")).unwrap())
+    };
+    let (printed, circuit) = files("scheme={}");
+    assert!(printed.contains("interface conservative, as `resources` takes it"), "{printed}");
+    let (printed, named) = files("scheme={interface='conservative'}");
+    assert!(!printed.contains("interface"), "{printed}");
+    assert_eq!(circuit, named);
+}
+
+/// Nothing leaves a ring without a force: the central flux is unitary there with open ends too.
+#[test]
+fn a_ring_has_the_circuit_of_the_unitary_scheme() {
+    let settings = [
+        "axis.0.x.cells=6", "axis.0.v.cells=8", "axis.0.x.boundary=periodic",
+        "potential=[{value='0'}]", "scheme.flux=0",
+    ];
+    let place = directory();
+    let job = export("export-circuit", "example1.toml", &settings, place.path());
+    job.with(["--check", "48"]).succeed().unwrap();
+    let about = json_of(place.path().join("circuit.json")).unwrap();
+    let about = &about["description"];
+    assert_eq!(about["modes"]["One"], 0.0);
+    assert!(about["check"]["difference"].as_f64() < Some(1e-13), "{about}");
+}
+
 #[test]
 fn cases_without_a_circuit_are_refused() {
     type Row = (&'static str, &'static [&'static str], &'static [&'static str]);

@@ -192,6 +192,11 @@ fn mistakes_in_a_file_are_reported_with_their_line() {
             &["solver.warp.recovery", "-1", "between 0"],
         ),
         (
+            "profile = \"planned\"",
+            "profile = \"gaussian\"\nshare = 2",
+            &["solver.warp.share", "2", "between 0.001 and 1"],
+        ),
+        (
             "integrator = \"exponential\"",
             "integrator = \"rk4\"",
             &["solver.classical.integrator", "rk4", "ssp-rk3"],

@@ -276,7 +276,13 @@ fn is_the_emitted_circuit(found: &Value, emitted: &Value, levels: &str) {
 fn a_unitary_flow_has_no_register_for_p() {
     const CLOSED: &[&str] =
         &["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.flux=0", "scheme.ends=closed"];
-    let rows: [(&str, &[&str], &[&str]); 3] = [
+    // Nothing leaves a ring without a force, also through open ends.
+    const RING: &[&str] = &[
+        "axis.0.x.cells=8", "axis.0.v.cells=8", "axis.0.x.boundary=periodic",
+        "potential=[{value='0'}]", "scheme.flux=0",
+    ];
+    let rows: [(&str, &[&str], &[&str]); 4] = [
+        ("example1.toml", RING, &["solver.tolerance=1e-3"]),
         ("unitary_advection.toml", &["scheme.degree=2", "solver.tolerance=1e-3"], &[]),
         ("example1.toml", CLOSED, &["solver.tolerance=1e-3"]),
         (
@@ -302,6 +308,9 @@ fn a_unitary_flow_has_no_register_for_p() {
                 && record["costs"] == costs_of_unitary
         };
         require(free(&record), &found, || format!("{record}"))?;
+        let of_cells = name == &"example1.toml";
+        let compiled = record["own"]["no_circuit"].is_null();
+        require(compiled == of_cells, &found, || format!("{}", record["own"]["no_circuit"]))?;
         let by_hand = more.iter().any(|key| key.contains("shift"));
         require(by_hand || free(&record["own"]), &found, || format!("{}", record["own"]))?;
         // Tables have what is the same once, by the name of the unitary scheme. All formats have
@@ -320,6 +329,8 @@ fn a_unitary_flow_has_no_register_for_p() {
         let list = job(&["--optimise"]).succeed()?;
         let lines: Vec<&str> = list.output.lines().collect();
         require(lines[1].starts_with("one mode, S = 0"), &list, || lines[1].to_owned())?;
+        let twice = list.output.contains("unitary scheme, no p");
+        require(!twice, &list, || "the unitary scheme twice".to_owned())?;
         let end = lines.iter().position(|line| line.starts_with("calls:")).unwrap_or(0);
         let bare = lines[1..end].iter().any(|line| {
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -377,6 +388,9 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
             assert_eq!(number(&format!("until_measured_{way}")), both[k]);
         }
         assert_eq!(number("gates_until_measured"), least);
+        // By the sequence whose rotations are computed.
+        assert_eq!(number("gates_until_measured_2k"), whole.0);
+        assert_eq!(cost["gates_until_measured_2k"]["value"].as_f64(), Some(whole.0));
         assert_eq!(Some(number("half_calls_qubits")), half["qubits"]["value"].as_f64());
         // Sparse access alone calls oracles, six times a step.
         let is_sparse = cost["access"] == "sparse";
@@ -415,6 +429,7 @@ fn tables_of_costs_have_the_numbers_of_the_json() {
             ("half_calls_steps", &choice["half_calls_steps"]),
             ("until_measured_repeated", &choice["cost"][0]),
             ("until_measured_amplified", &choice["cost"][1]),
+            ("gates_until_measured_2k", &choice["gates_until_measured_2k"]),
         ] {
             assert_eq!(line[column(name)].parse().ok(), figure["value"].as_f64(), "{name}");
         }
@@ -542,14 +557,30 @@ fn the_cost_of_a_density_is_consistent() {
             ("qubits", &way["cost"]["qubits"]),
             ("toffoli", &way["cost"]["toffoli"]),
             ("gates_until_measured", &way["gates_until_measured"]),
+            ("gates_until_measured_2k", &way["cost"]["gates_until_measured_2k"]),
             ("seconds", &way["seconds"]),
         ] {
             assert_eq!(line[column(name)].parse().ok(), figure["value"].as_f64(), "{name}");
         }
     }
+    // Numbers without a label of their own in the JSON have one here: by way, then by method.
+    let of_grid = [true, true, false, false, false, false, false];
+    let extrapolated = ["", "", "", "model", "model", "exact", "exact"];
+    for (k, line) in lines[1..].iter().enumerate() {
+        for (name, expected) in [
+            ("grid", if of_grid[k] { "estimate" } else { "unavailable" }),
+            ("order", if of_grid[k] { "estimate" } else { "unavailable" }),
+            ("code_distance", if k < 3 { "model" } else { "unavailable" }),
+            ("cells_or_traces", if k < 3 { "unavailable" } else { extrapolated[k] }),
+        ] {
+            let label = &line[column(&format!("{name}_label"))];
+            assert_eq!(label, expected, "{name}: {line:?}");
+            assert_eq!(line[column(name)].is_empty(), label == "unavailable", "{name}: {line:?}");
+        }
+    }
     assert!(lines[1][column("profile")].contains(' '), "{lines:?}");
     let job = |name: &str| Job::new(["resources", &case(name), "--accuracy", "0.1"]);
-    job("example2.toml").is_refused(&["is not linear"]).unwrap();
+    job("example2.toml").is_refused(&["is not linear", "initial = { f = \"(", "exp("]).unwrap();
     // An error relative to a density of almost zero is refused.
     let nowhere = ["readout={points=[[-1.4]],accuracy=0.1}"];
     let job_there = job("smooth-beams.toml").set(&settings[..4]).set(&nowhere);
@@ -953,6 +984,10 @@ fn a_unitary_case_is_compared_with_upwind() {
     assert!(upwind["profile"].is_object() && unitary["profile"].is_null(), "{upwind}");
     assert!(upwind["points"]["value"].as_f64().unwrap() > 1.0);
     assert!(upwind["probability"]["value"].as_f64().unwrap() < 1.0);
+    // Slopes are limited in upwind cells only, and that is what is said.
+    let seconds = &method_of(&found, "time stepping, van Leer")["seconds"];
+    let why = seconds["because"].as_str().unwrap_or_default();
+    assert!(seconds["label"] == "unavailable" && why.contains("scheme."), "{seconds}");
 }
 
 /// The errors of the field add up to the tolerance in the cheapest set-up, and to what is stated in
@@ -998,7 +1033,107 @@ fn without_a_field_there_is_no_state_to_prepare() {
     assert_eq!(all["label"], "unavailable");
     assert!(all["because"].as_str().unwrap().contains("no state to prepare"), "{all}");
     let why = found["not_compared"].as_str().unwrap();
-    assert!(why.contains("no state to prepare"), "{why}");
+    assert!(why.contains("no choice") && why.contains("no state to prepare"), "{why}");
+    // The unitary scheme has gates of an evolution, and none until a field is measured.
+    let costs = found["unitary"]["costs"].as_array().unwrap();
+    assert!(costs.len() > 1, "{}", found["unitary"]);
+    for cost in costs {
+        assert!(cost["gates"]["value"].as_f64() > Some(0.0), "{cost}");
+        for sequence in [cost, &cost["half_calls"]] {
+            for gates in sequence["gates_until_measured"].as_array().unwrap() {
+                assert_eq!(gates["label"], "unavailable");
+                assert!(gates["because"].as_str().unwrap().contains("no state to prepare"));
+            }
+        }
+    }
+    let job = |more: &[&str]| {
+        of_case("resources", "example1.toml").set(&settings).with(more.iter().copied())
+    };
+    let list = job(&["--optimise", "--format", "json"]).succeed().unwrap().json().unwrap();
+    let choices = list.as_array().unwrap();
+    assert!(choices.len() > 5 && choices.iter().any(|choice| choice["unitary_scheme"] == true));
+    for choice in choices {
+        let why = choice["recovery"]["because"].as_str().unwrap_or_default();
+        assert!(why.contains("no state to prepare"), "{choice}");
+    }
+    let text = job(&["--optimise"]).succeed().unwrap().output;
+    assert_eq!(text.matches("no state to prepare").count(), 1, "{text}");
+    job(&["--accuracy", "0.1"]).is_refused(&["density is zero"]).unwrap();
+}
+
+/// The settings that are printed for the cheapest set-up make it the case's own, with the same
+/// counts.
+#[test]
+fn settings_of_the_cheapest_set_up_have_its_counts() {
+    let rows: [(&str, &[&str]); 4] = [
+        // By a circuit, with rounded jumps; the case has a profile with another parameter.
+        (
+            "example1.toml",
+            &[
+                "axis.0.x.cells=16",
+                "axis.0.v.cells=16",
+                "solver.tolerance=1e-3",
+                "solver.warp={profile='smooth',order=3}",
+            ],
+        ),
+        // By sparse access alone.
+        ("inflow_barrier.toml", &["axis.0.x.cells=16", "axis.0.v.cells=16"]),
+        ("barrier2d.toml", &["axis.0.x.cells=4", "axis.1.x.cells=4"]),
+        ("slope_jump.toml", &["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.shift=0.1"]),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let job = of_case("resources", name).set(settings);
+        let text = job.succeed()?;
+        let found = job.with(["--format", "json"]).succeed()?;
+        let record = found.json()?;
+        let printed = &record["cheapest_settings"];
+        let set: Vec<String> = printed["set"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(|setting| setting.as_str().map(str::to_owned))
+            .collect();
+        require(set.len() == 4, &found, || format!("{printed}"))?;
+        let shown = set.iter().all(|setting| text.output.contains(&format!("--set \"{setting}\"")));
+        require(shown, &text, || format!("{set:?}"))?;
+        let rounding = &record["rounding"]["bin_bits"];
+        require(printed["sub_bins"] == *rounding, &found, || format!("{printed}"))?;
+        let line = format!("--sub-bins {rounding}");
+        require(rounding.is_null() || text.output.contains(&line), &text, || line.clone())?;
+        let set: Vec<&str> = set.iter().map(String::as_str).collect();
+        let again = of_case("resources", name).set(settings).set(&set).with(["--format", "json"]);
+        let again = again.succeed()?;
+        let own = &again.json()?["own"];
+        for key in ["points", "period", "interface", "nonzeros", "costs", "error_budget"] {
+            alike(&record[key], &own[key]).map_err(|why| again.report(&format!("{key}: {why}")))?;
+        }
+        let probability = |record: &Value| record["probabilities"]["in_window"]["all"].clone();
+        alike(&probability(&record), &probability(own)).map_err(|why| again.report(&why))?;
+        // Control: the own set-up without them is another.
+        match alike(&record["costs"], &record["own"]["costs"]) {
+            Ok(()) => Err(found.report("the case's own set-up is the cheapest")),
+            Err(_) => Ok(()),
+        }
+    });
+}
+
+/// Whether two values of JSON are equal, their numbers but for round-off.
+fn alike(a: &Value, b: &Value) -> Result<(), String> {
+    let differ = || Err(format!("{a} beside {b}"));
+    match (a, b) {
+        (Value::Number(_), Value::Number(_)) => {
+            let [x, y] = [a, b].map(|n| n.as_f64().unwrap_or(f64::NAN));
+            if (x - y).abs() <= 1e-9 * x.abs() { Ok(()) } else { differ() }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            a.iter().zip(b).try_for_each(|(a, b)| alike(a, b))
+        }
+        (Value::Object(x), Value::Object(y)) if x.len() == y.len() => {
+            x.iter().try_for_each(|(key, value)| alike(value, y.get(key).unwrap_or(&Value::Null)))
+        }
+        _ if a == b => Ok(()),
+        _ => differ(),
+    }
 }
 
 /// A number of qubits that is out of range is refused with the range.

@@ -82,6 +82,9 @@ const FOUR: &[&str] = &[
     "solver.warp.points=4",
     "solver.tolerance=0.1",
 ];
+/// A circuit of 20 qubits: 4 by 4 cells, 8 modes.
+const TWENTY: &[&str] =
+    &["axis.0.x.cells=4", "axis.0.v.cells=4", "solver.warp.points=8", "time.end=0.5"];
 /// Initial data that are a product in x and v.
 const BEAM: &[&str] = &["initial.f=1 if x < 0 && v > 0 else 0"];
 /// Initial data on a set of cells that is no product.
@@ -102,6 +105,8 @@ const COMPLETE: &[(&[&[&str]], &str)] = &[
     (&[HALVES, ONE_MODE, BEAM, &["axis.0.x.boundary=inflow"]], "0"),
     // A force instead of jumps, with weights of modes by rotations.
     (&[HALVES, FOUR, BEAM, &["axis.0.x.boundary=inflow", "potential=[{value='0.3*x'}]"]], "0"),
+    // As many qubits as there may be.
+    (&[HALVES, FOUR, BEAM, TWENTY], "0"),
 ];
 
 /// Larger exports whose field is read, with narrow Gaussians, whose planned period is short.
@@ -175,9 +180,18 @@ fn complete_circuits_find_the_field_and_a_moment() {
         if !printed.contains("complete circuit: ") {
             return Err(printed);
         }
-        // Control: a hundredth of the bound does not hold.
         let file = place.path().join("complete.json");
         let mut whole = json_of(&file)?;
+        let qubits = whole["description"]["counts"]["qubits"].as_u64();
+        let largest = settings.contains(&TWENTY);
+        if largest != (qubits == Some(20)) {
+            return Err(format!("{qubits:?} qubits"));
+        }
+        // The largest takes 15 s of a processor.
+        if largest {
+            return Ok(());
+        }
+        // Control: a hundredth of the bound does not hold.
         let bound = whole["description"]["bound"].as_f64().ok_or("no bound")?;
         whole["description"]["bound"] = (0.01 * bound).into();
         std::fs::write(&file, whole.to_string()).map_err(|e| e.to_string())?;

@@ -140,7 +140,7 @@ const SHORTEST: f64 = 1e-6;
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SchemeTable {
-    interface: Interface,
+    interface: Option<Interface>,
     pub limiter: Limiter,
     /// `degree`: the default for every axis.
     pub degree: i64,
@@ -168,7 +168,12 @@ impl SchemeTable {
     /// `interface`: the law of the upwind scheme of degree 0. Any other scheme matches `traces` by
     /// energy, which conserves what `conservative` does, so that name is used for it.
     pub fn interface(&self, traces: bool) -> Interface {
-        if traces { Interface::Conservative } else { self.interface }
+        if traces { Interface::Conservative } else { self.interface.unwrap_or_default() }
+    }
+
+    /// Whether the case names an interface.
+    pub fn names_interface(&self) -> bool {
+        self.interface.is_some()
     }
 
     /// `flux`: `α` from 0 (central) to 1 (upwind).

@@ -145,6 +145,8 @@ pub struct Warp {
     pub delta: Delta,
     /// `shift`: `u = e^{σt} ũ`.
     pub shift: Shift,
+    /// `share`: the part of `solver.tolerance` to which the profile is planned.
+    pub share: f64,
 }
 
 impl Warp {
@@ -211,6 +213,7 @@ pub struct WarpTable {
     inflow: Embedding,
     delta: Option<NumberOr<DeltaWord>>,
     shift: Option<NumberOr<ShiftWord>>,
+    share: Option<f64>,
 }
 
 /// `solver.warp.profile`.
@@ -273,6 +276,7 @@ impl WarpTable {
             inflow: self.inflow,
             delta: self.delta(file)?,
             shift: self.shift(file, time)?,
+            share: self.share(file)?,
         };
         match warp.by_hand() {
             Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
@@ -400,6 +404,15 @@ impl WarpTable {
                 .within("solver.warp.delta", delta, least..=LARGEST_NUMBER, message)
                 .map(Delta::Given),
         }
+    }
+
+    /// `share`: a part of the tolerance; by default all of it.
+    fn share(&self, file: &CaseFile<'_>) -> Result<f64> {
+        const LEAST: f64 = 1e-3;
+        let share = self.share.unwrap_or(1.0);
+        file.within("solver.warp.share", share, LEAST..=1.0, || {
+            format!("must be between {LEAST} and 1")
+        })
     }
 
     /// `shift`: a number or `"growth"`; by default 0.

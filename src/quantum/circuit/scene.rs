@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::text::word;
+use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
@@ -70,16 +71,32 @@ struct JumpFaces {
 /// Refuses cases that the circuit does not support, before it is assembled.
 ///
 /// # Errors
-/// [`Error::Input`] with the key, the value and what would do; as `Force::new`.
+/// [`Error::Input`] with the key, the value and what would do; as [`Bounds::new`] and `Force::new`.
 pub fn refuse(case: &Case) -> Result<()> {
-    let unknown = unknown_choice(case).or_else(|| unknown_grid(&case.space));
+    let unknown = match unknown_choice(case) {
+        None if case.flux < 1.0 && !has_skew_flow(case)? => Some(format!(
+            "scheme.flux = {}; the circuit has 1, upwind, and 0 where the flow is unitary, as with \
+             scheme.ends = \"closed\"",
+            case.flux
+        )),
+        unknown => unknown.or_else(|| unknown_grid(&case.space)),
+    };
     match unknown {
         Some(what) => Err(Error::Input(format!("{}: {what}", case.name))),
         None => forces(case, &Potential::whole(case)?).map(drop),
     }
 }
 
-/// The first choice of the case that the circuit does not have, and what would do.
+/// Whether the flow of a case with the central flux is unitary: with closed ends, and where nothing
+/// leaves through open ones (a ring without a force).
+///
+/// # Errors
+/// As [`Bounds::new`].
+fn has_skew_flow(case: &Case) -> Result<bool> {
+    Ok(case.flux == 0.0 && (case.is_closed() || Bounds::new(case)?.is_skew()))
+}
+
+/// The first choice of the case that the circuit does not have but the flux, and what would do.
 fn unknown_choice(case: &Case) -> Option<String> {
     let degree = case.space.degree();
     if degree > 0 {
@@ -89,17 +106,11 @@ fn unknown_choice(case: &Case) -> Option<String> {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
         return Some(what.to_owned());
     }
-    if case.flux < 1.0 && !case.is_unitary() {
-        return Some(format!(
-            "scheme.flux = {}; the circuit has 1, upwind, and 0 with scheme.ends = \"closed\", \
-             which is unitary",
-            case.flux
-        ));
-    }
     if case.interface != Interface::Conservative {
         return Some(format!(
             "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
-             scheme.interface = \"conservative\" does",
+             scheme.interface = \"conservative\" does, which is taken where the case names no \
+             interface",
             word(&case.interface)
         ));
     }

@@ -87,6 +87,15 @@ impl SequenceCounts {
 }
 
 impl SequenceCost {
+    /// All gates until the field is measured, repeated or amplified, the fewer of both.
+    pub fn measured(&self) -> &LabelledNumber {
+        let [repeated, amplified] = &self.gates_until_measured;
+        match amplified.value() < repeated.value() {
+            true => amplified,
+            false => repeated,
+        }
+    }
+
     /// T gates of all rotations of an evolution.
     pub fn t_of_rotations(&self) -> LabelledNumber {
         self.rotations.times(&self.t_a_rotation)

@@ -48,6 +48,7 @@ impl CostTable<'_> {
             figures("until_measured_repeated", |cost| &cost.cheaper().gates_until_measured[0]),
             figures("until_measured_amplified", |cost| &cost.cheaper().gates_until_measured[1]),
             figures("gates_until_measured", Cost::measured),
+            figures("gates_until_measured_2k", |cost| &cost.gates_until_measured_2k),
             queries("location_queries", |calls| &calls.location_queries),
             queries("value_queries", |calls| &calls.value_queries),
             queries("queries", |calls| &calls.queries),
@@ -67,7 +68,7 @@ impl fmt::Display for CostTable<'_> {
         let figures = |name: &str, digits: usize, figure: fn(&Cost) -> &LabelledNumber| {
             Column::new(name, self.0.iter().map(|(_, cost)| whole(figure(cost), digits)))
         };
-        let names = self.0.iter().map(|(name, cost)| format!("{name}, {}", cost.access));
+        let names = || self.0.iter().map(|(name, cost)| format!("{name}, {}", cost.access));
         let columns = [
             figures("alpha", 3, |cost| &cost.alpha),
             figures("steps", 3, |cost| &cost.evolution.steps),
@@ -78,7 +79,7 @@ impl fmt::Display for CostTable<'_> {
             figures("measured", 3, Cost::measured),
             figures("qb.", 3, |cost| &cost.cheaper().qubits),
         ];
-        f.write_str(&in_pieces(&Column::of_words("", names), &columns))?;
+        f.write_str(&in_pieces(&Column::of_words("", names()), &columns))?;
         writeln!(
             f,
             "x exact, g exact (emitted gates), b upper bound, m model or estimate. Toffoli, rot.: \
@@ -86,6 +87,17 @@ impl fmt::Display for CostTable<'_> {
              Toffoli gates (4 T gates are one; T gates of rotations are a model). halved: the same \
              by about half as many steps. measured: until the result is measured, the cheapest \
              way. qb.: qubits"
-        )
+        )?;
+        writeln!(
+            f,
+            "Gates until the result is measured, by 2K steps, whose rotations are computed and \
+             exported, and by half as many, whose rotations are not:"
+        )?;
+        let indented = Column::of_words("", names().map(|name| format!("  {name}")));
+        let sequences = [
+            figures("2K steps", 3, |cost| &cost.gates_until_measured_2k),
+            figures("half as many", 3, |cost| cost.half_calls.measured()),
+        ];
+        f.write_str(&in_pieces(&indented, &sequences))
     }
 }

@@ -38,6 +38,8 @@ pub struct CostedChoice {
     /// All gates, in Toffoli gates, until it succeeds in the window, or in the slice where there is
     /// none: repeated, and by amplitude amplification; by the cheaper sequence.
     pub cost: [LabelledNumber; 2],
+    /// The fewer of both by the sequence whose rotations are computed, with the same access.
+    pub gates_until_measured_2k: LabelledNumber,
     /// Calls of the oracles by sparse access, whatever access takes the fewest gates.
     #[serde(flatten)]
     pub queries: OracleQueries,
@@ -71,6 +73,7 @@ impl CostedChoice {
             half_calls: None,
             probability: [none(), none()],
             cost: [none(), none()],
+            gates_until_measured_2k: none(),
             queries: OracleQueries::unavailable(why),
             demand: None,
         }
@@ -80,6 +83,10 @@ impl CostedChoice {
     pub fn unitary(costs: &[Cost]) -> Option<Self> {
         let one = || LabelledNumber::exact(1.0);
         let cost = Cost::least_of(costs)?;
+        let planned = ProfileCandidate::planned(ProfileChoice::Planned);
+        if let (None, Some(why)) = (cost.measured().value(), cost.measured().because()) {
+            return Some(Self { unitary_scheme: true, ..Self::unavailable(&planned, None, why) });
+        }
         Some(Self {
             unitary_scheme: true,
             recovery: LabelledNumber::exact(0.0),
@@ -87,12 +94,13 @@ impl CostedChoice {
             probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
             access: Some(cost.access),
             cost: cost.cheaper().gates_until_measured.clone(),
+            gates_until_measured_2k: cost.gates_until_measured_2k.clone(),
             walk_steps: cost.cheaper().steps.clone(),
             steps: cost.evolution.steps.clone(),
             half_calls_steps: cost.half_calls.steps.clone(),
             half_calls: Some(cost.cheaper() == &cost.half_calls),
             queries: costs.iter().find_map(|cost| cost.queries.clone())?,
-            ..Self::unavailable(&ProfileCandidate::planned(ProfileChoice::Planned), None, "")
+            ..Self::unavailable(&planned, None, "")
         })
     }
 
@@ -188,7 +196,7 @@ pub(super) fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCa
     let growth = bounds.growth * case.duration();
     let shift = case.warp.shift.of(bounds.growth) * case.duration();
     let warp = &mut case.warp;
-    warp.profile = candidate.profile.clone();
+    (warp.profile, warp.share) = (candidate.profile.clone(), 1.0);
     (warp.interval, warp.points) = (None, None);
     warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
     (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);

@@ -10,7 +10,7 @@ use crate::quantum::probability::{PlannedState, Probabilities, WINDOW, amplifica
 use crate::quantum::resources::Preparation;
 use crate::quantum::walk::{OF_PROFILE, of_evolution};
 use crate::schrodingerization::placement::Outline;
-use crate::schrodingerization::profile::series::{Series, points, points_of_modes};
+use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
 use std::f64::consts::TAU;
 
@@ -18,13 +18,14 @@ use std::f64::consts::TAU;
 pub(super) const MOST_MODES: usize = 1 << 17;
 /// Part of the field's tolerance to which a profile is planned at `p◇`, so that its window has
 /// [`OF_PROFILE`].
-pub(super) const PLANNED: f64 = OF_PROFILE / WINDOW;
+pub const PLANNED: f64 = OF_PROFILE / WINDOW;
 
 /// The modes of a state that is planned to be measured: on a period so long that the window ends
 /// where hardly anything is left of `e^{−p}`, and that the modes fill a register, whose highest
 /// wavenumber is in the `α` of a circuit.
 struct RegisterModes {
-    modes: usize,
+    /// `N_p`, a power of two: modes `−N_p/2 … N_p/2 − 1`.
+    points: usize,
     period: f64,
 }
 
@@ -35,15 +36,24 @@ impl RegisterModes {
         const WINDOW: f64 = 3.0;
         let highest = TAU * (outline.modes - 1.0) / outline.period;
         let least = outline.period + WINDOW;
-        let modes = (highest * least / TAU).ceil() as usize + 1;
+        let half = ((highest * least / TAU).ceil() as usize).max(1).next_power_of_two();
         // A register has all of its wavenumbers: none is above the highest.
-        let modes = modes.next_power_of_two();
-        Self { modes, period: least.max((modes - 1) as f64 * TAU / highest) }
+        Self { points: 2 * half, period: least.max(half as f64 * TAU / highest) }
+    }
+
+    /// Modes `l ≥ 0`, as so many points given by hand have them.
+    fn modes(&self) -> usize {
+        self.points / 2 + 1
+    }
+
+    /// The series of all modes.
+    fn series(&self, shape: &dyn ProfileShape) -> Series {
+        Series::analytic_points(self.period, self.points, |mu| shape.coefficient(mu))
     }
 
     /// The series of the first `count` modes.
-    fn series(&self, shape: &dyn ProfileShape, count: usize) -> Series {
-        Series::analytic(self.period, count.min(self.modes), |mu| shape.coefficient(mu))
+    fn first(&self, shape: &dyn ProfileShape, count: usize) -> Series {
+        Series::analytic(self.period, count.min(self.points / 2), |mu| shape.coefficient(mu))
     }
 }
 
@@ -66,7 +76,7 @@ fn planned_within(case: &Case) -> Case {
 fn of_outline(outline: &Outline, field_tolerance: f64, ratio: f64) -> Preparation {
     let state_tolerance = field_tolerance / ratio;
     let series = match outline.profile.form() {
-        ProfileForm::Transform(shape) => RegisterModes::new(outline).series(shape, usize::MAX),
+        ProfileForm::Transform(shape) => RegisterModes::new(outline).series(shape),
         ProfileForm::Series(series) => series.clone(),
     };
     let planned = outline.profile.to_string();
@@ -89,6 +99,10 @@ impl PlannedCandidate {
         system: &System<'_>,
         candidate: &ProfileCandidate,
     ) -> std::result::Result<Self, String> {
+        // Of no state there is nothing to plan.
+        if let Some(why) = system.norms.no_start() {
+            return Err(why.to_owned());
+        }
         let case = planned_within(&candidate_case(system.case, system.bounds, candidate));
         let outline = Outline::new(&case, system.bounds, system.ratio);
         let outline = outline.map_err(|error| case.reason(&error))?;
@@ -98,8 +112,8 @@ impl PlannedCandidate {
             return Err(too_many(outline.modes));
         }
         if let ProfileForm::Transform(_) = outline.profile.form() {
-            let modes = RegisterModes::new(&outline).modes;
-            if modes > MOST_MODES {
+            let modes = RegisterModes::new(&outline).modes();
+            if modes > MOST_MODES + 1 {
                 return Err(too_many(modes as f64));
             }
         }
@@ -116,14 +130,13 @@ impl PlannedCandidate {
         let Self { case, outline } = self;
         let ProfileForm::Transform(shape) = outline.profile.form() else { return 0.0 };
         let register = RegisterModes::new(outline);
-        let modes = register.modes;
         let first = PlannedState {
             bounds: system.bounds,
-            series: &register.series(shape, FIRST),
+            series: &register.first(shape, FIRST),
             point: outline.point,
             state_tolerance: case.tolerance / system.ratio,
             time: case.duration(),
-            points: points_of_modes(modes).next_power_of_two(),
+            points: register.points,
         };
         let most = first.most_probable(&system.norms);
         if !(most > 0.0 && most.is_finite()) {
@@ -132,7 +145,7 @@ impl PlannedCandidate {
         let evolutions = (1.0 / most).min(2.0 * amplification_rounds(most) + 1.0);
         let evolutions = LabelledNumber::exact(evolutions);
         let demand = EvolutionRequirements {
-            highest: TAU * (modes - 1) as f64 / register.period,
+            highest: TAU * (register.points / 2) as f64 / register.period,
             points: first.points,
             period: register.period,
             tolerance: LabelledNumber::exact(
@@ -180,6 +193,7 @@ impl PlannedCandidate {
             points: LabelledNumber::exact(found.points as f64),
             access: Some(least.access),
             cost: least.cheaper().gates_until_measured.clone(),
+            gates_until_measured_2k: least.gates_until_measured_2k.clone(),
             demand: Some(demand),
             half_calls: Some(least.cheaper() == &least.half_calls),
             walk_steps: least.cheaper().steps.clone(),

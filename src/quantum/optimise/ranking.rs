@@ -35,7 +35,16 @@ impl Ranking {
         let first = without.first()?;
         let (count, all, name) = (without.len(), self.0.len(), name_of(first));
         let why = first.why_not().unwrap_or_default();
+        if self.shared_reason().is_some() {
+            return Some(format!("no choice could be priced: {why}"));
+        }
         Some(format!("{count} of {all} choices could not be priced; {name}: {why}"))
+    }
+
+    /// Why no choice could be priced, if that is one reason for all.
+    fn shared_reason(&self) -> Option<&str> {
+        let why = self.0.first()?.why_not()?;
+        self.0.iter().all(|choice| choice.why_not() == Some(why)).then_some(why)
     }
 
     /// The columns of the table, a row for each choice.
@@ -59,6 +68,7 @@ impl Ranking {
             figures("until_measured_repeated", |choice| &choice.cost[0]),
             figures("until_measured_amplified", |choice| &choice.cost[1]),
             figures("gates_until_measured", CostedChoice::measured),
+            figures("gates_until_measured_2k", |choice| &choice.gates_until_measured_2k),
             words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
             figures("location_queries", |choice| &choice.queries.location_queries),
             figures("value_queries", |choice| &choice.queries.value_queries),
@@ -85,6 +95,9 @@ fn delta_text(delta: Delta) -> String {
 
 impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(why) = self.shared_reason() {
+            return writeln!(f, "no choice could be priced: {why}");
+        }
         let priced = || self.0.iter().filter(|choice| choice.why_not().is_none());
         let words = |name: &str, word: fn(&CostedChoice) -> String| {
             Column::of_words(name, priced().map(word))
@@ -124,6 +137,13 @@ impl fmt::Display for Ranking {
              repeated, in Toffoli gates (T gates of rotations are a model). amplif.: the same by \
              amplitude amplification. Gates of circuits are emitted, those of sparse access a \
              model's; probabilities are estimates."
+        )?;
+        let Some(first) = priced().next() else { return Ok(()) };
+        writeln!(
+            f,
+            "{} by 2K steps, whose rotations are computed and exported: {}",
+            short_name(first),
+            first.gates_until_measured_2k.marked()
         )
     }
 }

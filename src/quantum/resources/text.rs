@@ -78,6 +78,9 @@ impl fmt::Display for Comparison {
         if let Some(unitary) = unitary {
             writeln!(f, "{}", unitary.caveats)?;
         }
+        if let Some(settings) = &self.cheapest_settings {
+            write!(f, "\n{settings}")?;
+        }
         writeln!(f)?;
         if self.is_unitary() {
             write!(f, "THE CASE, WHICH IS UNITARY: ITS OWN SET-UP AND THE CHEAPEST\n{}", self.own)?;

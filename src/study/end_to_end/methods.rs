@@ -2,7 +2,7 @@
 
 use crate::problem::case::ProfileChoice;
 use crate::quantum::cost::Cost;
-use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
 use serde::Serialize;
@@ -107,6 +107,19 @@ pub struct ClassicalMethod {
     pub size: Option<f64>,
     /// Seconds on this machine.
     pub seconds: LabelledNumber,
+}
+
+impl ClassicalMethod {
+    /// Its size with a label: a grid is extrapolated, traces are counted unless their seconds are
+    /// extrapolated.
+    pub(super) fn labelled_size(&self) -> LabelledNumber {
+        const WHY: &str = "by the measured order, or by 1/eps^2";
+        let Some(size) = self.size else { return LabelledNumber::unavailable("not known") };
+        match self.degree.is_some() || self.seconds.trust() == Trust::Model {
+            true => LabelledNumber::model(size, WHY),
+            false => LabelledNumber::exact(size),
+        }
+    }
 }
 
 /// The task and all methods for it.

@@ -3,7 +3,7 @@
 use crate::base::table::ColumnValues;
 use crate::quantum::cost::Cost;
 use crate::quantum::cost::table::CostTable;
-use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::optimise::ranking::profile_text;
 use crate::study::end_to_end::measured::two_digits;
 use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
@@ -71,8 +71,9 @@ impl EndToEnd {
         let names = names.chain(self.classical.iter().map(|method| method.name));
         let degrees = self.quantum.iter().map(|way| way.degree.into());
         let degrees = degrees.chain(self.classical.iter().map(|method| method.degree.into()));
-        let sizes = self.quantum.iter().map(|_| Value::Null);
-        let sizes = sizes.chain(self.classical.iter().map(|method| method.size.into()));
+        let sizes: Vec<LabelledNumber> =
+            self.classical.iter().map(ClassicalMethod::labelled_size).collect();
+        let sizes = self.quantum.iter().map(|_| &none).chain(&sizes);
         let queries = self.quantum.iter().map(|way| {
             let calls = way.cost.as_ref().and_then(|cost| cost.queries.as_ref());
             calls.map_or(&none, |calls| &calls.queries)
@@ -82,9 +83,11 @@ impl EndToEnd {
         let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));
         vec![
             ColumnValues::new("way", names.map(Value::from)),
-            words("grid", |way| way.grids.last().map(|grid| shape_text(grid)).into()),
+            Trust::Estimate.of_column(words("grid", |way| {
+                way.grids.last().map(|grid| shape_text(grid)).into()
+            })),
             ColumnValues::new("degree", degrees),
-            words("order", |way| way.order.into()),
+            Trust::Estimate.of_column(words("order", |way| way.order.into())),
             words("profile", |way| way.profile.as_ref().map(profile_text).into()),
             quantum("recovery", |way| &way.recovery),
             quantum("points", |way| &way.points),
@@ -103,9 +106,10 @@ impl EndToEnd {
             quantum("probability", |way| &way.probability),
             quantum("evolutions", |way| &way.evolutions),
             quantum("gates_until_measured", |way| &way.gates_until_measured),
+            of_cost("gates_until_measured_2k", |cost| &cost.gates_until_measured_2k),
             quantum("physical_qubits", |way| &way.physical.physical_qubits),
-            words("code_distance", |way| way.physical.code_distance.into()),
-            ColumnValues::new("cells_or_traces", sizes),
+            Trust::Model.of_column(words("code_distance", |way| way.physical.code_distance.into())),
+            LabelledNumber::column("cells_or_traces", sizes),
             LabelledNumber::column("seconds", seconds),
             LabelledNumber::column("queries", queries),
         ]
