@@ -16,13 +16,18 @@ fn main() {
     machine::catch_file_size_signal();
     // From now on SIGUSR1 makes a run write a checkpoint and stop.
     machine::stop_flag();
+    // Parsed before MPI starts, which takes a tenth of a second: a stop signal may come meanwhile.
+    let parsed = Cli::try_parse();
+    if parsed.as_ref().is_ok_and(|cli| cli.command.can_be_continued()) {
+        machine::stop_when_terminated();
+    }
     let Some(world) = World::start() else {
         report("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
     let rank = world.group().rank();
     // Every rank parses the same command line; only rank 0 prints.
-    let code = match Cli::try_parse() {
+    let code = match parsed {
         Ok(cli) => match executed(&world, &cli) {
             Ok(()) => 0,
             Err(error) => {

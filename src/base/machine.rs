@@ -22,7 +22,11 @@ pub enum RunPart {
     SetUp,
     /// The modes: the signal raises [`stop_flag`], and the run writes a checkpoint.
     Modes,
-    /// No run, or one that is over: the signal comes too late for a checkpoint.
+    /// A classical run, which makes no checkpoints: SIGTERM and SIGINT end the process at once by
+    /// their default action, SIGUSR1 does nothing.
+    Classical,
+    /// No run yet, or one that is over: the signal raises [`stop_flag`]. A set-up that follows ends
+    /// at once; after a run it is too late for a checkpoint.
     Over,
 }
 
@@ -134,17 +138,20 @@ pub struct StopMessages {
 
 /// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
 /// the process at once. An ignored signal stays ignored. In [`RunPart::SetUp`] each of these
-/// signals, and SIGUSR1, ends the process at once with the exit code [`CAN_GO_ON`].
-pub fn stop_when_terminated(messages: StopMessages) {
-    if MESSAGES.set(messages).is_err() {
-        return;
-    }
+/// signals, and SIGUSR1, ends the process at once with the exit code [`CAN_GO_ON`]. The program
+/// calls this once, before MPI starts.
+pub fn stop_when_terminated() {
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         if !is_ignored(signal) {
             stop_on(signal);
         }
     }
     on_signal(signal_hook::consts::SIGUSR1, end_set_up);
+}
+
+/// Sets what stop signals print. The first call counts.
+pub fn set_stop_messages(messages: StopMessages) {
+    let _ = MESSAGES.set(messages);
 }
 
 /// A part of a run begins, which ends the part before. A set-up that begins after a stop signal
@@ -183,8 +190,13 @@ fn stop_on(signal: i32) {
     static FIRST: AtomicU64 = AtomicU64::new(0);
     let (flag, start) = (stop_flag(), Instant::now());
     let act = move || {
-        end_set_up();
+        if PART.load(Ordering::SeqCst) == RunPart::Classical as u8 {
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+            return;
+        }
+        // In this order: `begin` sets the part and then looks at the flag.
         flag.store(true, Ordering::SeqCst);
+        end_set_up();
         let now = start.elapsed().as_millis() as u64 + 1;
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
             Ok(_) if PART.load(Ordering::Relaxed) == RunPart::Over as u8 => {}

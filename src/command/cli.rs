@@ -76,6 +76,17 @@ pub enum Command {
     Man(ManArgs),
 }
 
+impl Command {
+    /// Whether a stop signal may leave a part that the same command goes on from.
+    pub fn can_be_continued(&self) -> bool {
+        match self {
+            Self::Run(_) => true,
+            Self::Sweep(args) => !args.list && !args.table,
+            _ => false,
+        }
+    }
+}
+
 /// The case file and changes to it.
 #[derive(Clone, Debug, Args)]
 pub struct CaseArgs {

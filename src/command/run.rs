@@ -28,11 +28,12 @@ const STOP_MESSAGES: StopMessages = StopMessages {
 /// # Errors
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
+    let prints = world.group().rank() == 0;
+    machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
+    machine::begin(RunPart::SetUp);
     let RunRequest { case: given, directory } = run_request(world, args)?;
-    if given.method == Method::Schrodingerized {
-        let prints = world.group().rank() == 0;
-        machine::stop_when_terminated(if prints { STOP_MESSAGES } else { StopMessages::default() });
-        machine::begin(RunPart::SetUp);
+    if given.method != Method::Schrodingerized {
+        machine::begin(RunPart::Classical);
     }
     let case = match args.continued {
         // A continued run keeps its grid.

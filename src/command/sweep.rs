@@ -65,7 +65,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
         stop: machine::stop_flag(),
     };
     let prints = world.group().rank() == 0;
-    machine::stop_when_terminated(if prints { STOP_MESSAGES } else { StopMessages::default() });
+    machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
     machine::begin(RunPart::Modes);
     if let Some(number) = args.index {
         return sweep.solve_one(world, number, &options);

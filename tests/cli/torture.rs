@@ -160,7 +160,7 @@ struct FaultKind {
     codes: &'static [i32],
 }
 
-const FAULTS: [FaultKind; 7] = [
+const FAULTS: [FaultKind; 10] = [
     FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[137] },
     FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[137] },
     FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[137] },
@@ -168,6 +168,9 @@ const FAULTS: [FaultKind; 7] = [
     FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[1, 143] },
     FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[1, 130] },
     FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[75] },
+    FaultKind { name: "SIGTERM to a rank", fault: Fault::Send("-TERM", 1), codes: &[75] },
+    FaultKind { name: "SIGINT to a rank", fault: Fault::Send("-INT", 0), codes: &[75] },
+    FaultKind { name: "SIGUSR1 to a rank", fault: Fault::Send("-USR1", 1), codes: &[75] },
     FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
 ];
 
@@ -179,12 +182,17 @@ impl FaultKind {
     /// have ended, this is counted but allowed.
     fn allows(&self, faulty: &Faulty) -> bool {
         let code = faulty.finished.shell_code;
-        // A rank that has not yet installed its signal handler is ended by the signal.
-        let too_early = matches!(self.fault, Fault::Signal) && !faulty.begun;
+        // A rank that has not yet installed its signal handlers is ended by the signal.
+        let by_default = match self.fault {
+            Fault::Signal | Fault::Send("-USR1", _) => 128 + libc::SIGUSR1,
+            Fault::Send("-TERM", _) => 128 + libc::SIGTERM,
+            Fault::Send("-INT", _) => 128 + libc::SIGINT,
+            _ => 0,
+        };
         code == 0
             || launcher_failed(faulty)
             || (faulty.injected && self.codes.contains(&code))
-            || (too_early && code == 138)
+            || (!faulty.begun && code == by_default)
     }
 }
 

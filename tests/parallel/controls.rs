@@ -1,22 +1,27 @@
-//! Controls of the harness: a wrong expectation fails its job, and a job that hangs is ended.
+//! Controls: jobs that must fail, or be ended. A wrong expectation fails its job, and the harness
+//! ends a job that hangs. Jobs whose ranks fail, stop or die are in `failing`.
 
 use crate::dense_twins::Twin;
-use crate::job::{Job, TIME_LIMIT};
+use crate::failing;
+use crate::job::{CONTROL, Job, TIME_LIMIT, left_of, print_process, processes};
 use crate::pieces::{Piece, meshes};
 use crate::support::dense::assert_same;
 use phasewarp::parallel::communicator::World;
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
-/// Starts the job of a control. Returns whether the harness found the fault, and the report of the
-/// job.
+/// Starts the job of a control. Returns whether it ended as it must, and its report.
 type Control = fn() -> (bool, String);
 
 /// The controls by name.
-pub const CONTROLS: [(&str, Control); 3] = [
+pub const CONTROLS: [(&str, Control); 9] = [
     ("control_wrong: a wrong expectation fails", wrong),
     ("control_hang: a job that hangs is ended", hang),
     ("control_options: options do not select checks", options),
+    ("deadline_met: work in time is not ended", failing::in_time),
+    ("deadline_off: a deadline of 0 seconds ends nothing", failing::without_deadline),
+    ("deadline_missed: all ranks wait", failing::late),
+    ("deadline_of_an_error: other ranks wait", failing::alone),
+    ("killed_rank: the job ends", failing::killed),
+    ("stopped_rank: the job ends", failing::stopped),
 ];
 
 /// Runs the part of a rank in the control `name`.
@@ -24,7 +29,7 @@ pub fn run(name: &str, world: &World) {
     match name {
         "wrong" => rank_with_a_wrong_expectation(world),
         "hang" => rank_that_hangs(world),
-        other => panic!("no such control: {other}"),
+        other => failing::run(other, world),
     }
 }
 
@@ -37,7 +42,7 @@ fn options() -> (bool, String) {
 
 /// The right comparison passes. The wrong one names the entry and fails the job.
 fn wrong() -> (bool, String) {
-    let outcome = Job::start(2, Some("wrong"), &[]).outcome(|_| false);
+    let outcome = Job::start(2, &[(CONTROL, "wrong")], &[]).outcome(|_| false);
     let (out, err) = (&outcome.stdout, &outcome.stderr);
     let noticed = outcome.status.is_some_and(|s| !s.success())
         && out.contains("passed the right expectation")
@@ -68,36 +73,18 @@ fn rank_with_a_wrong_expectation(world: &World) {
 
 /// The job is ended, and none of its processes remains.
 fn hang() -> (bool, String) {
-    let processes = |text: &str| -> Vec<u32> {
-        (text.lines())
-            .filter_map(|line| line.strip_prefix("process ")?.trim().parse().ok())
-            .collect()
-    };
-    let outcome = Job::start(2, Some("hang"), &[]).outcome(|text| processes(text).len() == 2);
+    let job = Job::start(2, &[(CONTROL, "hang")], &[]);
+    let outcome = job.outcome(|text| processes(text).len() == 2);
     let started = processes(&outcome.stdout);
-    let mut left = started.clone();
-    for _ in 0..100 {
-        left.retain(|&process| exists(process));
-        if left.is_empty() {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    let left = left_of(&started);
     let ended = outcome.status.is_none() && started.len() == 2 && left.is_empty();
     let reason = format!("of {started:?} remain {left:?}\n{}", outcome.report());
     (ended, reason)
 }
 
-/// Whether a process exists; signal 0 only checks this.
-fn exists(process: u32) -> bool {
-    let mut kill = Command::new("kill");
-    kill.args(["-0", &process.to_string()]).stderr(Stdio::null());
-    kill.status().is_ok_and(|status| status.success())
-}
-
 /// Rank 1 sleeps longer than the harness waits, so that no barrier is passed.
 fn rank_that_hangs(world: &World) {
-    println!("process {}", std::process::id());
+    print_process(world.group().rank());
     if world.group().rank() == 1 {
         std::thread::sleep(2 * TIME_LIMIT);
     }

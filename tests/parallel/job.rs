@@ -51,8 +51,8 @@ impl Outcome {
 }
 
 impl Job {
-    /// Starts this program on `ranks` ranks with `arguments`, or with a control.
-    pub fn start(ranks: usize, control: Option<&str>, arguments: &[&str]) -> Self {
+    /// Starts this program on `ranks` ranks with variables of the environment and `arguments`.
+    pub fn start(ranks: usize, environment: &[(&str, &str)], arguments: &[&str]) -> Self {
         let output = tempfile::tempdir().expect("a directory for output");
         let file = |name: &str| File::create(output.path().join(name)).expect("a file for output");
         let program = std::env::current_exe().expect("a path of this program");
@@ -69,12 +69,10 @@ impl Job {
             .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
             .env("OMPI_MCA_mpi_yield_when_idle", "1")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
+            .envs(environment.iter().copied())
             .stdin(Stdio::null())
             .stdout(file("stdout"))
             .stderr(file("stderr"));
-        if let Some(control) = control {
-            command.env(CONTROL, control);
-        }
         let mpirun = command.spawn().expect("mpirun starts");
         Self { mpirun, output }
     }
@@ -100,7 +98,7 @@ impl Job {
 
     /// Waits for the end of the job. Ends it if it writes nothing for the time limit, or if
     /// `enough` holds for its standard output.
-    pub fn outcome(mut self, enough: impl Fn(&str) -> bool) -> Outcome {
+    pub fn outcome(mut self, mut enough: impl FnMut(&str) -> bool) -> Outcome {
         let (mut written, mut deadline) = (0, Instant::now() + TIME_LIMIT);
         let status = loop {
             if let Some(status) = self.mpirun.try_wait().expect("mpirun can be waited for") {
@@ -118,4 +116,40 @@ impl Job {
         };
         Outcome { status, stdout: self.text("stdout"), stderr: self.text("stderr") }
     }
+}
+
+/// Prints the process of this rank, for [`processes`].
+pub fn print_process(rank: usize) {
+    println!("process {rank} {}", std::process::id());
+}
+
+/// The ranks that have printed their process, and that process, in the order of ranks.
+pub fn processes(text: &str) -> Vec<(usize, u32)> {
+    let numbers = |line: &str| {
+        let (rank, process) = line.strip_prefix("process ")?.split_once(' ')?;
+        Some((rank.parse().ok()?, process.trim().parse().ok()?))
+    };
+    let mut found: Vec<_> = text.lines().filter_map(numbers).collect();
+    found.sort();
+    found
+}
+
+/// The processes that are still there ten seconds later.
+pub fn left_of(started: &[(usize, u32)]) -> Vec<u32> {
+    let mut left: Vec<u32> = started.iter().map(|&(_, process)| process).collect();
+    for _ in 0..100 {
+        left.retain(|&process| exists(process));
+        if left.is_empty() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    left
+}
+
+/// Whether a process exists; signal 0 only checks this.
+fn exists(process: u32) -> bool {
+    let mut kill = Command::new("kill");
+    kill.args(["-0", &process.to_string()]).stderr(Stdio::null());
+    kill.status().is_ok_and(|status| status.success())
 }

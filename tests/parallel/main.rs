@@ -4,7 +4,7 @@
 //! If it is not started by mpirun, this program starts itself under `mpirun -np 1`, `2`, `3` and
 //! `4`, counts the checks that pass, and compares the bits of results that must not depend on the
 //! number of ranks. A failed check panics, which ends its job. Controls show that the harness finds
-//! a wrong expectation and a job that hangs.
+//! a wrong expectation and a job that hangs, and that ranks which fail, stop or die end their job.
 
 mod assembly;
 mod bits;
@@ -13,6 +13,7 @@ mod controls;
 mod dense_twins;
 mod exact;
 mod exchange;
+mod failing;
 mod job;
 mod pieces;
 mod propagators;
@@ -178,7 +179,7 @@ fn parts_of_names(arguments: impl Iterator<Item = String>) -> Vec<String> {
 fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) {
     let mut left = names;
     while !left.is_empty() {
-        let outcome = Job::start(ranks, None, left).outcome(|_| false);
+        let outcome = Job::start(ranks, &[], left).outcome(|_| false);
         bits.read(&outcome.stdout);
         let passed = |name: &str| (outcome.stdout.lines()).any(|l| l == format!("passed {name}"));
         let count = left.iter().take_while(|name| passed(name)).count();

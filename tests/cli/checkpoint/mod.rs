@@ -145,12 +145,14 @@ pub enum Fault {
     Terminate,
     /// SIGINT to mpirun.
     Interrupt,
+    /// This signal to this rank.
+    Send(&'static str, usize),
     /// SIGSTOP of this rank, and SIGCONT half a second later.
     Pause(usize),
 }
 
-/// Whether a process is the program and has already installed its handler of SIGUSR1.
-fn takes_requests(process: u32) -> bool {
+/// Whether a process is the program and has already installed its handlers of stop signals.
+pub fn takes_requests(process: u32) -> bool {
     let text = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
     // Before it starts the program, the process is a copy of mpirun.
     if !text.starts_with("Name:\tphasewarp\n") {
@@ -158,7 +160,9 @@ fn takes_requests(process: u32) -> bool {
     }
     let caught = text.lines().find_map(|line| line.strip_prefix("SigCgt:"));
     let caught = caught.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok()).unwrap_or(0);
-    caught >> (libc::SIGUSR1 - 1) & 1 == 1
+    [libc::SIGUSR1, libc::SIGTERM, libc::SIGINT]
+        .iter()
+        .all(|signal| caught >> (signal - 1) & 1 == 1)
 }
 
 /// The end of a run with a fault.
@@ -208,6 +212,7 @@ pub fn inject(job: &Job, fault: Fault, mut now: impl FnMut(Duration) -> bool) ->
             Fault::Signal => send("-USR1", mpirun.id()),
             Fault::Terminate => send("-TERM", mpirun.id()),
             Fault::Interrupt => send("-INT", mpirun.id()),
+            Fault::Send(signal, rank) => send(signal, of(rank)),
             Fault::Pause(rank) => {
                 send("-STOP", of(rank));
                 std::thread::sleep(Duration::from_millis(500));

@@ -2,7 +2,7 @@
 
 use super::{
     Fault, LONG, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest,
-    random, run, same, send, stopped, with_fault,
+    random, run, same, send, stopped, takes_requests, with_fault,
 };
 use crate::support::{
     Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
@@ -262,6 +262,44 @@ fn a_signal_ends_a_set_up_at_once() {
         let job = job.environment("OMPI_MCA_odls_base_sigkill_timeout", "1");
         let job = ranks.map_or(job.clone(), |ranks| job.on(ranks));
         ends_in_set_up(&job, place.path(), signal, to_a_rank)
+    });
+}
+
+/// From the moment when the handlers are there, a stop signal ends a run with exit code 75. The
+/// signal comes at once, or up to a tenth of a second later: while MPI starts, while the case is
+/// read, or in the set-up that follows.
+#[test]
+fn a_signal_right_after_the_start_ends_with_the_documented_code() {
+    let mut rows = Vec::new();
+    for (k, delay) in [0, 1, 3, 10, 30, 100].into_iter().enumerate() {
+        for (m, signal) in ["-TERM", "-INT", "-USR1"].into_iter().enumerate() {
+            rows.push((delay, signal, [None, None, Some(2)][(k + m) % 3]));
+        }
+    }
+    check_all(&rows, |&(delay, signal, ranks)| {
+        let place = directory();
+        let job = of_case("run", "example1.toml").set(&LONG_SET_UP).into(place.path());
+        let job = job.environment("OMPI_MCA_odls_base_sigkill_timeout", "1");
+        let job = ranks.map_or(job.clone(), |ranks| job.on(ranks)).closely();
+        let (mut ready, mut sent) = (None, false);
+        let finished = job.run_while(|process, since| {
+            let rank = match ranks {
+                Some(_) => children(process.id()).last().copied(),
+                None => Some(process.id()),
+            };
+            let Some(rank) = rank.filter(|&rank| !sent && takes_requests(rank)) else { return };
+            let ready = *ready.get_or_insert(since);
+            if since >= ready + Duration::from_millis(delay) {
+                sent = true;
+                send(signal, rank);
+            }
+        })?;
+        let what = format!("{signal} after {delay} ms");
+        let said = finished.printed.matches("stopped by a signal before the first mode").count();
+        if !sent || finished.code != Some(75) || said != 1 || finished.seconds > 20.0 {
+            return Err(finished.report(&format!("{what}: exit code 75 and one message expected")));
+        }
+        Ok(())
     });
 }
 
