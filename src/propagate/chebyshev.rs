@@ -55,6 +55,17 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
         2.0 * first / (1.0 - (-alpha).exp())
     };
     let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
+    // For small α the exponent is −kα³/3 and k = τ(1 + α²/2); the logarithm of `rest` falls by about
+    // α a degree. Newton's steps from there spare most halvings of the bracket.
+    let mut root = tau + 0.5 * tau * (3.0 * (-tail.ln()).max(1.0) / tau).cbrt().powi(2);
+    for _ in 0..2 {
+        root += (rest(root) / tail).ln() / ((root + 1.0) / tau).acosh();
+    }
+    for probe in [root.floor() - 1.0, root.floor() + 2.0] {
+        if low < probe && probe < high {
+            *(if rest(probe) > tail { &mut low } else { &mut high }) = probe;
+        }
+    }
     while high - low > 1.0 {
         let middle = (0.5 * (low + high)).floor();
         if rest(middle) > tail {
@@ -375,6 +386,30 @@ mod tests {
                     "{tau} {tail}: {degree} {}",
                     scratch.len()
                 );
+            }
+        }
+    }
+
+    /// One degree less has a larger bound than the tail, whatever the first guess was.
+    #[test]
+    fn degrees_of_long_series_are_the_least_of_their_bound() {
+        let mut scratch = Vec::new();
+        for tau in [1.0001e4, 2.7e4, 1.3e5, 9.9e5, 1.6e6] {
+            let mut last = usize::MAX;
+            for tail in [1e-300, 1e-60, 1e-14, 1e-9, 3e-6, 1e-3, 0.1, 0.9, 2.0, 1e3] {
+                let found = degree(&mut scratch, tau, tail);
+                // The bound itself, from the end of a bracket of whole numbers.
+                let k = found as f64;
+                let bound = |k: f64| {
+                    let alpha = (k / tau).acosh();
+                    let root = (std::f64::consts::TAU * k * alpha.tanh()).sqrt();
+                    2.0 * (-k * (alpha - alpha.tanh())).exp() / root / (1.0 - (-alpha).exp())
+                };
+                assert!(k > tau && found <= last, "{tau} {tail}: {found} after {last}");
+                assert!(bound(k + 1.0) <= tail, "{tau} {tail}: {found}");
+                let least = k == tau.ceil() + 1.0 || bound(k) > tail;
+                assert!(least, "{tau} {tail}: {found} is not the least");
+                last = found;
             }
         }
     }

@@ -194,10 +194,10 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
             (dimension, dimension - 1)
         }
         // Each mode is factorised.
-        Steps::ByHand => choices.of(&[(1, 0), (1, 0), (1, 0), (2, 2)]),
+        Steps::ByHand => choices.of(&[(1, 0), (1, 0), (1, 0), (2, 2), (3, 3)]),
     };
-    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3]][size];
-    let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4]][size];
+    let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3], [1, 2, 2, 3]][size];
+    let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4], [2, 2, 2]][size];
     let mut text = String::new();
     for _ in 0..dimension {
         let boundary = choices.of(&["inflow", "inflow", "periodic"]);
