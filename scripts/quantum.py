@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 
 import h5py
 import numpy as np
@@ -121,7 +122,7 @@ def table(rows):
     for row in rows:
         lines.append("| " + " | ".join(number(row, key) for key in keys) + " |")
     notes = sorted({row["note"] for row in rows if row["note"]})
-    return "\n".join(lines + [""] + [f"`-`: unavailable, {note}." for note in notes])
+    return "\n".join(lines + [""] + [textwrap.fill(f"`-`: unavailable, {note}.", 100) for note in notes])
 
 
 def main():
