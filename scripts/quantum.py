@@ -122,9 +122,7 @@ def table(rows):
     for row in rows:
         lines.append("| " + " | ".join(number(row, key) for key in keys) + " |")
     notes = sorted({row["note"] for row in rows if row["note"]})
-    for note in notes:
-        lines += ["", textwrap.fill(f"`-`: unavailable, {note}.", 100, break_on_hyphens=False)]
-    return "\n".join(lines)
+    return "\n".join(lines + [""] + [textwrap.fill(f"`-`: unavailable, {note}.", 100) for note in notes])
 
 
 def main():

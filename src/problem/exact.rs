@@ -92,7 +92,8 @@ pub struct Exit {
 pub struct Crossing {
     /// The space axis.
     pub axis: usize,
-    /// `V` before the face minus `V` behind it.
+    /// `V` before the face minus `V` behind it, at the centre of the face, where the scheme takes
+    /// it.
     pub rise: f64,
     /// The normal velocity before.
     pub velocity: f64,
@@ -106,8 +107,8 @@ pub struct Crossing {
 /// staircases of the traced cells, which are the case's cells unless `V` is curved.
 ///
 /// Energy is conserved to round-off if `V` of every region is a sum of functions of one coordinate
-/// each, and jumps are constant along faces. Otherwise slopes and jumps are taken at the centre of
-/// a cell and of a face, and energy is conserved to `O(Δx)`.
+/// each, and those along a face with a jump are linear. Otherwise slopes are taken at the centre of
+/// a cell, and energy is conserved to `O(Δx)`.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
@@ -586,24 +587,22 @@ impl<'a> Tracer<'a> {
         meet: &mut dyn FnMut(&Crossing),
     ) -> Option<Exit> {
         let i = particle.cell[a];
-        // V before the face minus V behind it, and the direction.
-        let (rise, step) = if upper {
-            (-self.potential.jump_above(&particle.cell, a), 1)
-        } else {
-            (self.potential.jump_below(&particle.cell, a), -1)
-        };
+        let step = if upper { 1 } else { -1 };
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
         let Some(there) = self.space.wrap(a, beyond) else {
             return Some(Exit { axis: a, upper, at_jump: false });
         };
+        let at_centre = self.rise_at_centre(&particle.cell, a, upper);
+        let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
         let crosses = rise == 0.0 || square > 0.0;
         if rise != 0.0 {
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
             particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
-            meet(&Crossing { axis: a, rise, velocity: self.direction * particle.w[a] });
+            let velocity = self.direction * particle.w[a];
+            meet(&Crossing { axis: a, rise: at_centre, velocity });
         }
         let reach_after = if crosses {
             particle.cell[a] = there;
@@ -624,6 +623,35 @@ impl<'a> Tracer<'a> {
         particle.rests[a] = reach_before.max(reach_after) < REST * self.space.x[a].width();
         let stays = self.speed_is_inside(particle, a);
         (!stays).then(|| self.velocity_end(particle, a, true))
+    }
+
+    /// `V` before the upper or lower face of `cell` along `a` minus `V` behind it, at the centre of
+    /// the face.
+    fn rise_at_centre(&self, cell: &[usize; MAX_DIMENSION], a: usize, upper: bool) -> f64 {
+        if upper { -self.potential.jump_above(cell, a) } else { self.potential.jump_below(cell, a) }
+    }
+
+    /// `V` before a face that the particle has reached minus `V` behind it, in cell `there` along
+    /// `a`, at the place of the particle. It differs from that at the centre of the face where `V`
+    /// has other slopes along the face behind it than before it. Zero where no face of a jump is
+    /// near: there the cells of a curved `V` do not fit together, and no particle is to meet that.
+    fn rise(&self, particle: &TracedParticle, a: usize, upper: bool, there: usize) -> f64 {
+        let cell = &particle.cell;
+        let mut behind = *cell;
+        behind[a] = there;
+        let [before, behind] = [cell, &behind].map(|cell| self.potential.slopes(cell));
+        let mut rise = self.rise_at_centre(cell, a, upper);
+        let mut is_jump = rise != 0.0;
+        for b in (0..self.space.dimension()).filter(|&b| b != a && before[b] != behind[b]) {
+            let axis = &self.space.x[b];
+            rise -= (behind[b] - before[b]) * (particle.x[b] - axis.centre(cell[b] as i64));
+            is_jump |= [cell[b].wrapping_sub(1), cell[b] + 1].iter().any(|&j| {
+                let mut beside = *cell;
+                beside[b] = j;
+                j < axis.cells && self.rise_at_centre(&beside, a, upper) != 0.0
+            });
+        }
+        if is_jump { rise } else { 0.0 }
     }
 
     /// The cell, within `block`, of a particle that has arrived at the block's upper or lower face

@@ -55,8 +55,8 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
         2.0 * first / (1.0 - (-alpha).exp())
     };
     let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
-    // For small α the exponent is −kα³/3 and k = τ(1 + α²/2); the logarithm of `rest` falls by about
-    // α a degree. Newton's steps from there spare most halvings of the bracket.
+    // For small α the exponent is −kα³/3 and k = τ(1 + α²/2); the logarithm of `rest` falls by
+    // about α a degree. Newton's steps from there spare most halvings of the bracket.
     let mut root = tau + 0.5 * tau * (3.0 * (-tail.ln()).max(1.0) / tau).cbrt().powi(2);
     for _ in 0..2 {
         root += (rest(root) / tail).ln() / ((root + 1.0) / tau).acosh();

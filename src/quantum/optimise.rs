@@ -99,8 +99,8 @@ struct ProfileFamily {
     values: Vec<f64>,
     /// Whether there are values between these.
     continuous: bool,
-    /// Whether the recovery point is scanned as well. It is not where it follows from the parameter,
-    /// or where moving it changes nothing.
+    /// Whether the recovery point is scanned as well. It is not where it follows from the
+    /// parameter, or where moving it changes nothing.
     free_point: bool,
 }
 
@@ -177,11 +177,33 @@ impl ProfileFamily {
             let next = PricedGrid::new(system, next).cheapest(1, found.least_cost());
             found = next.into_iter().fold(found, CostedChoice::cheaper);
         }
-        self.at_edges(system, found)
+        let found = self.at_edges(system, found);
+        self.along_line(system, found)
+    }
+
+    /// The cheapest on a short line of values through `found`: near an end of a range the cost has
+    /// steps of a few per mille of the value, as steps of the walk are saved one after the other.
+    fn along_line(&self, system: &System<'_>, found: CostedChoice) -> CostedChoice {
+        /// Values on either side.
+        const VALUES: i32 = 16;
+        /// Ratio of a value to the one before.
+        const STEP: f64 = 1.002;
+        if !self.continuous {
+            return found;
+        }
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let own = found.candidate.value;
+        let value = |k: i32| (own * STEP.powi(k)).clamp(least, most);
+        let values = (-VALUES..=VALUES).filter(|&k| k != 0).map(value).collect();
+        let further = vec![found.candidate.further];
+        let line = self.candidates(&ScanGrid { values, further });
+        let next = PricedGrid::new(system, line).cheapest(1, found.least_cost());
+        next.into_iter().fold(found, CostedChoice::cheaper)
     }
 
     /// The cheapest at the ends of the range of values about `found` that take as many rounds of
-    /// amplification: steps fall up to an end, and the range may be narrower than any grid.
+    /// amplification and as many points: steps fall up to an end, and the range may be narrower
+    /// than any grid.
     fn at_edges(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
         /// Halvings of a step of the whole grid.
         const HALVINGS: usize = 16;
@@ -190,7 +212,8 @@ impl ProfileFamily {
         }
         let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
         let ratio = self.values[1] / self.values[0];
-        let (start, rounds) = (found.candidate.clone(), found.rounds());
+        let kind = |choice: &CostedChoice| (choice.rounds(), choice.points.value());
+        let (start, own) = (found.candidate.clone(), kind(&found));
         let at = |value: f64| {
             let profile = (self.of)(value);
             choice(system, &ProfileCandidate { profile, value, ..start.clone() })
@@ -199,7 +222,7 @@ impl ProfileFamily {
             let (mut inside, mut beyond) = (start.value, (start.value * step).clamp(least, most));
             for _ in 0..HALVINGS {
                 let next = at((inside * beyond).sqrt());
-                match next.rounds() == rounds {
+                match kind(&next) == own {
                     true => inside = next.candidate.value,
                     false => beyond = next.candidate.value,
                 }

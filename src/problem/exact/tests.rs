@@ -130,7 +130,8 @@ fn energy(case: &Case, point: &[f64; 6]) -> f64 {
     kinetic + potential_at(case, point)
 }
 
-/// Slopes and jumps in one to three dimensions; jumps constant along their faces.
+/// Slopes and jumps in one to three dimensions, also jumps whose height varies along their faces,
+/// and is zero at the centre of one.
 fn slopes_and_jumps() -> Vec<Case> {
     let (x, v) = ((-1.5, 1.5, 30), (-1.8, 1.8, 30));
     let well = [("x > -0.5 && x < 0.7", "0.2*x"), ("", "1 + 0.1*x")];
@@ -142,7 +143,13 @@ fn slopes_and_jumps() -> Vec<Case> {
     ];
     let step = [("x < 0", "0.2 + 0.3*x"), ("", "-0.1*x")];
     let flat = [("x > 0 && y > 0", "0.2"), ("y < -1", "0.4"), ("", "0")];
+    let tilted = [("x > 0", "0.4 + 0.3*y"), ("", "0.1*x")];
+    let crossing = [("x > 0", "0.3*(y - 0.05)"), ("", "0")];
+    let tilted_block = [("x > 0 && z < 0.5", "0.3 + 0.2*y + 0.1*z"), ("", "0.1*x - 0.1*y")];
     vec![
+        case(2, x, v, &tilted, "0", "0"),
+        case(2, x, v, &crossing, "0", "0"),
+        case(3, (-1.5, 1.5, 12), v, &tilted_block, "0", "0"),
         case(1, x, v, &step, "0", "0"),
         case(1, x, v, &well, "0", "0"),
         case(2, x, v, &barrier, "0", "0"),

@@ -453,9 +453,10 @@ fn probabilities_are_those_of_the_evolved_state() {
     const OF_SLICE: f64 = 1e-4;
     /// The same in a window, whose readings have ten times that tolerance.
     const OF_WINDOW: f64 = 1e-3;
-    /// Error of a reading in the window, in tolerances. The window ends where a single rate of
-    /// decay has 10; `K` mixes the rates (11.1 for `exponential`).
-    const OF_READING: f64 = 12.0;
+    /// Error of a single reading in the window, in tolerances. The window ends where a single rate
+    /// of decay has 10; `K` mixes the rates, and the register has its highest wavenumber with one
+    /// sign only (21.4 for `acl`). The bound that is stated is of all readings together, below.
+    const OF_READING: f64 = 25.0;
     with_system([8, 8], |system, dense| {
         let time = system.case.duration();
         let mut compared = 0;
