@@ -25,6 +25,7 @@ use crate::run::ledger::draw::{
     AxisEnd, Drawer, Particle, ParticleSource, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::flight::{Flight, NUMBERS, ParticleTally, end_index};
+use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
 /// Largest number of space cells of a case whose potential is evaluated on all of space.
@@ -247,7 +248,14 @@ fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
     let left = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
     let mass = &mut ledger.mass;
     mass.particles = REPLICATES * (FOLLOWED[0] + FOLLOWED[1] * sources.entering.len());
-    mass.interface_estimate = Some(sources.sum(|tally| tally.interface));
+    let is_measure = matches!(case.data, Data::Measure { .. });
+    if is_measure && law_of(case.interface).may_grow() {
+        let why =
+            "mass that the interface law adds: it changes phi and psi, not the density itself";
+        ledger.omitted.push(why.into());
+    } else {
+        mass.interface_estimate = Some(sources.sum(|tally| tally.interface));
+    }
     mass.left_estimate = Some(left);
     mass.left_error = Some(sources.error_of_outflow());
 }
