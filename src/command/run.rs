@@ -128,15 +128,14 @@ fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
 fn closing_line(summary: &Summary, directory: &Path) -> String {
     let mut line = format!("done in {:.2} s", summary.wall_seconds);
     if let Some(estimate) = summary.error_estimate {
+        let tolerance = summary.tolerance;
         line += &if summary.error_estimate_reliable {
-            format!(", error estimate {estimate:.1e} (tolerance {:e})", summary.tolerance)
+            format!(", error estimate {estimate:.1e} (tolerance {tolerance:e})")
+        } else if let Some(measured) = summary.error_semidiscrete {
+            format!(", measured error {measured:.1e} (tolerance {tolerance:e})")
         } else {
             let doubt = summary.doubt.as_deref().unwrap_or("it is not finite");
-            let verify = match summary.error_semidiscrete {
-                Some(_) => "",
-                None => "; solver.verify = true measures the error",
-            };
-            format!(", no error estimate: {doubt}{verify}")
+            format!(", no error estimate: {doubt}; solver.verify = true measures the error")
         };
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {
