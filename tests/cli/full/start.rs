@@ -201,7 +201,9 @@ fn a_start_that_oscillates_between_its_points_is_refused() {
     let case = dense::case("example1.toml", &grid);
     let place = directory();
     let start = |points: usize| {
-        let (written, path) = (place.path().join("written.h5"), place.path().join("start.h5"));
+        // A new file each time: a job that another test starts may hold the lock of the last one.
+        let own = directory();
+        let (written, path) = (own.path().join("written.h5"), place.path().join("start.h5"));
         let p: Vec<f64> = (0..points).map(|j| -12.0 + 24.0 * j as f64 / points as f64).collect();
         let cells = 0..case.space.cells();
         let f = cells.map(|i| {
