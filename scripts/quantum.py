@@ -122,7 +122,9 @@ def table(rows):
     for row in rows:
         lines.append("| " + " | ".join(number(row, key) for key in keys) + " |")
     notes = sorted({row["note"] for row in rows if row["note"]})
-    return "\n".join(lines + [""] + [textwrap.fill(f"`-`: unavailable, {note}.", 100) for note in notes])
+    for note in notes:
+        lines += ["", textwrap.fill(f"`-`: unavailable, {note}.", 100)]
+    return "\n".join(lines)
 
 
 def main():

@@ -593,7 +593,6 @@ impl<'a> Tracer<'a> {
         let Some(there) = self.space.wrap(a, beyond) else {
             return Some(Exit { axis: a, upper, at_jump: false });
         };
-        let at_centre = self.rise_at_centre(&particle.cell, a, upper);
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
@@ -601,8 +600,8 @@ impl<'a> Tracer<'a> {
         if rise != 0.0 {
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
             particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
-            let velocity = self.direction * particle.w[a];
-            meet(&Crossing { axis: a, rise: at_centre, velocity });
+            let rise = self.rise_at_centre(&particle.cell, a, upper);
+            meet(&Crossing { axis: a, rise, velocity: self.direction * particle.w[a] });
         }
         let reach_after = if crosses {
             particle.cell[a] = there;

@@ -100,6 +100,11 @@ impl LabelledNumber {
         Self { value: self.value.map(|_| number), ..self.clone() }
     }
 
+    /// The one with the lower value.
+    pub fn lower_of([first, second]: &[Self; 2]) -> &Self {
+        if second.value() < first.value() { second } else { first }
+    }
+
     /// The product, labelled as the less trusted of both.
     pub fn times(&self, other: &Self) -> Self {
         let (more, less) = if self.label < other.label { (self, other) } else { (other, self) };

@@ -194,6 +194,10 @@ fn errors_fall_as_they_should() {
         checked += 1;
     }
     assert!(checked >= 10, "{checked} tolerances checked");
+    // The unitary scheme is among them, by one mode.
+    let is_unitary = |e: &&Value| e["status"] == "done" && e["profile"] == "unitary";
+    let unitary = entries(found).iter().find(is_unitary).expect("the unitary scheme");
+    assert!(unitary["modes"] == 1 && unitary["flux"] == 0.0, "{unitary}");
     // Forward Euler is of first order in the step, SSP-RK3 of third.
     for (integrator, order) in [("forward-euler", 1.0), ("ssp-rk3", 3.0)] {
         let mut points: Vec<[f64; 2]> = (entries(found).iter())

@@ -755,7 +755,7 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
 }
 
 /// The planner compares both ways to implement the weights of modes and names the cheaper one. If
-/// rotations cost nothing, rotations are cheaper.
+/// rotations cost nothing, it names rotations.
 #[test]
 fn weights_of_modes_are_compared() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];

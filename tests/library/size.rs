@@ -24,6 +24,10 @@ fn lines_and_functions_are_short() {
     look("cases", "toml", &[too_wide]);
     look("python", "py", &[too_wide]);
     look("docs", "md", &[too_wide_prose]);
+    for page in ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "cases/README.md"] {
+        let text = std::fs::read_to_string(page).expect("a page");
+        found.extend(too_wide_prose(&text).iter().map(|line| format!("{page}:{line}")));
+    }
     assert!(found.is_empty(), "too wide or too long:\n{}", found.join("\n"));
 }
 

@@ -109,8 +109,8 @@ fn unknown_choice(case: &Case) -> Option<String> {
     if case.interface != Interface::Conservative {
         return Some(format!(
             "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
-             scheme.interface = \"conservative\" does, which is taken where the case names no \
-             interface",
+             scheme.interface = \"conservative\" does, which `export-circuit` takes where the case \
+             names no interface",
             word(&case.interface)
         ));
     }

@@ -89,11 +89,7 @@ impl SequenceCounts {
 impl SequenceCost {
     /// All gates until the field is measured, repeated or amplified, the fewer of both.
     pub fn measured(&self) -> &LabelledNumber {
-        let [repeated, amplified] = &self.gates_until_measured;
-        match amplified.value() < repeated.value() {
-            true => amplified,
-            false => repeated,
-        }
+        LabelledNumber::lower_of(&self.gates_until_measured)
     }
 
     /// T gates of all rotations of an evolution.

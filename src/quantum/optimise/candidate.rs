@@ -122,11 +122,7 @@ impl CostedChoice {
 
     /// The lower of both costs.
     pub fn measured(&self) -> &LabelledNumber {
-        let [repeated, amplified] = &self.cost;
-        match amplified.value() < repeated.value() {
-            true => amplified,
-            false => repeated,
-        }
+        LabelledNumber::lower_of(&self.cost)
     }
 
     /// Why it cannot be planned, if so.

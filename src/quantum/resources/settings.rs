@@ -1,5 +1,6 @@
 //! A set-up as settings of the case, which make it the case's own.
 
+use crate::base::text::word;
 use crate::problem::case::{Case, Delta, Embedding, ProfileChoice, Shift};
 use serde::Serialize;
 use serde_json::Value;
@@ -35,7 +36,7 @@ impl SetUpSettings {
         let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();
         if case.has_upwind_cells() && case.space.degree() == 0 {
-            set.push(format!("scheme.interface={}", name_of(&case.interface)));
+            set.push(format!("scheme.interface={}", word(&case.interface)));
         }
         set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
         // A profile that is a series has an interval of its own.
@@ -88,7 +89,7 @@ fn of_warp(case: &Case, planned: &PlannedSetUp) -> Vec<String> {
         }
     }
     if warp.inflow != Embedding::Boundary {
-        entries.push(format!("inflow='{}'", name_of(&warp.inflow)));
+        entries.push(format!("inflow='{}'", word(&warp.inflow)));
     }
     match warp.delta {
         Delta::Planned => {}
@@ -96,12 +97,6 @@ fn of_warp(case: &Case, planned: &PlannedSetUp) -> Vec<String> {
         Delta::Given(delta) => entries.push(format!("delta={delta}")),
     }
     entries
-}
-
-/// The name of a choice in a case file.
-fn name_of(choice: &impl Serialize) -> String {
-    let value = serde_json::to_value(choice).unwrap_or_default();
-    value.as_str().unwrap_or_default().to_owned()
 }
 
 /// A value in a case file.
