@@ -26,6 +26,10 @@ const CHOICE: &str = "accuracy.json";
 struct ChosenSetup {
     /// The accuracy.
     accuracy: f64,
+    /// The relative L1 error of the density that the trials expect, if the file is of a version
+    /// that stores it.
+    #[serde(default)]
+    expected_error: Option<f64>,
     /// Checksum of the case for which it was chosen: its text and its `--set` options.
     case: String,
     /// The chosen `--set` options.
@@ -36,7 +40,8 @@ impl ChosenSetup {
     /// The choice that turned the case `given` into `found`: the overrides that were appended.
     fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
         let settings = found.overrides[given.overrides.len()..].to_vec();
-        Self { accuracy, case: checksum_of(given), settings }
+        let expected_error = found.expected_error;
+        Self { accuracy, expected_error, case: checksum_of(given), settings }
     }
 }
 
@@ -52,18 +57,18 @@ fn checksum_of(case: &Case) -> String {
 /// if it stores none. Collective.
 pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path) -> Option<Case> {
     let accuracy = args.accuracy.accuracy.or(case.accuracy)?;
-    let of_file = || -> Option<Vec<String>> {
+    let of_file = || {
         let found = read_choice(&directory.join(CHOICE))?;
         let same = found.accuracy == accuracy && found.case == checksum_of(case);
-        same.then_some(found.settings)
+        same.then_some(found)
     };
     let mine = if world.group().rank() == 0 { of_file() } else { None };
-    // JSON distinguishes no choice (null) from a choice of no options (an empty list).
     let text = world.group().broadcast_text(&serde_json::json!(mine).to_string());
-    let settings = serde_json::from_str::<Option<Vec<String>>>(&text).ok()??;
-    let set: Vec<String> = case.overrides.iter().cloned().chain(settings).collect();
-    let found = Case::parse(&case.name, &case.text, &set).ok()?;
-    Some(Case { accuracy: Some(accuracy), ..found.with_tables_of(case) })
+    let choice = serde_json::from_str::<Option<ChosenSetup>>(&text).ok()??;
+    let set: Vec<String> = case.overrides.iter().cloned().chain(choice.settings).collect();
+    let found = Case::parse(&case.name, &case.text, &set).ok()?.with_tables_of(case);
+    let expected_error = choice.expected_error;
+    Some(Case { accuracy: Some(accuracy), expected_error, ..found })
 }
 
 /// The choice in the file `path`, if a run wrote one there.
@@ -157,7 +162,7 @@ fn with_accuracy(
     }
     let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
     let chosen = Case::parse(&case.name, &case.text, &set)?.with_tables_of(&case);
-    Ok(Case { accuracy: Some(accuracy), ..chosen })
+    Ok(Case { accuracy: Some(accuracy), expected_error: Some(entry.error), ..chosen })
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.

@@ -1,7 +1,7 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
 use crate::base::text::{
-    OF_ALGORITHM, OF_GRID, on_one_line, place, rounded, sentence, short, word,
+    OF_ALGORITHM, OF_GRID, counted, on_one_line, place, rounded, sentence, short, word,
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
@@ -65,10 +65,10 @@ fn axes(case: &Case) -> String {
             degree => format!(" and degree {degree} ({} nodes)", axis.cells),
         };
         text += &format!(
-            "{name:<3} [{}, {}]  {} cells of {}{nodes}{}\n",
+            "{name:<3} [{}, {}]  {} of {}{nodes}{}\n",
             place(axis.lower, axis.width()),
             place(axis.upper, axis.width()),
-            axis.elements(),
+            counted(axis.elements(), "cell", "cells"),
             short(axis.width()),
             if periodic { ", periodic" } else { "" }
         );

@@ -33,6 +33,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let names = export::NAMES.map(str::to_owned);
     let owner = Owner::new(ExportKind::Quantum, &case);
     let directory = output(world, &args.export, &owner, &names, &case)?;
+    let (case, about_interface) = on_a_quantum_computer(case);
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
     let description = exported.description();
     if let Some(why) = &description.preparation
@@ -42,7 +43,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     }
     let probability = description.probability_p * description.probability_field_given_p;
     let line = format!(
-        "{} qubits ({} of p); read at p = {} with probability {}; files in {}",
+        "{} qubits ({} of p); read at p = {} with probability {}{about_interface}\nfiles in {}",
         description.qubits,
         description.qubits_p,
         short(rounded(description.recovery, 1.0)),
@@ -101,10 +102,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case)?;
     has_counts(&case)?;
-    // As `resources` does, unless the case names the other interface.
-    let (by_default, named) = (scheme_of(&case), case);
-    let chosen = !named.names_interface && named.interface != by_default.interface;
-    let case = if chosen { by_default } else { named };
+    let (case, about_interface) = on_a_quantum_computer(case);
     scene::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
     let RoughSolution { ratio, norms } = prepared.rough_solution();
@@ -124,13 +122,19 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
         compiled.write(&directory)?;
         exported::write(&directory, &owner)
     })?;
-    let interface = match chosen {
-        true => "\ninterface conservative, as `resources` takes it: the case names none",
-        false => "",
-    };
     let files = directory.display();
-    print(world, &format!("{}{interface}\nfiles in {files}", compiled.description));
+    print(world, &format!("{}{about_interface}\nfiles in {files}", compiled.description));
     Ok(())
+}
+
+/// `case` with the interface that `resources` takes, unless it names one. Also returns a line about
+/// that, which is empty if nothing was chosen.
+fn on_a_quantum_computer(case: Case) -> (Case, &'static str) {
+    let by_default = scheme_of(&case);
+    if case.names_interface || case.interface == by_default.interface {
+        return (case, "");
+    }
+    (by_default, "\ninterface conservative, as `resources` takes it: the case names none")
 }
 
 /// The directory of an export: that of `--output`, or `results/NAME/kind`. Unless `--force` is

@@ -9,6 +9,7 @@ use crate::command::loading::{default_directory, default_directory_until, load, 
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
+use crate::quantum::readout::Readout;
 use crate::results::finished::refuse_to_replace;
 use crate::results::summary::{Continued, Summary};
 use crate::run;
@@ -59,6 +60,9 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     print(world, &closing_line(&summary, &directory));
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
+    if let Some(line) = summary.readout.as_ref().and_then(Readout::line) {
+        print(world, &line);
+    }
     let inherited = summary.continued.as_ref().map(Continued::line);
     let goal = goal_line(&case, &summary);
     for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
@@ -116,10 +120,13 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
 /// if the accuracy is missed, which `Summary::missed` reports at the end.
 fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     let goal = case.accuracy?;
-    let found = match summary.accuracy.goal_error {
-        Some(error) if error <= goal => format!("reached, {error:.1e}"),
-        Some(_) => return None,
-        None => "not measured, as there is no [exact]".to_owned(),
+    let found = match (summary.accuracy.goal_error, summary.accuracy.goal_estimate) {
+        (Some(error), _) if error <= goal => format!("reached, {error:.1e}"),
+        (Some(_), _) => return None,
+        (None, Some(estimate)) => {
+            format!("{estimate:.1e} by the trial runs; not measured, as there is no [exact]")
+        }
+        (None, None) => "not measured, as there is no [exact]".to_owned(),
     };
     Some(format!("accuracy {goal:e} of the density (relative L1): {found}"))
 }

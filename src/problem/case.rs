@@ -149,6 +149,9 @@ pub struct Case {
     /// `solver.accuracy`: relative L1 error of the density for which `run`, `plan` and `check`
     /// choose grid, degree, flux, interface and tolerance.
     pub accuracy: Option<f64>,
+    /// Relative L1 error of the density that the trials for `accuracy` expect on the grid that they
+    /// chose; `None` before that.
+    pub expected_error: Option<f64>,
     /// File and line of the tolerance, for errors.
     pub tolerance_place: String,
     /// File and line of `solver.warp.interval`, for errors.
@@ -275,6 +278,7 @@ impl Case {
             method: solver.method,
             tolerance: solver.tolerance(file)?,
             accuracy: solver.accuracy(file)?,
+            expected_error: None,
             tolerance_place: file.place("solver.tolerance"),
             interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,

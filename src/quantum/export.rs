@@ -35,7 +35,7 @@ use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
-use crate::problem::case::{Case, Data, Method};
+use crate::problem::case::{Case, Data, Interface, Method};
 use crate::problem::exported::{self, ExportKind, Owner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
@@ -66,6 +66,8 @@ pub struct ExportDescription {
     pub owner: Owner,
     /// Title of the case.
     pub title: String,
+    /// `scheme.interface` of the exported matrices, which the case may not name.
+    pub interface: Interface,
     /// Qubits of the p-register, `n_p`.
     pub qubits_p: usize,
     /// Qubits of each axis, `(x1..xn, v1..vn)`.
@@ -312,6 +314,7 @@ impl ExportDescription {
         Self {
             owner: Owner::new(ExportKind::Quantum, case),
             title: case.title.clone(),
+            interface: case.interface,
             qubits_p: registers.p,
             qubits_phase_space: registers.phase_space.clone(),
             qubits_label: registers.label,

@@ -45,6 +45,7 @@ pub mod random;
 pub mod reader;
 pub mod row;
 
+use crate::base::text::counted;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data, Method};
@@ -76,6 +77,18 @@ pub struct Readout {
     pub basis_probability: Vec<LabelledNumber>,
     /// The rows, cell by cell.
     pub rows: Vec<ReadoutRow>,
+}
+
+impl Readout {
+    /// A line with the first row, and how many more there are.
+    pub fn line(&self) -> Option<String> {
+        let first = self.rows.first()?.text();
+        let more = match self.rows.len() - 1 {
+            0 => String::new(),
+            many => format!("; {} in readout.csv", counted(many, "more row", "more rows")),
+        };
+        Some(format!("readout: {first}{more}"))
+    }
 }
 
 /// Why the moments of measure-valued data are no overlaps, and which data have the same moments.

@@ -86,12 +86,16 @@ pub struct Accuracy {
     /// Relative L1 distance of the density to the cell averages of the exact one, which
     /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
     pub goal_error: Option<f64>,
+    /// The same error as the trials that chose the grid for `solver.accuracy` expect it.
+    #[serde(default)]
+    pub goal_estimate: Option<f64>,
     /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
     pub grid_estimate: Option<f64>,
     /// The same for the density.
     pub grid_density_estimate: Option<f64>,
     /// Whether the grid's error is above a tenth, or more than ten times the larger of the
-    /// algorithm's error and the tolerance. If `solver.accuracy` is measured: whether it is missed.
+    /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
+    /// whether `solver.accuracy` is missed.
     pub under_resolved: bool,
     /// A remedy, as the end of a sentence, if the run is under-resolved, or if the density meets
     /// `solver.accuracy` but `f` is far from exact.
@@ -514,18 +518,24 @@ impl Summary {
         let own = self.error_semidiscrete.or(estimate);
         let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);
         let algorithm = since_start.or(own);
-        let goal_error = self.accuracy.goal_error;
-        let accuracy =
-            Accuracy { asked, goal: case.accuracy, goal_error, algorithm, ..Accuracy::default() };
+        let accuracy = Accuracy {
+            asked,
+            goal: case.accuracy,
+            goal_error: self.accuracy.goal_error,
+            goal_estimate: case.expected_error,
+            algorithm,
+            ..Accuracy::default()
+        };
         self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = Missed::new(case, self);
-        if goal_error.is_some() {
-            self.accuracy.under_resolved = self.missed.accuracy.is_some();
-        }
         let accuracy = &mut self.accuracy;
+        let of_density = accuracy.goal_error.or(accuracy.goal_estimate);
+        if let Some((error, goal)) = of_density.zip(accuracy.goal) {
+            accuracy.under_resolved = error > goal;
+        }
         if accuracy.under_resolved {
             accuracy.advice = Some(accuracy.advice(case));
-        } else if goal_error.is_some()
+        } else if of_density.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
         {
             let what = "the accuracy of the density is met, but f needs a finer grid";

@@ -17,8 +17,9 @@ const BEYOND: f64 = 0.1;
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
     let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));
-    of_formulas
-        .chain(of_edges)
+    // Edges first: no grid resolves them, and they are the reason of other warnings.
+    of_edges
+        .chain(of_formulas)
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
         .chain(short_tables(case))

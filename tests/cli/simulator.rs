@@ -5,7 +5,7 @@
 //! `make qiskit` installs it.
 
 use crate::support::{
-    Job, case, check_all, contents, directory, json_of, of_case, python, skipped, text_of,
+    Job, case, check_all, contents, directory, json_of, of_case, python, require, skipped, text_of,
 };
 use std::path::Path;
 
@@ -219,9 +219,18 @@ fn the_exported_state_contains_the_field() {
     check_all(&[EXPORTS, READ].concat(), |(name, settings)| {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
-        export(name, &settings, exported.path()).succeed()?;
+        let job = export(name, &settings, exported.path());
+        let done = job.succeed()?;
+        let about = json_of(exported.path().join("description.json"))?;
+        // A case that names no interface is exported with the conservative one.
+        let law = about["interface"].as_str().ok_or("no interface")?;
+        let named = settings.iter().find_map(|s| s.strip_prefix("scheme.interface="));
+        require(law == named.unwrap_or("conservative"), &done, || format!("interface {law}"))?;
+        let chosen = done.output.contains("the case names none");
+        require(!chosen || named.is_none(), &done, || "the case names an interface".to_owned())?;
         // Both fields are within the tolerance of the exact one.
-        let job = of_case("run", name).set(&settings);
+        let law = format!("scheme.interface={law}");
+        let job = of_case("run", name).set(&settings).set(&[&law]);
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
         let expected = crate::support::field(solved.path())?;
@@ -231,7 +240,6 @@ fn the_exported_state_contains_the_field() {
             .require(apart <= 2.0 * tolerance, || format!("{apart:e} from the field of a run"))?;
         // The probability of the slice is that of the run, corrected for the number of points and
         // for the position of the slice.
-        let about = json_of(exported.path().join("description.json"))?;
         let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
         let probabilities = &summary.value["probabilities"];
         let of_run =

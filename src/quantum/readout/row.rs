@@ -1,5 +1,6 @@
 //! A row of the readout: an observable at a cell, and what each estimator gives of it.
 
+use crate::base::text::short;
 use crate::problem::case::Case;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -171,6 +172,24 @@ impl Measured {
 }
 
 impl ReadoutRow {
+    /// The row in words: its value, and the first estimate of it or why there is none.
+    pub fn text(&self) -> String {
+        let position: Vec<String> = self.point.iter().map(|x| short(*x)).collect();
+        let (name, at) = (self.observable.name(), position.join(", "));
+        let value = self.value.value().map_or("unknown".to_owned(), short);
+        let (found, because) = match self.measured.iter().find(|m| m.estimate.value().is_some()) {
+            Some(measured) => (Some(measured), String::new()),
+            None => (None, self.measured.first().map_or(String::new(), |m| reason(&m.estimate))),
+        };
+        let measured = match found.map(|m| (m.estimate.value(), m.bound.value(), m.estimator)) {
+            Some((Some(estimate), Some(bound), how)) => {
+                format!("measured as {} within {bound:.1e} ({})", short(estimate), how.name())
+            }
+            _ => format!("not measured: {because}"),
+        };
+        format!("{name} at ({at}) is {value}, {measured}")
+    }
+
     /// An empty row.
     pub(crate) fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
         let axes = || case.space.x.iter().zip(cell);

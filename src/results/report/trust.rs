@@ -153,9 +153,16 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         }
         (None, Some(goal)) => {
             text += &format!("; the accuracy {} of the density was asked for", short(goal));
-            match accuracy.goal_error {
-                Some(_) => Mark::Good,
-                None => {
+            match (accuracy.goal_error, accuracy.goal_estimate) {
+                (Some(_), _) => Mark::Good,
+                (None, Some(estimate)) => {
+                    text += &format!(
+                        ", and the trial runs that chose the grid expect an error of {}",
+                        short(estimate)
+                    );
+                    if estimate <= goal { Mark::Good } else { Mark::Bad }
+                }
+                (None, None) => {
                     text += ", and its error was not measured";
                     if accuracy.is_coarse() { Mark::Bad } else { Mark::Unknown }
                 }
@@ -247,13 +254,15 @@ mod tests {
     #[test]
     fn a_goal_is_met_or_missed() {
         let missed = Some("accuracy MISSED");
-        for (goal_error, error, sentence, mark, words) in [
-            (Some(0.2), 0.25, None, Mark::Good, "0.3 of the density"),
-            (Some(0.4), 0.25, missed, Mark::Bad, "MISSED"),
-            (None, 0.25, None, Mark::Bad, "not measured"),
-            (None, 0.05, None, Mark::Unknown, "not measured"),
+        for ([goal_error, goal_estimate], error, sentence, mark, words) in [
+            ([Some(0.2), Some(0.4)], 0.25, None, Mark::Good, "0.3 of the density"),
+            ([Some(0.4), Some(0.2)], 0.25, missed, Mark::Bad, "MISSED"),
+            ([None, Some(0.2)], 0.25, None, Mark::Good, "expect an error of 0.2"),
+            ([None, None], 0.25, None, Mark::Bad, "not measured"),
+            ([None, None], 0.05, None, Mark::Unknown, "not measured"),
         ] {
-            let accuracy = Accuracy { goal: Some(0.3), goal_error, ..Accuracy::default() };
+            let goal = Some(0.3);
+            let accuracy = Accuracy { goal, goal_error, goal_estimate, ..Accuracy::default() };
             let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
             let missed = Missed { accuracy: sentence.map(str::to_owned), tolerance: None };
             let found = grid(Some(&accuracy), Some(&missed));
