@@ -98,9 +98,18 @@ pub struct Bounds {
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
-    /// Bytes of the matrix for each row, on the fullest rank; none before it is assembled.
+    /// What the matrix takes; none before it is assembled.
     #[serde(skip)]
-    pub matrix_bytes: Option<f64>,
+    pub assembled: Option<AssembledSize>,
+}
+
+/// The size of an assembled matrix, on the fullest rank.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AssembledSize {
+    /// Bytes of the matrix for each of its rows.
+    pub bytes_per_row: f64,
+    /// Rows with inflow for each cell of the block.
+    pub inflow_rows_per_cell: f64,
 }
 
 /// The properties of `V` on the whole space grid on which the bounds depend.
@@ -205,7 +214,7 @@ impl Bounds {
             jumps,
             kinds: kinds.len(),
             stages: 0,
-            matrix_bytes: None,
+            assembled: None,
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
@@ -349,7 +358,7 @@ mod tests {
                 weighted: true,
                 inflow: false,
                 stages: 0,
-                matrix_bytes: None,
+                assembled: None,
             };
             for mu in [-7.0, -0.4, 0.0, 0.4, 7.0] {
                 let angles = (0..4096).map(|k| std::f64::consts::TAU * f64::from(k) / 4096.0);

@@ -2,10 +2,11 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::memory;
-use crate::matrix::bounds::Bounds;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::{AssembledSize, Bounds};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::lanes::Lanes;
-use crate::parallel::communicator::{Communicator, World};
+use crate::parallel::communicator::{Communicator, Group, World};
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
@@ -72,10 +73,9 @@ impl Prepared {
         let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
         // Returns the memory of the assembly before the modes need theirs.
         memory::give_back();
-        let each = system.matrix.bytes() as f64 / system.matrix.rows().max(1) as f64;
-        let matrix_bytes = Some(communicator.world.max(each));
+        let assembled = Some(assembled_size(&communicator.world, &system.matrix));
         Ok(Self {
-            bounds: Bounds { matrix_bytes, ..system.bounds(case, bounds) },
+            bounds: Bounds { assembled, ..system.bounds(case, bounds) },
             case: case.clone(),
             communicator,
             place,
@@ -128,5 +128,14 @@ impl Prepared {
         // Frees this system before another is assembled.
         drop(system);
         Self::with_sweeps(world, &case, &expected, plan, max_weight_sweeps)
+    }
+}
+
+/// The size of `matrix` on the fullest rank of `world`. Collective.
+fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
+    let largest = |number: usize, of: usize| world.max(number as f64 / of.max(1) as f64);
+    AssembledSize {
+        bytes_per_row: largest(matrix.bytes(), matrix.rows()),
+        inflow_rows_per_cell: largest(matrix.inflow.len(), matrix.block.cells()),
     }
 }
