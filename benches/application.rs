@@ -150,40 +150,140 @@ impl Steps {
     }
 }
 
+/// What the machine can do, measured in the same run.
+struct Peaks {
+    /// Bytes a second from and to memory.
+    memory: f64,
+    /// Fused multiply-adds of a core a second.
+    multiply_adds: f64,
+}
+
+impl Peaks {
+    /// Measures and prints them.
+    fn measured() -> Self {
+        let memory = triad(8 << 20);
+        // Three arrays of numbers that fill half of a cache.
+        let [cache, last] =
+            [cache_per_core(), last_cache_per_core()].map(|bytes| triad(bytes as usize / 48));
+        let multiply_adds = multiply_add_peak();
+        println!(
+            "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s, in half of its {} MiB \
+            of the last cache {:.1} GB/s; FMA peak of a core {:.1} GFlop/s; {}, {LANES} modes in a \
+            batch",
+            memory / 1e9,
+            cache_per_core() >> 10,
+            cache / 1e9,
+            last_cache_per_core() >> 20,
+            last / 1e9,
+            2e-9 * multiply_adds,
+            InstructionSet::here().name()
+        );
+        Self { memory, multiply_adds }
+    }
+}
+
+/// A grid on which the step is measured.
+struct Grid {
+    name: &'static str,
+    case: &'static str,
+    /// Position axes, each with a velocity axis, and cells along each.
+    dimension: usize,
+    cells: usize,
+    degree: usize,
+}
+
+const fn grid(
+    name: &'static str,
+    case: &'static str,
+    dimension: usize,
+    cells: usize,
+    degree: usize,
+) -> Grid {
+    Grid { name, case, dimension, cells, degree }
+}
+
+impl Grid {
+    /// Its settings, as `--set` has them.
+    fn settings(&self) -> Vec<String> {
+        let axes = (0..self.dimension).flat_map(|d| ["x", "v"].map(|axis| (d, axis)));
+        let cells = axes.map(|(d, axis)| format!("axis.{d}.{axis}.cells={}", self.cells));
+        let degree = (self.degree > 0).then(|| format!("scheme.degree={}", self.degree));
+        cells.chain(degree).collect()
+    }
+}
+
+const GRIDS: &[Grid] = &[
+    grid("32x32", "example1.toml", 1, 32, 0),
+    grid("64x64", "example1.toml", 1, 64, 0),
+    grid("128x128", "example1.toml", 1, 128, 0),
+    grid("256x256", "example1.toml", 1, 256, 0),
+    grid("512x512", "example1.toml", 1, 512, 0),
+    // About as many rows as 128x128.
+    grid("degree 1, 64x64 elements", "example1.toml", 1, 64, 1),
+    grid("degree 2, 42x42 elements", "example1.toml", 1, 42, 2),
+    grid("degree 3, 32x32 elements", "example1.toml", 1, 32, 3),
+    grid("degree 4, 26x26 elements", "example1.toml", 1, 26, 4),
+    grid("degree 8, 14x14 elements", "example1.toml", 1, 14, 8),
+    // As many rows as 512x512.
+    grid("degree 1, 256x256 elements", "example1.toml", 1, 256, 1),
+    grid("degree 3, 128x128 elements", "example1.toml", 1, 128, 3),
+    grid("degree 8, 56x56 elements", "example1.toml", 1, 56, 8),
+    grid("6^4", "barrier2d.toml", 2, 6, 0),
+    grid("16^4", "barrier2d.toml", 2, 16, 0),
+    grid("24^4", "barrier2d.toml", 2, 24, 0),
+    grid("degree 1, 12^4 elements", "barrier2d.toml", 2, 12, 1),
+    grid("8^6", "step3d.toml", 3, 8, 0),
+    grid("example 3, 16^4", "example3.toml", 2, 16, 0),
+    grid("example 3, 24^4", "example3.toml", 2, 24, 0),
+    grid("example 3, 32^4", "example3.toml", 2, 32, 0),
+];
+
+/// Measures the step on a grid, step after step and blocked.
+fn measure(grid: &Grid, world: &World, peaks: &Peaks, criterion: &mut Criterion) {
+    let name = grid.name;
+    let mut steps = Steps::new(world, grid.case, &grid.settings());
+    let rows = steps.matrix.rows();
+    let planned = Blocking::planned(&steps.matrix);
+    let mut before = None;
+    for blocking in [None, planned.as_ref()] {
+        if before.is_some() && blocking.is_none() {
+            println!("{name}: in cache, not blocked");
+            continue;
+        }
+        let depth = blocking.map_or(1, Blocking::depth);
+        let trips = (1 << 20) / rows / depth + 1;
+        let seconds = median(|| steps.run(blocking, trips)) / (trips * depth) as f64;
+        let each = seconds / (rows * LANES) as f64;
+        let how = blocking.map_or("step after step".to_owned(), |b| {
+            let shape = b.shape();
+            format!(
+                "{} steps, strips of {}, {} ranges of velocities",
+                shape.depth, shape.width, shape.parts
+            )
+        });
+        let multiply_adds = steps.matrix.stored().multiply_adds() as f64 / rows as f64;
+        println!(
+            "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the triad at \
+            {MODEL_BYTES} bytes, {:.1} GB/s at {FORWARD_BYTES}; {:.2} of the FMA peak{}",
+            1e9 * each,
+            1e6 * seconds / LANES as f64,
+            MODEL_BYTES / each / peaks.memory,
+            1e-9 * FORWARD_BYTES / each,
+            multiply_adds / each / peaks.multiply_adds,
+            before.map_or(String::new(), |b: f64| format!("; {:.2} times as fast", b / each))
+        );
+        before = Some(each);
+        let mut group = criterion.benchmark_group("step");
+        group.throughput(Throughput::Elements((rows * LANES * depth) as u64));
+        let label = format!("{name}{}", blocking.map_or("", |_| " blocked"));
+        group.bench_function(&label, |b| b.iter(|| steps.run(blocking, 1)));
+        group.finish();
+    }
+}
+
 fn main() {
     let world = World::start().expect("MPI starts");
-    let memory = triad(8 << 20);
-    // Three arrays of numbers that fill half of a cache.
-    let [cache, last] =
-        [cache_per_core(), last_cache_per_core()].map(|bytes| triad(bytes as usize / 48));
-    let peak = multiply_add_peak();
-    println!(
-        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s, in half of its {} MiB of \
-        the last cache {:.1} GB/s; FMA peak of a core {:.1} GFlop/s; {}, {LANES} modes in a batch",
-        memory / 1e9,
-        cache_per_core() >> 10,
-        cache / 1e9,
-        last_cache_per_core() >> 20,
-        last / 1e9,
-        2e-9 * peak,
-        InstructionSet::here().name()
-    );
-    let square = |n: usize| ["x", "v"].map(|a| format!("axis.0.{a}.cells={n}")).to_vec();
-    let four = |n: usize| {
-        (0..2)
-            .flat_map(|d| ["x", "v"].map(|a| format!("axis.{d}.{a}.cells={n}")))
-            .collect::<Vec<_>>()
-    };
-    let six = |n: usize| {
-        let kinds = ["x", "v"];
-        let axes = (0..3).flat_map(|d| kinds.map(|a| format!("axis.{d}.{a}.cells={n}")));
-        axes.collect::<Vec<_>>()
-    };
-    let of_degree = |degree: usize, mut set: Vec<String>| {
-        set.push(format!("scheme.degree={degree}"));
-        set
-    };
-    let elements = |degree: usize, n: usize| of_degree(degree, square(n));
+    let peaks = Peaks::measured();
     // A word on the command line leaves out grids that it is not part of.
     let wanted = std::env::args().skip(1).find(|word| !word.starts_with('-')).unwrap_or_default();
     let mut criterion = Criterion::default()
@@ -191,72 +291,8 @@ fn main() {
         .warm_up_time(Duration::from_millis(200))
         .measurement_time(Duration::from_secs(1))
         .configure_from_args();
-    for (name, case, set) in [
-        ("32x32", "example1.toml", square(32)),
-        ("64x64", "example1.toml", square(64)),
-        ("128x128", "example1.toml", square(128)),
-        ("256x256", "example1.toml", square(256)),
-        ("512x512", "example1.toml", square(512)),
-        // About as many rows as 128x128.
-        ("degree 1, 64x64 elements", "example1.toml", elements(1, 64)),
-        ("degree 2, 42x42 elements", "example1.toml", elements(2, 42)),
-        ("degree 3, 32x32 elements", "example1.toml", elements(3, 32)),
-        ("degree 4, 26x26 elements", "example1.toml", elements(4, 26)),
-        ("degree 8, 14x14 elements", "example1.toml", elements(8, 14)),
-        // As many rows as 512x512.
-        ("degree 1, 256x256 elements", "example1.toml", elements(1, 256)),
-        ("degree 3, 128x128 elements", "example1.toml", elements(3, 128)),
-        ("degree 8, 56x56 elements", "example1.toml", elements(8, 56)),
-        ("6^4", "barrier2d.toml", four(6)),
-        ("16^4", "barrier2d.toml", four(16)),
-        ("24^4", "barrier2d.toml", four(24)),
-        ("degree 1, 12^4 elements", "barrier2d.toml", of_degree(1, four(12))),
-        ("8^6", "step3d.toml", six(8)),
-        ("example 3, 16^4", "example3.toml", four(16)),
-        ("example 3, 24^4", "example3.toml", four(24)),
-        ("example 3, 32^4", "example3.toml", four(32)),
-    ] {
-        if !name.contains(&wanted) {
-            continue;
-        }
-        let mut steps = Steps::new(&world, case, &set);
-        let rows = steps.matrix.rows();
-        let planned = Blocking::planned(&steps.matrix);
-        let mut before = None;
-        for blocking in [None, planned.as_ref()] {
-            if before.is_some() && blocking.is_none() {
-                println!("{name}: in cache, not blocked");
-                continue;
-            }
-            let depth = blocking.map_or(1, Blocking::depth);
-            let trips = (1 << 20) / rows / depth + 1;
-            let seconds = median(|| steps.run(blocking, trips)) / (trips * depth) as f64;
-            let each = seconds / (rows * LANES) as f64;
-            let how = blocking.map_or("step after step".to_owned(), |b| {
-                let shape = b.shape();
-                format!(
-                    "{} steps, strips of {}, {} ranges of velocities",
-                    shape.depth, shape.width, shape.parts
-                )
-            });
-            println!(
-                "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the \
-                triad at {MODEL_BYTES} bytes, \
-                 {:.1} GB/s at {FORWARD_BYTES}; {:.2} of the FMA peak{}",
-                1e9 * each,
-                1e6 * seconds / LANES as f64,
-                MODEL_BYTES / each / memory,
-                1e-9 * FORWARD_BYTES / each,
-                steps.matrix.stored().multiply_adds() as f64 / rows as f64 / each / peak,
-                before.map_or(String::new(), |b: f64| format!("; {:.2} times as fast", b / each))
-            );
-            before = Some(each);
-            let mut group = criterion.benchmark_group("step");
-            group.throughput(Throughput::Elements((rows * LANES * depth) as u64));
-            let label = format!("{name}{}", blocking.map_or("", |_| " blocked"));
-            group.bench_function(&label, |b| b.iter(|| steps.run(blocking, 1)));
-            group.finish();
-        }
+    for grid in GRIDS.iter().filter(|grid| grid.name.contains(&wanted)) {
+        measure(grid, &world, &peaks, &mut criterion);
     }
     criterion.final_summary();
 }

@@ -5,7 +5,8 @@ use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
 use crate::support::{
-    Job, case, check_all, datasets_of, directory, field, json_of, of_case, require, run, text_of,
+    Finished, Job, case, check_all, datasets_of, directory, field, json_of, of_case, require, run,
+    text_of,
 };
 
 /// Sparsity, queries and qubits are consistent for all kinds of cases and in every format, and the
@@ -23,135 +24,24 @@ fn resources_are_consistent_in_every_format() {
         ("partial_reflection.toml", 2, 24.0),
     ];
     check_all(&rows, |&(name, ranks, qubits)| {
-        let job = |format: &str| Job::new(["resources", &case(name), "--format", format]);
-        let record = job("json").on(ranks).succeed()?.json()?;
-        let alone = job("json").succeed()?;
-        // Formats are of the same record.
-        let read = |format: &str| job(format).succeed()?.json();
-        let (azure, qref) = (read("azure")?, read("qref")?);
-        // Only round-off of norms depends on the ranks, and these numbers contain no norms.
-        let same = alone.json()? == record;
-        require(same, &alone, || format!("other than on {ranks} ranks: {record}"))?;
+        let formats = Formats::of(name, ranks)?;
+        formats.agree()?;
+        formats.have_the_cheapest_set_up()?;
+        formats.explain_measure_valued(name)?;
+        formats.name_no_directory()?;
+        formats.have_what_the_case_allows(name)?;
+        let Formats { alone, record, .. } = &formats;
         let own = &record["own"];
-        [&record, own]
-            .into_iter()
-            .try_for_each(|record| consistent(record).map_err(|why| format!("{why}: {record}")))?;
-        let number = |key: &str| record[key]["value"].as_f64();
-        let calls = &azure["oracleCalls"];
-        let simulation = &qref["program"]["children"][1];
-        let (evolution, labels) = (&simulation["resources"], &simulation["meta"]["labels"]);
-        let of_qref = |name: &str| {
-            let all = evolution.as_array()?;
-            all.iter().find(|r| r["name"] == name)?["value"].as_f64()
-        };
-        let compiled = record["no_circuit"].is_null();
-        let counts = &azure["logicalCounts"];
-        let least = &least_cost(&record);
-        let of_azure = match compiled {
-            true => {
-                [("cczCount", "toffoli"), ("tCount", "t"), ("rotationCount", "rotations")]
-                    .into_iter()
-                    .chain([("numQubits", "qubits")])
-                    .all(|(count, key)| counts[count].as_f64() == least[key]["value"].as_f64())
-                    && of_qref("toffoli") == least["toffoli"]["value"].as_f64()
-                    && of_qref("calls") == least["steps"]["value"].as_f64()
-                    && of_qref("qubits") == least["qubits"]["value"].as_f64()
-                    && labels["toffoli"] == least["toffoli"]["label"]
-                    // Compiled circuits have no numbers of other kinds of access.
-                    && of_qref("toffoli_model").is_none()
-                    && of_qref("queries").is_none()
-            }
-            false => {
-                counts["tCount"].is_null()
-                    && azure["unavailable"]["tCount"] == record["no_circuit"]
-                    && counts["rotationCount"].as_f64()
-                        == number("walk_steps").map(|steps| steps + 1.0)
-                    && counts["numQubits"].as_f64()
-                        == record["qubits"]["walk"]["total"]["value"].as_f64()
-                    && calls["location"].as_f64() == number("location_queries")
-                    && calls["value"].as_f64() == number("value_queries")
-                    && calls["total"].as_f64() == number("queries")
-                    && of_qref("toffoli_model") == least["toffoli"]["value"].as_f64()
-                    && of_qref("toffoli").is_none()
-                    && of_qref("queries") == number("queries")
-                    && of_qref("location_queries") == number("location_queries")
-                    && of_qref("value_queries") == number("value_queries")
-                    && labels["queries"] == record["queries"]["label"]
-            }
-        };
-        let sensible = of_azure
-            && azure["tOfRotations"].as_f64() == Some(t_of_rotations(least, &record))
-            && (!compiled || synthesized(&azure, least, &record))
-            && peaks(&qref["program"])
-            && azure["tOfRotation"]["factor"] == 3.0
-            && record["t_of_rotation"] == azure["tOfRotation"]
-            && qref["version"] == "v1"
-            && qref["program"]["children"].as_array().is_some_and(|c| c.len() == 3);
-        require(sensible, &alone, || format!("{record} {azure} {qref}"))?;
         let counted = own["qubits"]["total"].as_f64().unwrap_or(f64::NAN);
-        require(counted <= qubits + 8.0 && counted >= 8.0, &alone, || format!("{counted} qubits"))?;
-        // The record describes the cheapest choice on a quantum computer, which has no weights. Its
-        // entry `own` describes the set-up of the case, which is planned for emulation.
-        let cost = |record: &Value| {
-            let both = record["queries_until_measured"].as_array();
-            let known = both.into_iter().flatten().filter_map(|cost| cost["value"].as_f64());
-            known.fold(f64::INFINITY, f64::min)
-        };
-        let cheapest = cost(&record) <= cost(own) && record["interface"] == "conservative";
-        let weighted = own["weighted"] == true;
-        let table = &own["weights_table"];
-        let cells = own["shape"].as_array().into_iter().flatten().filter_map(Value::as_f64);
-        let cells: f64 = cells.product();
-        let priced = match weighted {
-            false => table.is_null(),
-            true => {
-                let reads = 2.0 * (cells - 1.0);
-                let all = reads * own["value_queries"]["value"].as_f64().unwrap_or(f64::NAN);
-                table["entries"].as_f64() == Some(cells)
-                    && table["toffolis_a_value_query"]["value"].as_f64() == Some(reads)
-                    && table["toffolis"]["value"].as_f64() == Some(all)
-                    && table["sweeps"].as_f64() > Some(0.0)
-            }
-        };
-        let priced = priced && record["weights_table"].is_null() && record["weighted"] == false;
-        require(cheapest && priced, &alone, || format!("{record}"))?;
-        // The counts for measure-valued data give no density.
-        let why = record["measure_valued"].as_str().unwrap_or_default();
-        let is_explained = why.contains("is not linear") && why.contains("initial.f");
-        require(is_explained == (name == "example2.toml"), &alone, || format!("{name}: {why}"))?;
-        if let Some((_, f)) = why.split_once("initial = { f = \"") {
-            // The keys can be pasted.
-            let f = f.split('"').next().unwrap_or_default();
-            let smooth = ["inflow.value=\"initial\"".to_owned(), format!("initial={{f=\"{f}\"}}")];
-            let own = smooth.each_ref().map(String::as_str);
-            let job = of_case("resources", name).set(&own).with(["--format", "json"]);
-            let overlaps = job.succeed()?.json()?;
-            let kind = &overlaps["cheapest"]["measure_valued"];
-            require(kind.is_null(), &alone, || format!("{kind}"))?;
-        }
-        // No reason names a directory of this machine.
-        let reasons = [&record["no_circuit"], &record["not_unitary"], &own["no_circuit"]];
-        let here = env!("CARGO_MANIFEST_DIR");
-        let named = reasons.iter().filter_map(|why| why.as_str()).any(|why| why.contains(here));
-        require(!named, &alone, || format!("{reasons:?}"))?;
+        require(counted <= qubits + 8.0 && counted >= 8.0, alone, || format!("{counted} qubits"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))?;
         let text = of_case("resources", name).succeed()?;
-        text.contains(&text.output, &["g exact (emitted gates)", "m model or estimate"])?;
-        // Only these cases have a circuit.
-        let compiles = ["example1.toml", "slope_jump.toml"].contains(&name);
-        require(compiled == compiles, &alone, || format!("{name}: {}", record["no_circuit"]))?;
-        // The unitary scheme has no inflow, and no velocity cell around 0 at a jump.
-        let none =
-            ["inflow_barrier.toml", "partial_reflection.toml", "example2.toml", "barrier2d.toml"];
-        let unitary = record["not_unitary"].is_null();
-        require(unitary != none.contains(&name), &alone, || format!("{}", record["not_unitary"]))?;
-        for cost in record["unitary"]["costs"].as_array().into_iter().flatten() {
-            // Without postselection, one evolution suffices.
-            let once = cost["toffoli_until_measured"][0]["value"] == cost["toffoli"]["value"];
-            require(once, &alone, || format!("{cost}"))?;
-        }
-        Ok(())
+        text.contains(&text.output, &["g exact (emitted gates)", "m model or estimate"])
     });
+}
+
+#[test]
+fn resources_of_other_problems_are_refused() {
     for (name, settings, words) in [
         ("example1.toml", "solver.method=classical", "has no quantum algorithm"),
         ("pulsed_inflow.toml", "solver.tolerance=1e-4", "depends on t"),
@@ -163,6 +53,182 @@ fn resources_are_consistent_in_every_format() {
             job.is_refused(&[words]).unwrap();
         }
     }
+}
+
+/// The resources of a case in every format.
+struct Formats {
+    /// The job that printed the JSON.
+    alone: Finished,
+    record: Value,
+    azure: Value,
+    qref: Value,
+}
+
+impl Formats {
+    /// Of a case, whose JSON is consistent and the same on `ranks`.
+    fn of(name: &str, ranks: usize) -> Result<Self, String> {
+        let job = |format: &str| Job::new(["resources", &case(name), "--format", format]);
+        let record = job("json").on(ranks).succeed()?.json()?;
+        let alone = job("json").succeed()?;
+        // Formats are of the same record.
+        let read = |format: &str| job(format).succeed()?.json();
+        let (azure, qref) = (read("azure")?, read("qref")?);
+        // Only round-off of norms depends on the ranks, and these numbers contain no norms.
+        let same = alone.json()? == record;
+        require(same, &alone, || format!("other than on {ranks} ranks: {record}"))?;
+        [&record, &record["own"]]
+            .into_iter()
+            .try_for_each(|record| consistent(record).map_err(|why| format!("{why}: {record}")))?;
+        Ok(Self { alone, record, azure, qref })
+    }
+
+    /// Whether the case has a circuit.
+    fn is_compiled(&self) -> bool {
+        self.record["no_circuit"].is_null()
+    }
+
+    /// The formats for Azure and QREF have the numbers of the JSON.
+    fn agree(&self) -> Result<(), String> {
+        let Self { alone, record, azure, qref } = self;
+        let least = &least_cost(record);
+        let of_azure = match self.is_compiled() {
+            true => self.have_emitted_gates(least),
+            false => self.have_queries(least),
+        };
+        let sensible = of_azure
+            && azure["tOfRotations"].as_f64() == Some(t_of_rotations(least, record))
+            && (!self.is_compiled() || synthesized(azure, least, record))
+            && peaks(&qref["program"])
+            && azure["tOfRotation"]["factor"] == 3.0
+            && record["t_of_rotation"] == azure["tOfRotation"]
+            && qref["version"] == "v1"
+            && qref["program"]["children"].as_array().is_some_and(|c| c.len() == 3);
+        require(sensible, alone, || format!("{record} {azure} {qref}"))
+    }
+
+    /// The simulation in QREF.
+    fn simulation(&self) -> &Value {
+        &self.qref["program"]["children"][1]
+    }
+
+    /// A resource of the simulation in QREF.
+    fn of_qref(&self, name: &str) -> Option<f64> {
+        let all = self.simulation()["resources"].as_array()?;
+        all.iter().find(|r| r["name"] == name)?["value"].as_f64()
+    }
+
+    /// Whether other formats have the gates of a compiled circuit, and no numbers of other kinds of
+    /// access.
+    fn have_emitted_gates(&self, least: &Value) -> bool {
+        let counts = &self.azure["logicalCounts"];
+        [("cczCount", "toffoli"), ("tCount", "t"), ("rotationCount", "rotations")]
+            .into_iter()
+            .chain([("numQubits", "qubits")])
+            .all(|(count, key)| counts[count].as_f64() == least[key]["value"].as_f64())
+            && self.of_qref("toffoli") == least["toffoli"]["value"].as_f64()
+            && self.of_qref("calls") == least["steps"]["value"].as_f64()
+            && self.of_qref("qubits") == least["qubits"]["value"].as_f64()
+            && self.simulation()["meta"]["labels"]["toffoli"] == least["toffoli"]["label"]
+            && self.of_qref("toffoli_model").is_none()
+            && self.of_qref("queries").is_none()
+    }
+
+    /// Whether other formats have the queries of sparse access where there is no circuit.
+    fn have_queries(&self, least: &Value) -> bool {
+        let Self { record, azure, .. } = self;
+        let (counts, calls) = (&azure["logicalCounts"], &azure["oracleCalls"]);
+        let number = |key: &str| record[key]["value"].as_f64();
+        counts["tCount"].is_null()
+            && azure["unavailable"]["tCount"] == record["no_circuit"]
+            && counts["rotationCount"].as_f64() == number("walk_steps").map(|steps| steps + 1.0)
+            && counts["numQubits"].as_f64() == record["qubits"]["walk"]["total"]["value"].as_f64()
+            && calls["location"].as_f64() == number("location_queries")
+            && calls["value"].as_f64() == number("value_queries")
+            && calls["total"].as_f64() == number("queries")
+            && self.of_qref("toffoli_model") == least["toffoli"]["value"].as_f64()
+            && self.of_qref("toffoli").is_none()
+            && self.of_qref("queries") == number("queries")
+            && self.of_qref("location_queries") == number("location_queries")
+            && self.of_qref("value_queries") == number("value_queries")
+            && self.simulation()["meta"]["labels"]["queries"] == record["queries"]["label"]
+    }
+
+    /// The record describes the cheapest choice on a quantum computer, which has no weights. Its
+    /// entry `own` describes the set-up of the case, which is planned for emulation.
+    fn have_the_cheapest_set_up(&self) -> Result<(), String> {
+        let record = &self.record;
+        let own = &record["own"];
+        let cost = |record: &Value| {
+            let both = record["queries_until_measured"].as_array();
+            let known = both.into_iter().flatten().filter_map(|cost| cost["value"].as_f64());
+            known.fold(f64::INFINITY, f64::min)
+        };
+        let cheapest = cost(record) <= cost(own) && record["interface"] == "conservative";
+        let priced = is_weighted_table_priced(own)
+            && record["weights_table"].is_null()
+            && record["weighted"] == false;
+        require(cheapest && priced, &self.alone, || format!("{record}"))
+    }
+
+    /// The counts for measure-valued data give no density, and say which keys do: they can be
+    /// pasted.
+    fn explain_measure_valued(&self, name: &str) -> Result<(), String> {
+        let why = self.record["measure_valued"].as_str().unwrap_or_default();
+        let is_explained = why.contains("is not linear") && why.contains("initial.f");
+        let expected = is_explained == (name == "example2.toml");
+        require(expected, &self.alone, || format!("{name}: {why}"))?;
+        let Some((_, f)) = why.split_once("initial = { f = \"") else { return Ok(()) };
+        let f = f.split('"').next().unwrap_or_default();
+        let smooth = ["inflow.value=\"initial\"".to_owned(), format!("initial={{f=\"{f}\"}}")];
+        let own = smooth.each_ref().map(String::as_str);
+        let job = of_case("resources", name).set(&own).with(["--format", "json"]);
+        let overlaps = job.succeed()?.json()?;
+        let kind = &overlaps["cheapest"]["measure_valued"];
+        require(kind.is_null(), &self.alone, || format!("{kind}"))
+    }
+
+    /// No reason names a directory of this machine.
+    fn name_no_directory(&self) -> Result<(), String> {
+        let record = &self.record;
+        let reasons = [&record["no_circuit"], &record["not_unitary"], &record["own"]["no_circuit"]];
+        let here = env!("CARGO_MANIFEST_DIR");
+        let named = reasons.iter().filter_map(|why| why.as_str()).any(|why| why.contains(here));
+        require(!named, &self.alone, || format!("{reasons:?}"))
+    }
+
+    /// Only two of the cases have a circuit. The unitary scheme has no inflow, and no velocity cell
+    /// around 0 at a jump; without postselection, one evolution suffices for it.
+    fn have_what_the_case_allows(&self, name: &str) -> Result<(), String> {
+        let Self { alone, record, .. } = self;
+        let compiles = ["example1.toml", "slope_jump.toml"].contains(&name);
+        let expected = self.is_compiled() == compiles;
+        require(expected, alone, || format!("{name}: {}", record["no_circuit"]))?;
+        let none =
+            ["inflow_barrier.toml", "partial_reflection.toml", "example2.toml", "barrier2d.toml"];
+        let unitary = record["not_unitary"].is_null();
+        require(unitary != none.contains(&name), alone, || format!("{}", record["not_unitary"]))?;
+        for cost in record["unitary"]["costs"].as_array().into_iter().flatten() {
+            let once = cost["toffoli_until_measured"][0]["value"] == cost["toffoli"]["value"];
+            require(once, alone, || format!("{cost}"))?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether a set-up with weights has the cost of their table, and one without has none.
+fn is_weighted_table_priced(own: &Value) -> bool {
+    let table = &own["weights_table"];
+    if own["weighted"] != true {
+        return table.is_null();
+    }
+    let cells = own["shape"].as_array().into_iter().flatten().filter_map(Value::as_f64);
+    let cells: f64 = cells.product();
+    let reads = 2.0 * (cells - 1.0);
+    let all = reads * own["value_queries"]["value"].as_f64().unwrap_or(f64::NAN);
+    table["entries"].as_f64() == Some(cells)
+        && table["toffolis_a_value_query"]["value"].as_f64() == Some(reads)
+        && table["toffolis"]["value"].as_f64() == Some(all)
+        && table["sweeps"].as_f64() > Some(0.0)
 }
 
 /// T gates of all rotations of an evolution, by the documented formula from `t_of_rotation`.
@@ -464,66 +530,32 @@ fn has_queries(header: &[String], line: &[String], found: &Value) {
     }
 }
 
+/// A density behind the step.
+const DENSITY: &[&str] = &[
+    "scheme.degree=0",
+    "axis.0.x.cells=128",
+    "axis.0.v.cells=128",
+    "initial.f='exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02)'",
+    "readout={points=[[0.2]],accuracy=0.1}",
+];
+
+/// The value of a number of the JSON.
+fn value(figure: &Value) -> f64 {
+    figure["value"].as_f64().unwrap()
+}
+
 /// The cost of a density with a required accuracy: the orders are as documented, the numbers follow
 /// from each other, and the density is plausible.
 #[test]
 fn the_cost_of_a_density_is_consistent() {
-    let settings = [
-        "scheme.degree=0",
-        "axis.0.x.cells=128",
-        "axis.0.v.cells=128",
-        "initial.f='exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02)'",
-        "readout={points=[[0.2]],accuracy=0.1}",
-    ];
     let job = Job::new(["resources", &case("smooth-beams.toml"), "--accuracy", "0.05"]);
-    let found = job.set(&settings).with(["--format", "json"]).on(2).succeed().unwrap();
+    let found = job.set(DENSITY).with(["--format", "json"]).on(2).succeed().unwrap();
     let found = found.json().unwrap();
     let ways = found["quantum"].as_array().unwrap();
-    let value = |figure: &Value| figure["value"].as_f64().unwrap();
     let [upwind, unitary, traced] = [0, 1, 2].map(|k| &ways[k]);
     for way in [upwind, unitary] {
-        let errors: Vec<f64> =
-            way["errors"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
-        let grids = way["grids"].as_array().unwrap();
-        assert_eq!((errors.len(), grids.len()), (3, 4));
-        assert!(errors[2] < errors[1] && errors[1] < errors[0], "{errors:?}");
-        // The grid is between two grids whose errors are known, or extrapolated by the order.
-        let sizes: Vec<f64> = grids.iter().filter_map(|grid| grid[0].as_f64()).collect();
-        match errors.iter().rposition(|&error| error > 0.025) {
-            Some(2) => {
-                let order = way["order"].as_f64().unwrap();
-                let finer = sizes[2] * (errors[2] / 0.025f64).powf(1.0 / order);
-                assert!((sizes[3] / finer - 1.0).abs() < 0.1, "{sizes:?} {finer}");
-            }
-            Some(k) => assert!(sizes[k] <= sizes[3] && sizes[3] <= sizes[k + 1] + 1.0),
-            None => assert!(sizes[3] <= sizes[0]),
-        }
-        // The degree is the one with the fewest gates of all that were tried.
-        let degrees = way["degrees"].as_array().unwrap();
-        assert_eq!(degrees.len(), 5);
-        let gates = |degree: &Value| degree["gates"]["value"].as_f64().unwrap_or(f64::INFINITY);
-        let least = degrees.iter().map(gates).fold(f64::INFINITY, f64::min);
-        assert_eq!(least, value(&way["gates_until_measured"]));
-        assert_eq!(gates(&degrees[way["degree"].as_u64().unwrap() as usize]), least);
-        // The grid is an estimate, and so are numbers that depend on it.
-        let cost = &way["cost"];
-        let label = if cost["access"] == "sparse" { "model" } else { "estimate" };
-        assert_eq!(cost["toffoli_a_step"]["label"], label);
-        for key in ["alpha", "tau", "steps"] {
-            assert_eq!(cost[key]["label"], "estimate", "{key}");
-        }
-        assert!(value(&way["tolerance"]) < 0.05 && value(&way["walk_tolerance"]) < 0.05);
-        // The sequence with fewer gates counts, including T gates and rotations.
-        let gates = value(&cost["gates"]).min(value(&cost["half_calls"]["gates"]));
-        let all = gates * value(&way["evolutions"]);
-        assert!((value(&way["gates_until_measured"]) / all - 1.0).abs() < 1e-9);
-        assert_eq!(way["toffoli"], cost["toffoli"]);
-        assert_eq!(way["physical_qubits"]["label"], "model");
-        assert!(value(&way["physical_qubits"]) > 100.0 * value(&cost["qubits"]));
-        // The seconds follow from the code distance.
-        let d = way["code_distance"].as_f64().unwrap();
-        let seconds = all * 5.5 * d / 4.0 * 1e-6;
-        assert!((value(&way["seconds"]) / seconds - 1.0).abs() < 1e-9);
+        grid_follows_from_errors(way);
+        cost_follows_from_gates(way);
     }
     // The state of the upwind scheme has a profile and a register for p, which is read at a point.
     assert!(upwind["profile"].is_object() && unitary["profile"].is_null(), "{upwind}");
@@ -542,9 +574,66 @@ fn the_cost_of_a_density_is_consistent() {
     assert!(density > 0.02 && density < 0.3, "{density}");
     let verdict = found["verdict"].as_array().unwrap();
     assert!(verdict.iter().any(|line| line.as_str().unwrap_or_default().contains("does not win")));
+    table_has_the_numbers_of_the_json(&found);
+}
+
+/// Checks that the grid of a way is the one its errors require, and its degree the one with the
+/// fewest gates.
+fn grid_follows_from_errors(way: &Value) {
+    let errors: Vec<f64> =
+        way["errors"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    let grids = way["grids"].as_array().unwrap();
+    assert_eq!((errors.len(), grids.len()), (3, 4));
+    assert!(errors[2] < errors[1] && errors[1] < errors[0], "{errors:?}");
+    // The grid is between two grids whose errors are known, or extrapolated by the order.
+    let sizes: Vec<f64> = grids.iter().filter_map(|grid| grid[0].as_f64()).collect();
+    match errors.iter().rposition(|&error| error > 0.025) {
+        Some(2) => {
+            let order = way["order"].as_f64().unwrap();
+            let finer = sizes[2] * (errors[2] / 0.025f64).powf(1.0 / order);
+            assert!((sizes[3] / finer - 1.0).abs() < 0.1, "{sizes:?} {finer}");
+        }
+        Some(k) => assert!(sizes[k] <= sizes[3] && sizes[3] <= sizes[k + 1] + 1.0),
+        None => assert!(sizes[3] <= sizes[0]),
+    }
+    // The degree is the one with the fewest gates of all that were tried.
+    let degrees = way["degrees"].as_array().unwrap();
+    assert_eq!(degrees.len(), 5);
+    let gates = |degree: &Value| degree["gates"]["value"].as_f64().unwrap_or(f64::INFINITY);
+    let least = degrees.iter().map(gates).fold(f64::INFINITY, f64::min);
+    assert_eq!(least, value(&way["gates_until_measured"]));
+    assert_eq!(gates(&degrees[way["degree"].as_u64().unwrap() as usize]), least);
+}
+
+/// Checks the labels of the cost of a way, and that its gates, qubits and seconds follow from it.
+fn cost_follows_from_gates(way: &Value) {
+    // The grid is an estimate, and so are numbers that depend on it.
+    let cost = &way["cost"];
+    let label = if cost["access"] == "sparse" { "model" } else { "estimate" };
+    assert_eq!(cost["toffoli_a_step"]["label"], label);
+    for key in ["alpha", "tau", "steps"] {
+        assert_eq!(cost[key]["label"], "estimate", "{key}");
+    }
+    assert!(value(&way["tolerance"]) < 0.05 && value(&way["walk_tolerance"]) < 0.05);
+    // The sequence with fewer gates counts, including T gates and rotations.
+    let gates = value(&cost["gates"]).min(value(&cost["half_calls"]["gates"]));
+    let all = gates * value(&way["evolutions"]);
+    assert!((value(&way["gates_until_measured"]) / all - 1.0).abs() < 1e-9);
+    assert_eq!(way["toffoli"], cost["toffoli"]);
+    assert_eq!(way["physical_qubits"]["label"], "model");
+    assert!(value(&way["physical_qubits"]) > 100.0 * value(&cost["qubits"]));
+    // The seconds follow from the code distance.
+    let d = way["code_distance"].as_f64().unwrap();
+    let seconds = all * 5.5 * d / 4.0 * 1e-6;
+    assert!((value(&way["seconds"]) / seconds - 1.0).abs() < 1e-9);
+}
+
+/// Checks that the table of the cost of a density has the numbers of the JSON, with their labels.
+fn table_has_the_numbers_of_the_json(found: &Value) {
+    let ways = found["quantum"].as_array().unwrap();
     let baselines = found["classical"].as_array().unwrap();
     let table = Job::new(["resources", &case("smooth-beams.toml"), "--accuracy", "0.05"]);
-    let table = table.set(&settings).with(["--format", "csv"]).succeed().unwrap();
+    let table = table.set(DENSITY).with(["--format", "csv"]).succeed().unwrap();
     let lines = csv_records(&table.output);
     let names = ways.iter().chain(baselines).map(|way| way["name"].as_str().unwrap());
     assert!(lines[1..].iter().map(|line| line[0].as_str()).eq(names), "{lines:?}");
@@ -579,11 +668,15 @@ fn the_cost_of_a_density_is_consistent() {
         }
     }
     assert!(lines[1][column("profile")].contains(' '), "{lines:?}");
+}
+
+#[test]
+fn costs_of_what_is_no_density_are_refused() {
     let job = |name: &str| Job::new(["resources", &case(name), "--accuracy", "0.1"]);
     job("example2.toml").is_refused(&["is not linear", "initial = { f = \"(", "exp("]).unwrap();
     // An error relative to a density of almost zero is refused.
     let nowhere = ["readout={points=[[-1.4]],accuracy=0.1}"];
-    let job_there = job("smooth-beams.toml").set(&settings[..4]).set(&nowhere);
+    let job_there = job("smooth-beams.toml").set(&DENSITY[..4]).set(&nowhere);
     job_there.is_refused(&["of the mean", "[readout]"]).unwrap();
     job("example1.toml").with(["--format", "qref"]).is_refused(&["--accuracy", "qref"]).unwrap();
     job("example1.toml").with(["--optimise"]).is_refused(&["--optimise"]).unwrap();

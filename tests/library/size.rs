@@ -1,10 +1,12 @@
-//! Lines of code and of prose are at most 100 columns wide, and functions in `src/` at most 80
-//! lines long.
+//! Lines of code and of prose are at most 100 columns wide; functions in `src/` are at most 80 lines
+//! long, those of tests, benches and examples at most 100.
 
 use std::path::{Path, PathBuf};
 
 const COLUMNS: usize = 100;
 const FUNCTION_LINES: usize = 80;
+/// The same in tests, benches and examples.
+const TEST_LINES: usize = 100;
 
 #[test]
 fn lines_and_functions_are_short() {
@@ -18,9 +20,10 @@ fn lines_and_functions_are_short() {
             found.extend(lines.map(|line| format!("{}:{line}", file.display())));
         }
     };
-    look("src", "rs", &[too_wide, too_long]);
-    look("tests", "rs", &[too_wide]);
-    look("benches", "rs", &[too_wide]);
+    look("src", "rs", &[too_wide, |text| too_long(text, FUNCTION_LINES)]);
+    for folder in ["tests", "benches", "examples"] {
+        look(folder, "rs", &[too_wide, |text| too_long(text, TEST_LINES)]);
+    }
     look("cases", "toml", &[too_wide]);
     look("python", "py", &[too_wide]);
     look("docs", "md", &[too_wide_prose]);
@@ -39,8 +42,10 @@ fn wide_lines_and_long_functions_are_found() {
     assert_eq!(too_wide_prose(&format!("|{line}\n![{line}\n{line}é\n")), [3]);
     let function =
         |lines: usize| format!("\n    pub fn f() {{\n{}    }}\n", "        g();\n".repeat(lines));
-    assert!(too_long(&function(FUNCTION_LINES - 2)).is_empty());
-    assert_eq!(too_long(&function(FUNCTION_LINES - 1)), [2]);
+    for most in [FUNCTION_LINES, TEST_LINES] {
+        assert!(too_long(&function(most - 2), most).is_empty());
+        assert_eq!(too_long(&function(most - 1), most), [2]);
+    }
 }
 
 /// The files with this extension below a folder.
@@ -68,9 +73,9 @@ fn too_wide_prose(text: &str) -> Vec<usize> {
     too_wide(text).into_iter().filter(is_prose).collect()
 }
 
-/// Numbers of the lines at which functions begin that are too long. `cargo fmt` has put the closing
-/// brace of a function below its beginning.
-fn too_long(text: &str) -> Vec<usize> {
+/// Numbers of the lines at which functions begin that have more than `most` lines. `cargo fmt` has
+/// put the closing brace of a function below its beginning.
+fn too_long(text: &str, most: usize) -> Vec<usize> {
     let lines: Vec<&str> = text.lines().collect();
     let mut found = Vec::new();
     for (begin, line) in lines.iter().enumerate() {
@@ -81,7 +86,7 @@ fn too_long(text: &str) -> Vec<usize> {
         }
         let closing = format!("{}}}", &line[..line.len() - code.len()]);
         let end = lines[begin..].iter().position(|l| *l == closing);
-        if end.is_some_and(|length| length + 1 > FUNCTION_LINES) {
+        if end.is_some_and(|length| length + 1 > most) {
             found.push(begin + 1);
         }
     }

@@ -178,105 +178,107 @@ impl Twin {
         [Self::plain(), Self::periodic(), Self::embeddings()].into_iter().flatten().collect()
     }
 
-    /// The twins with elements, whose degrees differ from axis to axis, also with degree 0: jumps,
-    /// varying slopes, one element along an axis, and all embeddings of the inflow.
+    /// The twins with elements, whose degrees differ from axis to axis, also with degree 0.
     fn elements() -> Vec<Self> {
-        let degree = |axis: &str, degree: usize| format!("axis.{axis}.degree={degree}");
-        let degrees = |list: &[(&str, usize)]| -> Vec<String> {
-            list.iter().map(|(axis, k)| degree(axis, *k)).collect()
-        };
-        let with = |name, file, cells: &[usize], list: &[(&str, usize)], set: &[&str]| {
-            let own = degrees(list);
-            let own = own.iter().map(String::as_str);
-            // Linear along every axis, so that the projection has the values at the nodes.
-            let initial = match file {
-                "barrier2d.toml" => "initial.f='(2 + x)*(2 - y)*(3 + vx)*(2 + vy)'",
-                "step3d.toml" => "initial.f='(2 + x)*(3 + vx)*(2 - vy)*(3 + vz)'",
-                _ => "initial.f='(2 + x)*(3 + v)'",
-            };
-            let conservative = ["scheme.interface='conservative'", initial];
-            let set: Vec<&str> = own.chain(conservative).chain(set.iter().copied()).collect();
-            scene(name, file, cells, &set)
-        };
-        let velocities = "axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}";
+        let kinds = [
+            Self::elements_on_lines(),
+            Self::elements_with_embeddings(),
+            Self::reflecting_elements(),
+            Self::elements_in_space(),
+        ];
+        kinds.into_iter().flatten().collect()
+    }
+
+    /// Elements in one dimension: jumps, varying slopes, one element along an axis, a periodic
+    /// axis.
+    fn elements_on_lines() -> Vec<Self> {
         let curved = "potential.1.value='0.2 - 0.3*x^2'";
-        let (full, scalar) = ("solver.warp.inflow='full'", "solver.warp.inflow='scalar'");
-        let (largest, slopes) = ("solver.warp.delta='max'", "slope_jump.toml");
         let around = [
             "axis.0.x={lower=-1.5,upper=1.5,cells=3,boundary='periodic',degree=2}",
             "axis.0.v={lower=-1.0,upper=1.0,cells=4,degree=2}",
             "scheme.flux=0",
         ];
-        let plane = ["potential.0.value='0.2 + 0.1*x - 0.1*y*x'", PLANE_INFLOW, "scheme.flux=0.3"];
-        let (degree_1, degree_2) = ([("0.x", 1)], [("0.x", 2)]);
         vec![
-            with(
+            of_elements(
                 "elements",
                 "example1.toml",
                 &[5, 2],
                 &[("0.x", 2), ("0.v", 3)],
                 &["scheme.flux=1"],
             ),
-            with(
+            of_elements(
                 "elements, slopes, inflow",
-                slopes,
+                "slope_jump.toml",
                 &[3],
                 &[("0.x", 3)],
-                &[velocities, curved, SLOPE_INFLOW],
+                &[LINEAR_VELOCITIES, curved, SLOPE_INFLOW],
             ),
-            with(
+            of_elements(
                 "elements, well, velocities of degree 0",
                 "well.toml",
                 &[7, 6],
                 &[("0.x", 1)],
                 &[],
             ),
-            with(
+            of_elements(
                 "elements, one cell in space",
                 "example1.toml",
                 &[1, 2],
                 &[("0.x", 6), ("0.v", 4)],
                 &[],
             ),
-            with("elements, periodic, central flux", "example1.toml", &[], &[], &around),
-            with("elements, full", slopes, &[5], &degree_1, &[velocities, SLOPE_INFLOW, full]),
-            with(
-                "elements, given",
-                slopes,
-                &[3],
-                &degree_2,
-                &[velocities, SLOPE_INFLOW, "solver.warp.delta=4.5"],
-            ),
-            with("elements, scalar", slopes, &[5], &degree_1, &[velocities, SLOPE_INFLOW, scalar]),
-            with(
-                "elements, scalar, largest",
-                slopes,
-                &[3],
-                &degree_2,
-                &[velocities, SLOPE_INFLOW, scalar, largest],
-            ),
-            with(
+            of_elements("elements, periodic, central flux", "example1.toml", &[], &[], &around),
+        ]
+    }
+
+    /// Elements with all embeddings of the inflow.
+    fn elements_with_embeddings() -> Vec<Self> {
+        let slopes = |name, elements: usize, degree: usize, set: &[&str]| {
+            let set = [&[LINEAR_VELOCITIES, SLOPE_INFLOW], set].concat();
+            of_elements(name, "slope_jump.toml", &[elements], &[("0.x", degree)], &set)
+        };
+        let (full, scalar) = ("solver.warp.inflow='full'", "solver.warp.inflow='scalar'");
+        let (given, largest) = ("solver.warp.delta=4.5", "solver.warp.delta='max'");
+        vec![
+            slopes("elements, full", 5, 1, &[full]),
+            slopes("elements, given", 3, 2, &[given]),
+            slopes("elements, scalar", 5, 1, &[scalar]),
+            slopes("elements, scalar, largest", 3, 2, &[scalar, largest]),
+        ]
+    }
+
+    /// Elements beside a step that reflects a part of the particles.
+    fn reflecting_elements() -> Vec<Self> {
+        vec![
+            of_elements(
                 "elements, partial reflection",
                 "example1.toml",
                 &[5, 2],
                 &[("0.x", 2), ("0.v", 1)],
                 &["potential.0.reflection='0.4/(1 + E)'", "exact={}"],
             ),
-            with(
+            of_elements(
                 "elements, two dimensions, partial reflection",
                 "barrier2d.toml",
                 &[3, 2, 3, 2],
                 &[("0.x", 1), ("0.v", 1), ("1.v", 1)],
                 &["potential.0.reflection='min(1, 0.1/(0.1 + E))'", "exact={}"],
             ),
-            with(
+        ]
+    }
+
+    /// Elements in two and three dimensions.
+    fn elements_in_space() -> Vec<Self> {
+        let plane = ["potential.0.value='0.2 + 0.1*x - 0.1*y*x'", PLANE_INFLOW, "scheme.flux=0.3"];
+        vec![
+            of_elements(
                 "elements, two dimensions, inflow",
                 "barrier2d.toml",
                 &[3, 2, 3, 2],
                 &[("0.x", 1), ("0.v", 1), ("1.v", 1)],
                 &plane,
             ),
-            with(
+            of_elements(
                 "elements, three dimensions",
                 "step3d.toml",
                 &[3, 2, 1, 2, 1, 2],
@@ -382,6 +384,31 @@ impl Coupling {
 const SLOPE_INFLOW: &str = "inflow.value='1 + x + 2*v'";
 /// Particles enter at the left.
 const PLANE_INFLOW: &str = "inflow.value='1 if x < -1.2 else 0'";
+
+/// Velocities of elements of degree 1 on bounds that are not symmetric.
+const LINEAR_VELOCITIES: &str = "axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}";
+
+/// A twin as [`scene`] has it, with elements of these degrees along the named axes and initial data
+/// that are linear along every axis, so that the projection has the values at the nodes.
+fn of_elements(
+    name: &'static str,
+    file: &str,
+    cells: &[usize],
+    degrees: &[(&str, usize)],
+    set: &[&str],
+) -> Twin {
+    let own: Vec<String> =
+        degrees.iter().map(|(axis, degree)| format!("axis.{axis}.degree={degree}")).collect();
+    let initial = match file {
+        "barrier2d.toml" => "initial.f='(2 + x)*(2 - y)*(3 + vx)*(2 + vy)'",
+        "step3d.toml" => "initial.f='(2 + x)*(3 + vx)*(2 - vy)*(3 + vz)'",
+        _ => "initial.f='(2 + x)*(3 + v)'",
+    };
+    let conservative = ["scheme.interface='conservative'", initial];
+    let own = own.iter().map(String::as_str);
+    let set: Vec<&str> = own.chain(conservative).chain(set.iter().copied()).collect();
+    scene(name, file, cells, &set)
+}
 
 /// A twin of a case file with `cells` along x, v_x, y, v_y, …, and with `set` as further overrides.
 fn scene(name: &'static str, file: &str, cells: &[usize], set: &[&str]) -> Twin {

@@ -214,6 +214,45 @@ impl Job {
         &self,
         mut meanwhile: impl FnMut(&mut Child, Duration),
     ) -> Result<Finished, String> {
+        let fail =
+            |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
+        // A process alone needs no daemon of Open MPI's, which takes as long to start as the
+        // program; without one, each needs a directory of its own for what Open MPI keeps in files.
+        let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
+        let mut command = self.prepared(session.path());
+        // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind
+        // could keep open.
+        let mut output = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
+        let mut errors = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
+        let copy = |file: &std::fs::File| file.try_clone().map_err(|e| fail("temporary file", &e));
+        command.stdin(Stdio::null()).stdout(copy(&output)?).stderr(copy(&errors)?);
+        let slots = Slots::take(self.ranks.unwrap_or(1), self.undisturbed);
+        let started = Instant::now();
+        let mut child = command.spawn().map_err(|e| fail("not started", &e))?;
+        let exit = loop {
+            match ended(&child).map_err(|e| fail("lost", &e))? {
+                Some(exit) => break Some(exit),
+                None if started.elapsed() > self.limit => {
+                    end(&mut child);
+                    break None;
+                }
+                None => {
+                    meanwhile(&mut child, started.elapsed());
+                    std::thread::sleep(Duration::from_millis(self.pause));
+                }
+            }
+        };
+        let seconds = started.elapsed().as_secs_f64();
+        drop(slots);
+        let finished = self.finished(exit.as_ref(), seconds, [&mut output, &mut errors]);
+        match exit {
+            Some(_) => Ok(finished),
+            None => Err(finished.report(&format!("not over after {seconds:.0} s: killed"))),
+        }
+    }
+
+    /// The words that start it: mpirun, shells that set limits, the program, its arguments.
+    fn words(&self) -> Vec<String> {
         let program = env!("CARGO_BIN_EXE_phasewarp");
         let mut words: Vec<String> = Vec::new();
         if let Some(ranks) = self.ranks {
@@ -253,8 +292,12 @@ impl Job {
             let kibibytes = (MEMORY_CAP >> 10).to_string();
             words.splice(0..0, ["sh", "-c", script, "sh", &kibibytes].map(str::to_owned));
         }
-        let fail =
-            |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
+        words
+    }
+
+    /// The command that starts it, with its environment; Open MPI keeps files in `session`.
+    fn prepared(&self, session: &Path) -> Command {
+        let words = self.words();
         let mut command = Command::new(&words[0]);
         command
             .args(&words[1..])
@@ -272,23 +315,14 @@ impl Job {
             // Nor does hwloc read the configuration of every device, which takes a fifth of a job.
             command.env("HWLOC_PLUGINS_PATH", "/nonexistent").env("HWLOC_COMPONENTS", "-linuxio");
         }
-        // A process alone needs no daemon of Open MPI's, which takes as long to start as the
-        // program; without one, each needs a directory of its own for what Open MPI keeps in files.
-        let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
         if self.ranks.is_none() {
             command
                 .env("OMPI_MCA_ess_singleton_isolated", "1")
-                .env("OMPI_MCA_orte_tmpdir_base", session.path());
+                .env("OMPI_MCA_orte_tmpdir_base", session);
         }
         if let Some(directory) = &self.directory {
             command.current_dir(directory);
         }
-        // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind
-        // could keep open.
-        let mut output = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
-        let mut errors = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
-        let copy = |file: &std::fs::File| file.try_clone().map_err(|e| fail("temporary file", &e));
-        command.stdin(Stdio::null()).stdout(copy(&output)?).stderr(copy(&errors)?);
         // Tests in the background of a shell would hand on that Ctrl-C is ignored.
         // SAFETY: one call that a signal handler may make, too.
         unsafe {
@@ -297,36 +331,25 @@ impl Job {
                 Ok(())
             });
         }
-        let slots = Slots::take(self.ranks.unwrap_or(1), self.undisturbed);
-        let started = Instant::now();
-        let mut processor_seconds = 0.0;
-        let mut child = command.spawn().map_err(|e| fail("not started", &e))?;
-        let status = loop {
-            match ended(&child).map_err(|e| fail("lost", &e))? {
-                Some((status, seconds)) => {
-                    processor_seconds = seconds;
-                    break Some(status);
-                }
-                None if started.elapsed() > self.limit => {
-                    end(&mut child);
-                    break None;
-                }
-                None => {
-                    meanwhile(&mut child, started.elapsed());
-                    std::thread::sleep(Duration::from_millis(self.pause));
-                }
-            }
-        };
-        let seconds = started.elapsed().as_secs_f64();
-        drop(slots);
-        let [mut printed, mut complained] = [&mut output, &mut errors].map(|f| untag(&read(f)));
+        command
+    }
+
+    /// What is known of a job that has ended, or that was killed (no `exit`).
+    fn finished(
+        &self,
+        exit: Option<&Exit>,
+        seconds: f64,
+        streams: [&mut std::fs::File; 2],
+    ) -> Finished {
+        let [mut printed, mut complained] = streams.map(|f| untag(&read(f)));
         if self.ranks.is_none() {
             // No mpirun: what is not marked is the program's.
             printed.swap(0, 2);
             complained.swap(0, 2);
         }
         let ([output, others, _], [errors, more, launcher]) = (printed, complained);
-        let finished = Finished {
+        let status = exit.map(|exit| exit.status);
+        Finished {
             command: self.command(),
             code: status.and_then(|s| s.code()),
             shell_code: status.map_or(0, |s| s.code().unwrap_or(128 + s.signal().unwrap_or(0))),
@@ -336,11 +359,7 @@ impl Job {
             others: others + &more,
             launcher,
             seconds,
-            processor_seconds,
-        };
-        match status {
-            Some(_) => Ok(finished),
-            None => Err(finished.report(&format!("not over after {seconds:.0} s: killed"))),
+            processor_seconds: exit.map_or(0.0, |exit| exit.processor_seconds),
         }
     }
 
@@ -364,9 +383,15 @@ impl Job {
     }
 }
 
-/// The exit status of a process that has ended, and the processor time that it and the processes it
-/// waited for took, in seconds. `child` must not be waited for again after that.
-fn ended(child: &Child) -> std::io::Result<Option<(ExitStatus, f64)>> {
+/// How a process ended.
+struct Exit {
+    status: ExitStatus,
+    /// Processor time of the process and of those it waited for.
+    processor_seconds: f64,
+}
+
+/// How a process ended, if it did. `child` must not be waited for again after that.
+fn ended(child: &Child) -> std::io::Result<Option<Exit>> {
     let (mut status, id) = (0, child.id() as libc::pid_t);
     // SAFETY: a struct of integers, for which zeros are values.
     let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
@@ -376,8 +401,8 @@ fn ended(child: &Child) -> std::io::Result<Option<(ExitStatus, f64)>> {
         0 => Ok(None),
         _ => {
             let seconds = |time: libc::timeval| time.tv_sec as f64 + 1e-6 * time.tv_usec as f64;
-            let used = seconds(usage.ru_utime) + seconds(usage.ru_stime);
-            Ok(Some((ExitStatus::from_raw(status), used)))
+            let processor_seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);
+            Ok(Some(Exit { status: ExitStatus::from_raw(status), processor_seconds }))
         }
     }
 }
