@@ -222,6 +222,14 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
+    /// A checkpoint is sound, but that of a run with other settings or files.
+    #[error("checkpoint {}: {reason}", path.display())]
+    AnotherRun {
+        /// The generation, or the directory of all of them.
+        path: PathBuf,
+        /// What differs.
+        reason: String,
+    },
     /// A batch of modes was interrupted; the run stops.
     #[error("a batch of modes was left before its end")]
     Left,
@@ -378,6 +386,7 @@ impl Error {
             | Error::Directory { .. }
             | Error::TooLong { .. }
             | Error::WallTime { .. }
+            | Error::AnotherRun { .. }
             | Error::Magnitude { .. } => 2,
             Error::Stopped { .. } | Error::SweepStopped { .. } => CAN_GO_ON,
             Error::SweepFailed { .. } => 3,

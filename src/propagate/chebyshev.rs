@@ -47,28 +47,52 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
         bessel_series(scratch, tau, tail);
         return scratch.len() - 1;
     }
-    let rest = |degree: f64| {
-        let k = degree + 1.0;
-        let alpha = (k / tau).acosh();
-        let first =
-            (-k * (alpha - alpha.tanh())).exp() / (std::f64::consts::TAU * k * alpha.tanh()).sqrt();
-        2.0 * first / (1.0 - (-alpha).exp())
-    };
-    let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
-    // For small α the exponent is −kα³/3 and k = τ(1 + α²/2); the logarithm of `rest` falls by
-    // about α a degree. Newton's steps from there spare most halvings of the bracket.
-    let mut root = tau + 0.5 * tau * (3.0 * (-tail.ln()).max(1.0) / tau).cbrt().powi(2);
+    least_degree(tau, tail, long_guess(tau, tail))
+}
+
+/// A bound on `2 Σ_{k>K} |J_k(τ)|` for `K = degree ≥ τ`: see [`degree`].
+fn long_rest(tau: f64, degree: f64) -> f64 {
+    let k = degree + 1.0;
+    let alpha = (k / tau).acosh();
+    let slope = alpha.tanh();
+    let first = (-k * (alpha - slope)).exp() / (std::f64::consts::TAU * k * slope).sqrt();
+    2.0 * first / (1.0 - (-alpha).exp())
+}
+
+/// About the degree at which [`long_rest`] is `tail`, mostly less than one away: with
+/// `k = τ cosh α`, the exponent is `τ(α cosh α − sinh α) ≈ τα³/3 (1 + α²/10)`, and the factor before
+/// it about `2/√(2πτα³)`.
+fn long_guess(tau: f64, tail: f64) -> f64 {
+    let mut alpha = (3.0 * (-tail.ln()).max(1.0) / tau).cbrt();
     for _ in 0..2 {
-        root += (rest(root) / tail).ln() / ((root + 1.0) / tau).acosh();
+        let square = alpha * alpha;
+        let factor = std::f64::consts::TAU * tau * square * alpha;
+        let exponent = (-tail.ln() - 0.5 * (0.25 * factor).ln() + 0.5 * alpha).max(0.1);
+        alpha = (3.0 * exponent / (tau * (1.0 + 0.1 * square))).cbrt();
     }
-    for probe in [root.floor() - 1.0, root.floor() + 2.0] {
-        if low < probe && probe < high {
-            *(if rest(probe) > tail { &mut low } else { &mut high }) = probe;
+    // cosh α − 1.
+    let square = alpha * alpha;
+    tau + 0.5 * tau * square * (1.0 + square / 12.0) - 1.0
+}
+
+/// The least whole number above `⌈τ⌉` at which [`long_rest`] is at most `tail`, whatever `guess` is.
+fn least_degree(tau: f64, tail: f64, guess: f64) -> usize {
+    let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
+    let mut probe = guess.ceil();
+    // Where the first guess was wrong by little, its neighbours end the search.
+    let mut step = 1.0;
+    while low < probe && probe < high {
+        let above = long_rest(tau, probe) > tail;
+        *(if above { &mut low } else { &mut high }) = probe;
+        if high - low <= 1.0 {
+            return high as usize;
         }
+        probe += if above { step } else { -step };
+        step *= 2.0;
     }
     while high - low > 1.0 {
         let middle = (0.5 * (low + high)).floor();
-        if rest(middle) > tail {
+        if long_rest(tau, middle) > tail {
             low = middle;
         } else {
             high = middle;

@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 const MANIFEST: &str = "manifest.json";
 /// The suffix of a file's name while it is written.
 const UNFINISHED: &str = "unfinished";
+/// What to do about checkpoints that cannot be used.
+const START_AGAIN: &str = "without --resume the run starts from its beginning";
 
 /// The file that completes a generation: it lists what each rank wrote.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,7 +121,7 @@ impl Store {
     /// field was read.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] if the run of `generation` started from another field.
+    /// [`Error::AnotherRun`] if the run of `generation` started from another field.
     pub fn begins_with(&mut self, values: u64, generation: Option<&Generation>) -> Result<()> {
         if let Some(start) = &mut self.fingerprint.start {
             start.values = Some(values);
@@ -130,9 +132,8 @@ impl Store {
         match (self.fingerprint).difference(&generation.manifest.fingerprint) {
             None => Ok(()),
             Some(difference) => {
-                let reason =
-                    format!("{difference}; without --resume the run starts from its beginning");
-                Err(failure(&generation.directory, &reason))
+                let reason = format!("{difference}; {START_AGAIN}");
+                Err(Error::AnotherRun { path: generation.directory.clone(), reason })
             }
         }
     }
@@ -248,7 +249,8 @@ impl Store {
     /// why newer ones are not valid to `say`. Collective.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] if there are generations, but none is valid.
+    /// If there are generations, but none is valid: [`Error::AnotherRun`] if all of them are those
+    /// of another run, [`Error::Checkpoint`] if one is damaged.
     pub fn open(
         &mut self,
         world: &Group,
@@ -258,7 +260,7 @@ impl Store {
         // Rank 0's view of the directory.
         let text = world.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
         found = serde_json::from_str(&text).unwrap_or_default();
-        let mut refused = 0;
+        let (mut refused, mut damaged) = (0, 0);
         for number in found {
             let path = self.generation(number);
             let text = match world.rank() {
@@ -278,6 +280,7 @@ impl Store {
                 }
                 Err(error) => {
                     refused += 1;
+                    damaged += usize::from(!matches!(error, Error::AnotherRun { .. }));
                     say(format!("{error}; it is not used"));
                 }
             }
@@ -286,16 +289,18 @@ impl Store {
             self.newest = None;
             return Ok(None);
         }
-        let reason = "none of the checkpoints in it can be used; without --resume the run \
-                      starts from its beginning";
-        Err(failure(&self.directory, &reason))
+        let reason = format!("none of the checkpoints in it can be used; {START_AGAIN}");
+        match damaged {
+            0 => Err(Error::AnotherRun { path: self.directory.clone(), reason }),
+            _ => Err(failure(&self.directory, &reason)),
+        }
     }
 
     /// A generation with this manifest, if it is valid. Collective.
     fn checked(&self, world: &Group, number: u64, text: &str) -> Result<Generation> {
         let path = self.generation(number);
         let refuse = |reason: String| failure(&path, &reason);
-        let manifest = self.manifest(number, text).map_err(refuse)?;
+        let manifest = self.manifest(number, text)?;
         let mine = (world.rank()..manifest.files.len()).step_by(world.size());
         let sound = mine.map(|rank| self.check_file(&manifest, rank));
         world.agree(sound.collect::<Result<()>>())?;
@@ -311,21 +316,21 @@ impl Store {
     }
 
     /// The manifest of a generation of this run, if the text is one.
-    pub(super) fn manifest(
-        &self,
-        number: u64,
-        text: &str,
-    ) -> std::result::Result<Manifest, String> {
-        let manifest = Manifest::parse(text, number)?;
-        if let Some(difference) = self.fingerprint.difference(&manifest.fingerprint) {
-            return Err(difference);
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] and [`Error::AnotherRun`].
+    pub(super) fn manifest(&self, number: u64, text: &str) -> Result<Manifest> {
+        let path = self.generation(number);
+        let manifest = Manifest::parse(text, number).map_err(|reason| failure(&path, &reason))?;
+        if let Some(reason) = self.fingerprint.difference(&manifest.fingerprint) {
+            return Err(Error::AnotherRun { path, reason });
         }
         let mesh = &manifest.mesh;
         let fits = mesh.space.len() == self.space.dimension()
             && mesh.validate(&self.space).is_ok()
             && mesh.blocks().checked_mul(mesh.groups) == Some(manifest.files.len());
         if !fits {
-            return Err(format!("its {MANIFEST} does not fit the case"));
+            return Err(failure(&path, &format!("its {MANIFEST} does not fit the case")));
         }
         Ok(manifest)
     }
