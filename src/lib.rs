@@ -32,7 +32,7 @@
 //! | room | what it holds |
 //! |---|---|
 //! | `command` | the command line: one function a subcommand |
-//! | `study` | many trials of a case: `advise`, `chart`, `stability`, `calibrate`, `sweep` |
+//! | `study` | many trials of a case: `advise`, `chart`, `stability`, `sweep`, `end_to_end` and others |
 //! | `run` | the driver of one run |
 //! | `results` | result files, written, read back, drawn, reported |
 //! | `quantum` | oracles, sparsity, resources, readout and circuits of a quantum computer |

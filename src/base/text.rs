@@ -197,8 +197,8 @@ pub fn short(value: f64) -> String {
     digits(value, 4)
 }
 
-/// A place on an axis, with digits enough to tell it from places a hundredth of `apart` away.
-pub fn place(value: f64, apart: f64) -> String {
+/// A coordinate on an axis, with digits enough to tell it from one a hundredth of `apart` away.
+pub fn coordinate_text(value: f64, apart: f64) -> String {
     let value = rounded(value, apart);
     let count = (value / apart).abs().log10().floor() + 4.0;
     digits(value, if count.is_finite() { count.clamp(1.0, 16.0) as usize } else { 4 })
@@ -399,7 +399,7 @@ mod tests {
             (123_456.789, 0.01, "123456.789"),
             (5e12, 1e10, "5e12"),
         ] {
-            assert_eq!(place(value, apart), text);
+            assert_eq!(coordinate_text(value, apart), text);
         }
         assert_eq!((rounded(-1e-15, 1.0), rounded(-1e-15, 1e-6)), (0.0, -1e-15));
     }

@@ -1,7 +1,7 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
 use crate::base::text::{
-    OF_ALGORITHM, OF_GRID, counted, on_one_line, place, rounded, sentence, short, word,
+    OF_ALGORITHM, OF_GRID, coordinate_text, counted, on_one_line, rounded, sentence, short, word,
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
@@ -66,8 +66,8 @@ fn axes(case: &Case) -> String {
         };
         text += &format!(
             "{name:<3} [{}, {}]  {} of {}{nodes}{}\n",
-            place(axis.lower, axis.width()),
-            place(axis.upper, axis.width()),
+            coordinate_text(axis.lower, axis.width()),
+            coordinate_text(axis.upper, axis.width()),
             counted(axis.elements(), "cell", "cells"),
             short(axis.width()),
             if periodic { ", periodic" } else { "" }

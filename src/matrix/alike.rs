@@ -30,34 +30,34 @@ struct SpaceCell {
     /// Its number in the block.
     number: usize,
     /// Its cell of phase space at the first velocity.
-    place: Cell,
+    index: Cell,
     /// The first unknowns of the cells next to it, lower and upper along each axis.
     neighbours: Vec<Option<usize>>,
 }
 
 impl SpaceCell {
     fn new(space: &PhaseSpace, number: usize, i: &[usize]) -> Self {
-        let mut place = Cell::default();
-        place[..i.len()].copy_from_slice(i);
+        let mut index = Cell::default();
+        index[..i.len()].copy_from_slice(i);
         let next = |(a, step): (usize, i64)| {
-            let mut next = place;
-            next[a] = space.wrap(a, place[a] as i64 + step)?;
+            let mut next = index;
+            next[a] = space.wrap(a, index[a] as i64 + step)?;
             Some(space.index(&next))
         };
         let sides = (0..space.dimension()).flat_map(|a| [(a, -1), (a, 1)]);
-        Self { number, place, neighbours: sides.map(next).collect() }
+        Self { number, index, neighbours: sides.map(next).collect() }
     }
 
     /// The numbers that determine its rows.
     fn kind(&self, case: &Case, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
         let potential = scheme.potential();
-        let first = case.space.index(&self.place);
+        let first = case.space.index(&self.index);
         let local = self.number * block.velocity_cells;
         let mut kind = Vec::new();
         for a in 0..case.space.dimension() {
-            let slope = potential.slope(&self.place, a);
+            let slope = potential.slope(&self.index, a);
             let jumps =
-                [potential.jump_below(&self.place, a), potential.jump_above(&self.place, a)];
+                [potential.jump_below(&self.index, a), potential.jump_above(&self.index, a)];
             kind.extend([slope, jumps[0], jumps[1]].map(f64::to_bits));
         }
         for neighbour in &self.neighbours {
@@ -109,10 +109,10 @@ impl AlikeCells {
             let cell = SpaceCell::new(&case.space, number, &i[..case.space.dimension()]);
             let like = *kinds
                 .entry(cell.kind(case, scheme, block))
-                .or_insert_with(|| (!draws(&cell.place)).then_some(number));
+                .or_insert_with(|| (!draws(&cell.index)).then_some(number));
             this.first[number] = like.unwrap_or(number);
             if this.first[number] == number {
-                evaluated.insert(case.space.index(&cell.place));
+                evaluated.insert(case.space.index(&cell.index));
                 evaluated.extend(cell.neighbours.iter().flatten());
             }
             number += 1;

@@ -397,7 +397,7 @@ impl Tiling {
 
     /// The tile of a row of cells.
     fn tile_of(&self, row: usize) -> usize {
-        let (line, _) = self.lines.place(row);
+        let (line, _) = self.lines.line_and_node(row);
         let (cell, v) = (line / self.velocities, line % self.velocities);
         // The ranges of `split`.
         cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
@@ -541,7 +541,7 @@ impl BlockMatrix {
         start: &[R],
         read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
     ) {
-        let (behind, _) = self.rows.lines().place(self.block.cells());
+        let (behind, _) = self.rows.lines().line_and_node(self.block.cells());
         let [even, odd] = vectors;
         for &(tile, level) in order {
             let Some(constants) = steps.levels.get(level as usize) else {

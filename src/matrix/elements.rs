@@ -8,7 +8,7 @@ use std::ops::Range;
 pub struct Element<'a> {
     space: &'a PhaseSpace,
     /// Number of the element along each of the `2n` axes.
-    pub place: Cell,
+    pub index: Cell,
 }
 
 /// Calls `visit` with every element over the space cells `ranges`, which are of whole elements, and
@@ -25,10 +25,10 @@ pub fn for_each_element(
     let of_velocity: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.elements()).collect();
     for_each_cell(&of_space, |i| {
         for_each_cell(&of_velocity, |j| {
-            let mut place = Cell::default();
-            place[..n].copy_from_slice(&i[..n]);
-            place[n..2 * n].copy_from_slice(&j[..n]);
-            visit(&Element { space, place });
+            let mut index = Cell::default();
+            index[..n].copy_from_slice(&i[..n]);
+            index[n..2 * n].copy_from_slice(&j[..n]);
+            visit(&Element { space, index });
         });
     });
 }
@@ -58,7 +58,7 @@ impl Element<'_> {
         let mut point = [0.0; 6];
         for (a, axis) in self.space.axes().enumerate() {
             let slot = if a < n { a } else { 3 + a - n };
-            point[slot] = axis.at(self.place[a] as i64, xi[a]);
+            point[slot] = axis.at(self.index[a] as i64, xi[a]);
         }
         point
     }
@@ -74,7 +74,7 @@ impl Element<'_> {
         while node < count {
             let mut cell = 0;
             for (a, axis) in self.space.axes().enumerate() {
-                let j = self.place[a] * shape[a] + m[a];
+                let j = self.index[a] * shape[a] + m[a];
                 cell = match ranges.get(a).filter(|_| a < n) {
                     Some(range) => cell * range.len() + j - range.start,
                     None => cell * axis.cells + j,
@@ -88,7 +88,7 @@ impl Element<'_> {
 
     /// The points of the product of the coordinates `along` the axes, the last axis fastest.
     pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
-        self.space.points_in(&self.place, along).collect()
+        self.space.points_in(&self.index, along).collect()
     }
 }
 

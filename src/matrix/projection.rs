@@ -30,7 +30,7 @@ pub struct Projection {
 
 /// The rules of an axis.
 struct AxisRules {
-    /// The rule on each part, by level and number.
+    /// The rule on each part, by halvings and number.
     parts: Vec<Vec<PartRule>>,
     /// Maps values at the points of a rule to the two highest Legendre coefficients.
     highest: Matrix,
@@ -49,23 +49,23 @@ struct PartRule {
     projector: Matrix,
 }
 
-/// Part number `index` of `2^level` equal parts of an axis of the reference element.
+/// Part number `index` of `2^halvings` equal parts of an axis of the reference element.
 #[derive(Clone, Copy)]
 struct IntervalPart {
-    level: usize,
+    halvings: usize,
     index: usize,
 }
 
 impl IntervalPart {
-    const WHOLE: Self = Self { level: 0, index: 0 };
+    const WHOLE: Self = Self { halvings: 0, index: 0 };
 
     fn ends(self) -> [f64; 2] {
-        let width = 2.0 / (1 << self.level) as f64;
+        let width = 2.0 / (1 << self.halvings) as f64;
         [-1.0 + width * self.index as f64, -1.0 + width * (self.index + 1) as f64]
     }
 
     fn half(self, upper: bool) -> Self {
-        Self { level: self.level + 1, index: 2 * self.index + usize::from(upper) }
+        Self { halvings: self.halvings + 1, index: 2 * self.index + usize::from(upper) }
     }
 }
 
@@ -96,7 +96,7 @@ impl Projection {
             let rules: Vec<&PartRule> = self.rules(&parts).collect();
             let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
             let values = values_at(&element.points(&points));
-            let is_cut = parts[0].level < self.cuts
+            let is_cut = parts[0].halvings < self.cuts
                 && (self.any_rough(&values, |axis| &axis.highest)
                     || self.jumps_at_an_end(element, &rules, &values, values_at));
             if is_cut {
@@ -119,7 +119,7 @@ impl Projection {
 
     /// The rules on `parts` of the axes.
     fn rules(&self, parts: &[IntervalPart]) -> impl Iterator<Item = &PartRule> {
-        self.axes.iter().zip(parts).map(|(axis, part)| &axis.parts[part.level][part.index])
+        self.axes.iter().zip(parts).map(|(axis, part)| &axis.parts[part.halvings][part.index])
     }
 
     /// Whether the polynomial through `values` has, along an axis, one of its highest Legendre
@@ -175,14 +175,14 @@ impl AxisRules {
     fn new(nodes: Nodes, cuts: usize) -> Self {
         let rule = gauss_legendre(nodes.count() + MORE_POINTS);
         let points: Vec<f64> = rule.iter().map(|p| p.node).collect();
-        let level = |level: usize| -> Vec<PartRule> {
-            (0..1 << level)
-                .map(|index| PartRule::new(nodes, &rule, IntervalPart { level, index }))
+        let parts_after = |halvings: usize| -> Vec<PartRule> {
+            (0..1 << halvings)
+                .map(|index| PartRule::new(nodes, &rule, IntervalPart { halvings, index }))
                 .collect()
         };
         let ends = [-1.0 + 2.0 * AT_END, 1.0 - 2.0 * AT_END];
         Self {
-            parts: (0..=cuts).map(level).collect(),
+            parts: (0..=cuts).map(parts_after).collect(),
             highest: highest_coefficients(&points),
             highest_of_nodes: match nodes.degree {
                 0 => Vec::new(),

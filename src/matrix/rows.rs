@@ -84,7 +84,7 @@ impl RowLines {
 
     /// The line of a row, and the number of the row in the line.
     #[inline(always)]
-    pub fn place(&self, row: usize) -> (usize, usize) {
+    pub fn line_and_node(&self, row: usize) -> (usize, usize) {
         if self.nodes == 1 {
             return (row, 0);
         }
@@ -159,7 +159,7 @@ impl Rows {
     /// The entries of row `i`: those of the nodes of its line, then the others in the given order.
     #[inline(always)]
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let (line, node) = self.lines.place(i);
+        let (line, node) = self.lines.line_and_node(i);
         let template = self.template[line] as usize + node;
         let first = i - node * self.lines.stride;
         let column = move |m: usize| first + m * self.lines.stride;
@@ -234,7 +234,7 @@ impl Rows {
         let mut first: Vec<Option<u32>> = vec![None; self.templates()];
         for i in 0..self.len() {
             if plain(i) {
-                let (line, node) = self.lines.place(i);
+                let (line, node) = self.lines.line_and_node(i);
                 match &mut first[self.template[line] as usize + node] {
                     Some(earlier) => {
                         builder.repeat(*earlier as usize);
@@ -296,10 +296,10 @@ impl Rows {
         let RowLines { nodes, cells, .. } = self.lines;
         let begin = self.dense.len();
         self.dense.resize(begin + nodes, 0.0);
-        let (line, _) = self.lines.place(i);
+        let (line, _) = self.lines.line_and_node(i);
         for (column, s, k) in entries {
             let inside = i < cells && column < cells && s.abs() <= 4.0 * f64::EPSILON * k.abs();
-            let (other, node) = self.lines.place(column);
+            let (other, node) = self.lines.line_and_node(column);
             if inside && other == line {
                 self.dense[begin + node] = k;
             } else {

@@ -98,7 +98,7 @@ fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
         steps: MOST_STEPS,
     };
     if sorted.len() <= SEARCHED {
-        search.place(&mut Vec::new(), &mut vec![0; groups]);
+        search.assign(&mut Vec::new(), &mut vec![0; groups]);
     }
     let mut dealt = vec![0; costs.len()];
     order.iter().zip(search.best).for_each(|(&k, group)| dealt[k] = group);
@@ -120,7 +120,7 @@ struct LoadSearch<'a> {
 }
 
 impl LoadSearch<'_> {
-    fn place(&mut self, choice: &mut Vec<usize>, loads: &mut [usize]) {
+    fn assign(&mut self, choice: &mut Vec<usize>, loads: &mut [usize]) {
         let Some(cost) = self.costs.get(choice.len()) else {
             // All pieces are assigned, with a smaller largest load than before.
             self.most = loads.iter().copied().max().unwrap_or(0);
@@ -136,7 +136,7 @@ impl LoadSearch<'_> {
             self.steps -= 1;
             loads[g] += cost;
             choice.push(g);
-            self.place(choice, loads);
+            self.assign(choice, loads);
             choice.pop();
             loads[g] -= cost;
         }

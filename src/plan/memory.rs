@@ -252,8 +252,8 @@ impl<'a> FullestRank<'a> {
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
         let steps = u64::from(case.propagator.method.order() > 0);
         let sums = 16 * (readings + plateau + steps) * self.cells;
-        // They are freed before kept modes are written, but the allocator keeps a part of them beside
-        // the buffers for that: about half, as was measured.
+        // They are freed before kept modes are written, but the allocator keeps a part of them
+        // beside the buffers for that: about half, as was measured.
         list.push(("recovery sums".to_owned(), sums - sums.min(buffers) / 2));
         // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();

@@ -72,7 +72,7 @@ pub struct Followed {
     pub turns: [i32; MAX_DIMENSION],
     /// Parts of the path on which `V` is linear: one more than the faces with a jump of `V` or of
     /// its slope that were met.
-    pub legs: usize,
+    pub segments: usize,
 }
 
 /// An end of the phase-space box.
@@ -147,8 +147,8 @@ struct TracedParticle {
     history: u64,
     /// See [`Followed::turns`].
     turns: [i32; MAX_DIMENSION],
-    /// See [`Followed::legs`].
-    legs: usize,
+    /// See [`Followed::segments`].
+    segments: usize,
 }
 
 /// A block of cells that a particle crosses in one step, and the slopes of `V` in it.
@@ -392,7 +392,7 @@ impl<'a> Tracer<'a> {
                 exit: None,
                 history: 0,
                 turns: [0; MAX_DIMENSION],
-                legs: 0,
+                segments: 0,
             },
         }
     }
@@ -426,7 +426,7 @@ impl<'a> Tracer<'a> {
                     let before = particle.history;
                     let exit = self.cross(&mut particle, event.axis, upper, meet);
                     let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
-                    particle.legs += usize::from(bends || particle.history != before);
+                    particle.segments += usize::from(bends || particle.history != before);
                     exit
                 }
                 None => Some(self.velocity_end(&particle, event.axis, false)),
@@ -457,7 +457,7 @@ impl<'a> Tracer<'a> {
             held: [false; MAX_DIMENSION],
             history: 0xcbf2_9ce4_8422_2325,
             turns: [0; MAX_DIMENSION],
-            legs: 1,
+            segments: 1,
         };
         for a in 0..space.dimension() {
             // The outermost faces may differ from the ends of the box by round-off.
@@ -480,8 +480,8 @@ impl<'a> Tracer<'a> {
             // Adding zero turns the −0 of a particle at rest into 0.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        let TracedParticle { history, turns, legs, .. } = *particle;
-        Followed { point, remaining: None, exit: None, history, turns, legs }
+        let TracedParticle { history, turns, segments, .. } = *particle;
+        Followed { point, remaining: None, exit: None, history, turns, segments }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.

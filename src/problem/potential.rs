@@ -76,14 +76,14 @@ impl PotentialValues<'_> {
         piece(&self.case.potential, centre).unwrap_or_else(|condition| {
             let place = describe_space_point(self.case.space.dimension(), centre);
             self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
-            PotentialPiece { region: 0, level: None }
+            PotentialPiece { region: 0, constant: None }
         })
     }
 
     /// `V` of a piece at a point.
     fn value(&mut self, piece: PotentialPiece, point: &[f64; 6]) -> f64 {
         let formula = &self.case.potential[piece.region].value;
-        let value = piece.level.unwrap_or_else(|| formula.eval(point));
+        let value = piece.constant.unwrap_or_else(|| formula.eval(point));
         if !value.is_finite() {
             let place = describe_space_point(self.case.space.dimension(), point);
             self.failure.get_or_insert_with(|| formula.undefined(value, place));
@@ -337,8 +337,8 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
         // Undefined conditions are reported by `Potential::new`.
         let found = piece(&case.potential, &element_centre(axes, i)).ok();
         let formula = &case.potential[found.map_or(0, |piece| piece.region)].value;
-        let level = found.and_then(|piece| piece.level);
-        values.push(level.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
+        let constant = found.and_then(|piece| piece.constant);
+        values.push(constant.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
     });
     values
 }

@@ -60,8 +60,8 @@ fn long_rest(tau: f64, degree: f64) -> f64 {
 }
 
 /// About the degree at which [`long_rest`] is `tail`, mostly less than one away: with
-/// `k = τ cosh α`, the exponent is `τ(α cosh α − sinh α) ≈ τα³/3 (1 + α²/10)`, and the factor before
-/// it about `2/√(2πτα³)`.
+/// `k = τ cosh α`, the exponent is `τ(α cosh α − sinh α) ≈ τα³/3 (1 + α²/10)`, and the factor
+/// before it about `2/√(2πτα³)`.
 fn long_guess(tau: f64, tail: f64) -> f64 {
     let mut alpha = (3.0 * (-tail.ln()).max(1.0) / tau).cbrt();
     for _ in 0..2 {
@@ -75,7 +75,8 @@ fn long_guess(tau: f64, tail: f64) -> f64 {
     tau + 0.5 * tau * square * (1.0 + square / 12.0) - 1.0
 }
 
-/// The least whole number above `⌈τ⌉` at which [`long_rest`] is at most `tail`, whatever `guess` is.
+/// The least whole number above `⌈τ⌉` at which [`long_rest`] is at most `tail`, whatever `guess`
+/// is.
 fn least_degree(tau: f64, tail: f64, guess: f64) -> usize {
     let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
     let mut probe = guess.ceil();

@@ -36,7 +36,8 @@ pub struct Count {
     /// The number.
     pub most: usize,
     /// The first such row (column): its cell, or the number of the auxiliary unknown.
-    pub place: String,
+    #[serde(rename = "place")]
+    pub unknown: String,
     /// The paper's bound; none where it has none.
     pub bound: Option<usize>,
     /// Whether the bound holds; true where there is none.
@@ -90,15 +91,15 @@ pub fn q(dv: f64, jump: f64) -> usize {
 #[derive(Clone, Copy)]
 struct Fullest(usize, usize);
 
-/// The place of no unknown.
+/// The number of no unknown.
 const NOWHERE: usize = i64::MAX as usize;
 
 impl Fullest {
     const NONE: Self = Self(0, NOWHERE);
 
-    fn see(&mut self, count: usize, place: usize) {
-        if count > self.0 || (count == self.0 && place < self.1) {
-            *self = Self(count, place);
+    fn see(&mut self, count: usize, unknown: usize) {
+        if count > self.0 || (count == self.0 && unknown < self.1) {
+            *self = Self(count, unknown);
         }
     }
 
@@ -262,14 +263,14 @@ impl NonzeroParts {
     ) -> Fullest {
         let all = report.case.space.cells();
         // Auxiliary unknowns are numbered behind the cells, like their rows.
-        let place = |i: usize| match i.checked_sub(self.globals.len()) {
+        let unknown = |i: usize| match i.checked_sub(self.globals.len()) {
             None => self.globals[i],
             Some(m) => all + self.globals[matrix.inflow[m].row as usize],
         };
         let mut fullest = Fullest::NONE;
         let number = |i: usize| matrix.row(i).filter(|&(_, s, k)| present(s, k)).count();
         let own = matrix.shared_row().unwrap_or(matrix.rows());
-        (0..own).for_each(|i| fullest.see(number(i), place(i)));
+        (0..own).for_each(|i| fullest.see(number(i), unknown(i)));
         if let Some(shared) = matrix.shared_row() {
             fullest.see(report.space.sum_count(number(shared)), 2 * all);
         }
@@ -288,23 +289,23 @@ struct CountsReport<'a> {
 impl CountsReport<'_> {
     /// The fullest over all ranks, beside its bound. Collective.
     fn count(&self, found: Fullest, bound: Option<usize>) -> Count {
-        let Fullest(most, place) = found.over(self.space);
+        let Fullest(most, unknown) = found.over(self.space);
         let bound = bound.filter(|_| self.bounded);
-        let place = self.describe(place);
-        Count { most, place, bound, holds: bound.is_none_or(|b| most <= b) }
+        let unknown = self.describe(unknown);
+        Count { most, unknown, bound, holds: bound.is_none_or(|b| most <= b) }
     }
 
-    /// The unknown with the global number `place`.
-    fn describe(&self, place: usize) -> String {
+    /// The unknown with this global number.
+    fn describe(&self, unknown: usize) -> String {
         let space = &self.case.space;
         let all = space.cells();
         let point =
             |global: usize| describe_point(space.dimension(), &space.point(&space.cell(global)));
-        match place {
+        match unknown {
             NOWHERE => "no row".to_owned(),
-            place if place < all => point(place),
-            place if place == 2 * all => "the common auxiliary unknown".to_owned(),
-            place => format!("the auxiliary unknown of {}", point(place - all)),
+            unknown if unknown < all => point(unknown),
+            unknown if unknown == 2 * all => "the common auxiliary unknown".to_owned(),
+            unknown => format!("the auxiliary unknown of {}", point(unknown - all)),
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::problem::case::Case;
 use crate::problem::grid::{Axis, AxisPart, PhaseSpace};
 use crate::results::dataset::EarlyResult;
 use crate::scheme::reduce::grid;
-use crate::solve::place::Place;
+use crate::solve::rank_cells::RankCells;
 use std::ops::Range;
 
 /// A case on the grid of its results: the reduced grid with all velocities of the case; with
@@ -24,15 +24,25 @@ pub struct ResultGrid {
 }
 
 impl ResultGrid {
-    /// The part of the result grid that belongs to `place`.
-    pub(crate) fn place(&self, place: &Place, plan: &Plan, communicator: &Communicator) -> Place {
+    /// The part of the result grid that belongs to `rank_cells`.
+    pub(crate) fn rank_cells(
+        &self,
+        rank_cells: &RankCells,
+        plan: &Plan,
+        communicator: &Communicator,
+    ) -> RankCells {
         let mesh = &plan.layout.mesh;
         let block = Block::new(&self.case.space, mesh, communicator.space.rank());
-        let share = self.share(&place.share);
+        let share = self.share(&rank_cells.share);
         let leading = &block.ranges[0];
         let layer = block.cells() / leading.len();
         let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
-        Place { mine: from(share[0].start)..from(share[0].end), ranges: Vec::new(), share, block }
+        RankCells {
+            mine: from(share[0].start)..from(share[0].end),
+            ranges: Vec::new(),
+            share,
+            block,
+        }
     }
 
     /// The result grid of `case`, which may have been reduced.

@@ -14,8 +14,8 @@ pub fn at_start(prepared: &mut Prepared) -> Option<EarlyResult> {
     let initial = std::mem::take(&mut prepared.system.initial);
     let (world, case) = (&prepared.communicator.world, &prepared.case);
     let mine: Vec<&[f64]> =
-        (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
-    let share = &prepared.place.share;
+        (initial.iter()).map(|field| &field[prepared.rank_cells.mine.clone()]).collect();
+    let share = &prepared.rank_cells.share;
     let moments = moments(world, case, share, &mine);
     let volumes = CellVolumes::new(&case.space, share);
     let totals = volumes.totals(world, &moments, &nodal_values(case, share));

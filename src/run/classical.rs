@@ -52,7 +52,7 @@ pub(crate) fn classically(
     prints: bool,
     summary: &mut Summary,
 ) -> Result<Solved<EarlyStates>> {
-    let Prepared { case, plan, communicator, place, system, .. } = prepared;
+    let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
     let factors = VelocityFactors::new(&case.space);
@@ -73,16 +73,16 @@ pub(crate) fn classically(
                 steps,
             };
             integrate(&mut classical, &mut system.exchange, span, &mut state);
-            let mine = state[place.mine.clone()].to_vec();
+            let mine = state[rank_cells.mine.clone()].to_vec();
             before.push(if leg.moments_only {
-                let f = system.unweighted(&place.mine, mine);
+                let f = system.unweighted(&rank_cells.mine, mine);
                 factors.at_points(&f).flatten().collect()
             } else {
                 mine
             });
         }
         let end = before.pop().unwrap_or_default();
-        fields.push(vec![system.unweighted(&place.mine, end)]);
+        fields.push(vec![system.unweighted(&rank_cells.mine, end)]);
         early.push(before);
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();

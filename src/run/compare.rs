@@ -46,7 +46,7 @@ impl<'a> FieldNorms<'a> {
     pub fn new(prepared: &'a Prepared, f: &'a [f64]) -> Self {
         Self {
             world: &prepared.communicator.world,
-            volumes: CellVolumes::new(&prepared.case.space, &prepared.place.share),
+            volumes: CellVolumes::new(&prepared.case.space, &prepared.rank_cells.share),
             f,
         }
     }
@@ -152,10 +152,10 @@ pub(crate) fn compare(
 
 /// The norms of the first field that determine the probabilities of measuring it. Collective.
 fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
-    let Prepared { communicator, system, place, .. } = prepared;
-    let pi = &system.weights.pi[place.mine.clone()];
+    let Prepared { communicator, system, rank_cells, .. } = prepared;
+    let pi = &system.weights.pi[rank_cells.mine.clone()];
     let world = &communicator.world;
-    let volumes = CellVolumes::new(&prepared.case.space, &place.share);
+    let volumes = CellVolumes::new(&prepared.case.space, &rank_cells.share);
     let norm = |term: &dyn Fn(usize) -> f64| volumes.power_sum(world, 2, term).sqrt();
     // With elements the weights are the volumes, which the norm already contains.
     let weight = |i: usize| if system.weights.are_volumes { 1.0 } else { pi[i].sqrt() };
@@ -204,7 +204,7 @@ fn exact_semidiscrete(
     terms: &[usize],
     prints: bool,
 ) -> Vec<Vec<f64>> {
-    let Prepared { case, bounds, place, system, .. } = prepared;
+    let Prepared { case, bounds, rank_cells, system, .. } = prepared;
     let mut state = system.states[k].clone();
     let progress = Progress::new(prints, "verify", terms.iter().sum());
     let mut classical =
@@ -214,7 +214,7 @@ fn exact_semidiscrete(
         let span =
             Integration { integrator: Integrator::Exponential, rate: bounds.rate, time, steps };
         integrate(&mut classical, &mut system.exchange, span, &mut state);
-        ends.push(system.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
+        ends.push(system.unweighted(&rank_cells.mine, state[rank_cells.mine.clone()].to_vec()));
     }
     ends
 }
@@ -342,7 +342,7 @@ struct Found {
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
 fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found {
-    let mine = &prepared.place.mine;
+    let mine = &prepared.rank_cells.mine;
     let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
     let distance = FieldNorms::new(prepared, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());

@@ -91,7 +91,7 @@ struct ElementSums<'a> {
     /// Points of space and of velocity in an element.
     counts: [usize; 2],
     /// The element of space whose velocities are being summed.
-    place: Option<Vec<usize>>,
+    index: Option<Vec<usize>>,
     /// Sums over velocities at the points of that element.
     here: Vec<[f64; SUMS]>,
     /// Terms by element of space: norms of `f`, density, momentum.
@@ -139,7 +139,7 @@ impl<'a> ElementSums<'a> {
             weights,
             matrices,
             counts,
-            place: None,
+            index: None,
             here: vec![[0.0; SUMS]; counts[0]],
             terms: Default::default(),
             field: [0.0; 4],
@@ -149,10 +149,10 @@ impl<'a> ElementSums<'a> {
     /// Adds an element with the values `nodal` at its nodes.
     fn add(&mut self, element: &Element<'_>, nodal: &[f64]) {
         let n = self.case.space.dimension();
-        let place = element.place[..n].to_vec();
-        if self.place.as_ref() != Some(&place) {
+        let index = element.index[..n].to_vec();
+        if self.index.as_ref() != Some(&index) {
             self.flush();
-            self.place = Some(place);
+            self.index = Some(index);
         }
         let found = apply_along_all(nodal, &self.matrices);
         let exact = self.values_of.values_at(&element.points(&self.points), self.case.end);
@@ -184,7 +184,7 @@ impl<'a> ElementSums<'a> {
 
     /// Adds the terms of the element of space whose velocities were summed.
     fn flush(&mut self) {
-        let Some(element) = self.place.take() else {
+        let Some(element) = self.index.take() else {
             return;
         };
         let n = self.case.space.dimension();

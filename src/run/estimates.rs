@@ -71,15 +71,15 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
 /// # Errors
 /// If `V` is not finite.
 fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
-    let Prepared { case, communicator, place, system, .. } = prepared;
+    let Prepared { case, communicator, rank_cells, system, .. } = prepared;
     let (space, world, matrix) = (&case.space, &communicator.world, &system.matrix);
     let (block, rows, exchange) = (&matrix.block, matrix.rows(), &mut system.exchange);
     let scheme = world.agree(Scheme::new(case, &block.wide_ranges()))?;
     // The field on the whole block; each mode group has a share of it.
-    let mut state = place.gathered(&communicator.modes, f);
+    let mut state = rank_cells.gathered(&communicator.modes, f);
     state.resize(matrix.length(), 0.0);
     fill_ghosts(exchange, &mut state, rows);
-    let volumes = CellVolumes::new(space, &place.share);
+    let volumes = CellVolumes::new(space, &rank_cells.share);
     let factors = VelocityFactors::new(space);
     let norms = |f: &[f64]| -> [f64; 2] {
         let squares: Vec<f64> = factors.at_points(f).map(|sums| sums[0] * sums[0]).collect();
@@ -102,7 +102,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
             parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = u8::from(is));
         });
         let [moving, known] = parts.map(|part| {
-            let here = &part[place.mine.clone()];
+            let here = &part[rank_cells.mine.clone()];
             volumes.power_sum(world, 2, |i| f64::from(here[i]) * f[i])
         });
         if known < LEAST_KNOWN * moving {
@@ -113,11 +113,11 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         if space.degree() > 0 {
             let mut within = vec![0.0; block.cells()];
             line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));
-            let more = norms(&within[place.mine.clone()]);
+            let more = norms(&within[rank_cells.mine.clone()]);
             error = [0, 1].map(|k| f64::hypot(error[k], more[k]));
         }
     }
-    let (of, transport) = (norms(f), norms(&added_term[place.mine.clone()]));
+    let (of, transport) = (norms(f), norms(&added_term[rank_cells.mine.clone()]));
     let scale = OF_TRANSPORT * case.end;
     Ok([0, 1].map(|k| f64::hypot(error[k], scale * transport[k]) / of[k]))
 }
@@ -251,7 +251,7 @@ fn beyond(squares: &[f64]) -> f64 {
 /// Estimates along the axes of higher degrees, for `f` and its integral over the velocities.
 /// Collective.
 fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
-    let (space, share) = (&prepared.case.space, &prepared.place.share);
+    let (space, share) = (&prepared.case.space, &prepared.rank_cells.share);
     let world = &prepared.communicator.world;
     let all: Vec<Vec<Vec<f64>>> = space.axes().map(|a| legendre_transform(a.nodes)).collect();
     let of = |space: &PhaseSpace, values: &[f64]| -> f64 {

@@ -18,7 +18,7 @@ use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
-use crate::solve::place::Place;
+use crate::solve::rank_cells::RankCells;
 use std::time::Instant;
 
 /// The exact solution of a run on a rank's share.
@@ -47,26 +47,31 @@ fn times(case: &Case) -> Vec<f64> {
     earlier.map(|time| time.time).chain([case.end]).collect()
 }
 
-/// The exact solution of a run of `case` on `place`; empty if the case names none. A rank that
+/// The exact solution of a run of `case` on `rank_cells`; empty if the case names none. A rank that
 /// `prints` says if it takes long. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite, the same on all ranks.
-pub fn exact_run(world: &Group, case: &Case, place: &Place, prints: bool) -> Result<ExactRun> {
+pub fn exact_run(
+    world: &Group,
+    case: &Case,
+    rank_cells: &RankCells,
+    prints: bool,
+) -> Result<ExactRun> {
     let mut run = ExactRun::default();
     let Some(exact) = &case.exact else { return Ok(run) };
     let times = times(case);
     let mut watch = ExactWatch::new(prints, times.len());
     let mut values_of = None;
     for time in times {
-        let found = match moments_of_sheet(world, case, place, time)? {
+        let found = match moments_of_sheet(world, case, rank_cells, time)? {
             Some(found) => found,
             None => {
                 let values_of = match &values_of {
                     Some(values_of) => values_of,
                     None => values_of.insert(ExactValues::new(world, case, exact)?),
                 };
-                at_time(world, case, place, time, values_of)?
+                at_time(world, case, rank_cells, time, values_of)?
             }
         };
         run.moments.push(found.moments);
@@ -127,18 +132,18 @@ fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
     })
 }
 
-/// The exact moments of measure-valued data at a time on `place`, as averages over cells; none for
-/// other data. Collective.
+/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells; none
+/// for other data. Collective.
 fn moments_of_sheet(
     world: &Group,
     case: &Case,
-    place: &Place,
+    rank_cells: &RankCells,
     time: f64,
 ) -> Result<Option<AtTime>> {
     if !matches!(case.exact, Some(Exact::Characteristics)) {
         return Ok(None);
     }
-    let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &place.share)?;
+    let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &rank_cells.share)?;
     Ok(exact.map(|exact| {
         let moments = Moments {
             density: exact.density.clone(),
@@ -150,22 +155,22 @@ fn moments_of_sheet(
     }))
 }
 
-/// The exact solution at a time on `place`: `f` at cell centres, and its moments. These are
+/// The exact solution at a time on `rank_cells`: `f` at cell centres, and its moments. These are
 /// integrals over the velocities, averaged over cells of degree 0; or sums over the velocities of
 /// the grid, if these are accurate enough. Collective.
 fn at_time(
     world: &Group,
     case: &Case,
-    place: &Place,
+    rank_cells: &RankCells,
     time: f64,
     values_of: &ExactValues<'_>,
 ) -> Result<AtTime> {
     let space = &case.space;
     let values = match values_of {
-        ExactValues::Given(f) => sample(world, space, &place.part(), f, time),
+        ExactValues::Given(f) => sample(world, space, &rank_cells.part(), f, time),
         ExactValues::Traced(_) => {
             let at_points = |points: &[[f64; 6]]| values_of.values_at(points, time);
-            let values = sample_with(space, &place.part(), at_points);
+            let values = sample_with(space, &rank_cells.part(), at_points);
             match values.iter().all(|f| f.is_finite()) {
                 true => Ok(values),
                 false => {
@@ -187,7 +192,7 @@ fn at_time(
         }
         None => {
             let mut cells = Vec::new();
-            for_each_cell(&place.share, |cell| cells.push(*cell));
+            for_each_cell(&rank_cells.share, |cell| cells.push(*cell));
             let found = integrals.on_cells(case, &cells);
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);

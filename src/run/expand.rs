@@ -46,7 +46,7 @@ pub(crate) fn expand(
     exact: &ExactRun,
     summary: &mut Summary,
 ) -> Result<Expanded> {
-    let share = &prepared.place.share;
+    let share = &prepared.rank_cells.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
         .map(|mut readings| result_grid.field(share, readings.swap_remove(0)))
         .collect();

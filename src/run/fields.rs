@@ -38,8 +38,8 @@ pub(crate) fn solve(
 /// `[field][time]`. Collective.
 fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
     let case = &prepared.case;
-    let volumes = CellVolumes::new(&case.space, &prepared.place.share);
-    let potential = nodal_values(case, &prepared.place.share);
+    let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
+    let potential = nodal_values(case, &prepared.rank_cells.share);
     let legs = Leg::all(case);
     let at_time = |t: usize| {
         let found = (recovered.iter_mut()).map(|times| std::mem::take(&mut times[t])).collect();
@@ -75,6 +75,6 @@ fn moments_of_fields(
 ) -> (Moments, Vec<Vec<f64>>) {
     let fields: Vec<Vec<f64>> = (found.into_iter()).map(|u| prepared.unweighted(u)).collect();
     let world = &prepared.communicator.world;
-    let moments = moments(world, &prepared.case, &prepared.place.share, &slices(&fields));
+    let moments = moments(world, &prepared.case, &prepared.rank_cells.share, &slices(&fields));
     (moments, if keep { fields } else { Vec::new() })
 }

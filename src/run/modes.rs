@@ -27,8 +27,8 @@ use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
-use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
+use crate::solve::rank_cells::RankCells;
 use crate::solve::stage::{Keeping, Recovered, Task};
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
@@ -48,13 +48,13 @@ pub(crate) fn by_modes(
     files: Option<RunFiles<'_>>,
     summary: &mut Summary,
 ) -> Result<Solved<EarlyStates>> {
-    let Prepared { case, plan, communicator, place, system, .. } = prepared;
+    let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let prints = communicator.world.rank() == 0 && files.is_some();
     let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, seconds: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
-    let resumed = generation.map(|found| resumed(found, plan, communicator, place));
+    let resumed = generation.map(|found| resumed(found, plan, communicator, rank_cells));
     summary.resumed = resumed.is_some();
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
@@ -64,9 +64,9 @@ pub(crate) fn by_modes(
     let spread = Spread {
         communicator,
         space: &case.space,
-        block: &place.block,
+        block: &rank_cells.block,
         modes: &modes,
-        pi: &system.weights.pi[..place.block.cells()],
+        pi: &system.weights.pi[..rank_cells.block.cells()],
         buffers: BUFFERS,
     };
     let mut start = ModeStart::new(case, plan, &spread, system)?;
@@ -92,7 +92,7 @@ pub(crate) fn by_modes(
         Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
     });
     let schedule = system.schedule.as_ref();
-    let mode_run = ModeRun { case, plan, spread: &spread, place, schedule, initial: &initial };
+    let mode_run = ModeRun { case, plan, spread: &spread, rank_cells, schedule, initial: &initial };
     let kept = start.kept.as_mut().map(|kept| (kept, warped.as_mut()));
     let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
@@ -166,7 +166,7 @@ struct ModeRun<'a> {
     case: &'a Case,
     plan: &'a Plan,
     spread: &'a Spread<'a>,
-    place: &'a Place,
+    rank_cells: &'a RankCells,
     schedule: Option<&'a Schedule>,
     initial: &'a [Initial<'a>],
 }
@@ -184,7 +184,7 @@ impl ModeRun<'_> {
         kept: Option<(&mut KeptModes, Option<&mut WarpedFiles<'_>>)>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<Recovered> {
-        let Self { plan, spread, place, .. } = self;
+        let Self { plan, spread, rank_cells, .. } = self;
         let (communicator, space) = (spread.communicator, spread.space);
         let warp = plan.warp.as_ref().expect("a plan by modes");
         let setting = plan.propagator_setting(warp);
@@ -202,7 +202,7 @@ impl ModeRun<'_> {
             legs: &warp.legs,
             batches: &plan.layout.groups[communicator.modes.rank()],
             initial: self.initial,
-            shares: &place.ranges,
+            shares: &rank_cells.ranges,
             moments: Some(&moments),
         };
         let (kept, mut files) = kept.unzip();
@@ -263,12 +263,12 @@ fn resumed<'a>(
     generation: Generation,
     plan: &Plan,
     communicator: &Communicator,
-    place: &'a Place,
+    rank_cells: &'a RankCells,
 ) -> Resumed<'a> {
     let finished = generation.state.finished.iter().copied().collect();
     Resumed {
         batches: plan.batches_left(&finished, communicator.modes.rank()),
-        share: &place.share,
+        share: &rank_cells.share,
         generation,
     }
 }

@@ -15,7 +15,7 @@ pub(crate) fn readout(
     field: &[f64],
     summary: &Summary,
 ) -> Readout {
-    let place = &prepared.place;
+    let rank_cells = &prepared.rank_cells;
     let probabilities = match (refused(case), &summary.probabilities) {
         (None, Some(probabilities)) => probabilities,
         (why, _) => {
@@ -33,9 +33,9 @@ pub(crate) fn readout(
     let state_error =
         state_error.value().map_or(state_error.clone(), |x| state_error.with(x * window));
     let source = ReadoutSource {
-        share: &place.share,
+        share: &rank_cells.share,
         field,
-        pi: &prepared.system.weights.pi[place.mine.clone()],
+        pi: &prepared.system.weights.pi[rank_cells.mine.clone()],
         least: summary.minimum,
         probabilities,
         norm_is_known: prepared.bounds.keeps_norm(),

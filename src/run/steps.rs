@@ -24,8 +24,8 @@ use crate::run::options::Output;
 use crate::run::solution::Solution;
 use crate::run::{compare, estimates, expand, fields, ledger, readout, warnings};
 use crate::scheme::reduce::reduced;
-use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
+use crate::solve::rank_cells::RankCells;
 
 /// The state that all steps of a run share.
 pub(super) struct Driver<'a> {
@@ -48,7 +48,7 @@ pub(super) struct PlannedRun {
     /// The lock of the result directory, on the first rank.
     lock: Option<DirectoryLock>,
     /// This rank's part of the result grid.
-    place: Place,
+    rank_cells: RankCells,
 }
 
 /// Observables of the initial data, and the ledger with its estimates by particles.
@@ -107,15 +107,16 @@ impl<'a> Driver<'a> {
         let lock = self.lock(&result_grid.case)?;
         let prepared = self.assemble(case, &bounds, plan)?;
         let prepared = self.plan_modes(prepared, &resources)?;
-        let place = result_grid.place(&prepared.place, &prepared.plan, &prepared.communicator);
-        Ok(PlannedRun { prepared, lock, place })
+        let rank_cells =
+            result_grid.rank_cells(&prepared.rank_cells, &prepared.plan, &prepared.communicator);
+        Ok(PlannedRun { prepared, lock, rank_cells })
     }
 
     /// Step 4: the exact solution on this rank's share, if the case names one. Collective.
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
         let world = &planned.prepared.communicator.world;
         let case = &reduced.result_grid.case;
-        let exact_run = exact_run(world, case, &planned.place, self.log.prints)?;
+        let exact_run = exact_run(world, case, &planned.rank_cells, self.log.prints)?;
         if exact_run.exact.is_some() {
             self.log.watch.lap("exact");
         }
@@ -218,9 +219,9 @@ impl<'a> Driver<'a> {
     /// Step 10: completes the summary. Collective.
     pub fn finish(mut self, computed: Computed) -> Solution {
         let Computed { reduced, planned, exact, start, compared, results, .. } = computed;
-        let PlannedRun { prepared, lock, place } = planned;
+        let PlannedRun { prepared, lock, rank_cells } = planned;
         let case = reduced.result_grid.case;
-        let volumes = CellVolumes::new(&case.space, &place.share);
+        let volumes = CellVolumes::new(&case.space, &rank_cells.share);
         let world = &prepared.communicator.world;
         let mass = |moments: &Moments| volumes.integral(world, &moments.density);
         self.summary.mass_exact = exact.moments.last().map(mass);
@@ -241,7 +242,7 @@ impl<'a> Driver<'a> {
             case,
             summary: self.summary,
             plan: prepared.plan,
-            share: place.share,
+            share: rank_cells.share,
             results,
             exact: exact.exact,
             exact_moments: exact.moments,

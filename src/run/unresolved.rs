@@ -1,6 +1,6 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
-use crate::base::text::{counted, percent, place, short};
+use crate::base::text::{coordinate_text, counted, percent, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -38,7 +38,8 @@ fn between_points(case: &Case, found: &Unresolved) -> String {
     let Unresolved { region, axis, point, written, taken, elements } = found;
     let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
     let element = along.position(point[*axis]).floor() as i64;
-    let [lower, upper] = [element, element + 1].map(|face| place(along.face(face), along.width()));
+    let [lower, upper] =
+        [element, element + 1].map(|face| coordinate_text(along.face(face), along.width()));
     let more = match elements {
         1 => String::new(),
         many => format!(" (and in {} more)", counted(many - 1, "cell", "cells")),
@@ -58,7 +59,7 @@ fn between_points(case: &Case, found: &Unresolved) -> String {
 fn at_point(case: &Case, point: &[f64; 6]) -> String {
     let axes = case.space.x.iter().zip(["x", "y", "z"]).zip(point);
     let text = |((axis, name), at): ((&Axis, &str), &f64)| {
-        format!("{name} = {}", place(*at, axis.width()))
+        format!("{name} = {}", coordinate_text(*at, axis.width()))
     };
     axes.map(text).collect::<Vec<_>>().join(", ")
 }

@@ -1,6 +1,6 @@
 //! Warnings before a run, and its first line.
 
-use crate::base::text::{counted, place};
+use crate::base::text::{coordinate_text, counted};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, overlooked};
@@ -53,8 +53,8 @@ fn stray_edge(edge: &StrayEdge) -> String {
         "potential: a region's edge at {} = {} misses the faces of the grid; \
          it is moved to {}, by {:.2e}",
         ["x", "y", "z"][edge.axis],
-        place(edge.at, moved),
-        place(edge.face, moved),
+        coordinate_text(edge.at, moved),
+        coordinate_text(edge.face, moved),
         moved
     )
 }

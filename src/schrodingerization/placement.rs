@@ -48,7 +48,7 @@ pub(crate) struct Placement {
 /// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it,
 /// [`Error::Interval`] when the interval given by hand is too short, [`Error::Modes`] when there
 /// are too many.
-pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
+pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
     let warp = &case.warp;
     if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
         return from_file(case, bounds, interval, points);
@@ -115,7 +115,7 @@ impl DemandedProfile {
     /// The profile of `case`, with warnings of an interval that is short.
     ///
     /// # Errors
-    /// As [`place`].
+    /// As [`plan_placement`].
     fn new(case: &Case, bounds: &Bounds, ratio: f64, warnings: &mut Vec<String>) -> Result<Self> {
         let demand = demand(case, bounds, ratio);
         let (profile, window) = match Profile::plan(&case.warp.choice(), &demand) {
@@ -126,7 +126,7 @@ impl DemandedProfile {
     }
 }
 
-/// What [`place`] plans of a case that gives no interval and no points and takes analytic
+/// What [`plan_placement`] plans of a case that gives no interval and no points and takes analytic
 /// coefficients, before any of these is computed.
 pub(crate) struct Outline {
     /// The profile.
@@ -143,7 +143,7 @@ impl Outline {
     /// That of `case`.
     ///
     /// # Errors
-    /// As [`place`], but for the number of modes.
+    /// As [`plan_placement`], but for the number of modes.
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         if takes_one_mode(case, bounds) {
             let profile = Constant::default();

@@ -13,8 +13,8 @@
 //!
 //! A profile is a file of this folder: its parameters, its plan (`meeting`), and [`Planned`]. To
 //! add one, add its file and a line to each of the two tables below: [`Profile`] and
-//! [`Profile::plan`]. Where `g = e^{−p}` from an edge on, [`window::place`] finds recovery point,
-//! period and cut-off.
+//! [`Profile::plan`]. Where `g = e^{−p}` from an edge on, [`window::best_window`] finds recovery
+//! point, period and cut-off.
 
 pub mod acl;
 pub mod constant;

@@ -9,7 +9,7 @@ use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
 use crate::propagate::{Span, descriptor};
-use crate::schrodingerization::placement::place;
+use crate::schrodingerization::placement::plan_placement;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::recovery::Reading;
@@ -119,7 +119,7 @@ impl WarpPlan {
                 limit: 2.0 * LONGEST_SPAN,
             });
         }
-        let placement = place(case, bounds, ratio)?;
+        let placement = plan_placement(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
         let modes = PropagatedModes::of(case, series);
         let of_modes = case.tolerance / ratio;
@@ -170,7 +170,7 @@ impl WarpPlan {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn modes_of(case: &Case, bounds: &Bounds, ratio: f64) -> Result<usize> {
-        let placement = place(case, bounds, ratio)?;
+        let placement = plan_placement(case, bounds, ratio)?;
         Ok(PropagatedModes::of(case, &placement.series).count)
     }
 
@@ -182,7 +182,7 @@ impl WarpPlan {
     pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
         /// The approximate number of sampled modes.
         const SAMPLE: usize = 64;
-        let placement = place(case, bounds, ratio)?;
+        let placement = plan_placement(case, bounds, ratio)?;
         let modes = PropagatedModes::of(case, &placement.series);
         let (count, stages) = (modes.count, bounds.stages.max(1));
         let mut scratch = Vec::new();

@@ -87,25 +87,25 @@ impl KeptModes {
         &mut self.progress
     }
 
-    fn place(&self, mode: usize) -> Option<usize> {
+    fn index_of(&self, mode: usize) -> Option<usize> {
         self.modes.binary_search(&mode).ok()
     }
 
     /// Progress of `mode`; `None` if this rank does not store it.
     pub fn progress_of(&self, mode: usize) -> Option<ModeProgress> {
-        self.place(mode).map(|k| self.progress[k])
+        self.index_of(mode).map(|k| self.progress[k])
     }
 
     /// The rows of `mode`; `None` if this rank does not store it.
     pub fn mode(&self, mode: usize) -> Option<&[Complex64]> {
-        let first = self.place(mode)? * self.rows;
+        let first = self.index_of(mode)? * self.rows;
         Some(&self.values[first..first + self.rows])
     }
 
     /// The rows of `mode` for writing, with its new `progress`; `None` if this rank does not store
     /// it.
     pub fn replace(&mut self, mode: usize, progress: ModeProgress) -> Option<&mut [Complex64]> {
-        let k = self.place(mode)?;
+        let k = self.index_of(mode)?;
         self.progress[k] = progress;
         Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
     }
@@ -113,7 +113,7 @@ impl KeptModes {
     /// Stores lane `l` of `state` for `modes[l]`, with `progress[l]`; ignores modes of other ranks.
     pub fn store(&mut self, modes: &[usize], progress: &[ModeProgress; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
-            let Some(k) = self.place(mode) else {
+            let Some(k) = self.index_of(mode) else {
                 continue;
             };
             self.progress[k] = progress[l];

@@ -10,7 +10,7 @@ use crate::parallel::communicator::{Communicator, Group, World};
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::solve::place::Place;
+use crate::solve::rank_cells::RankCells;
 use crate::solve::system::{DiscreteSystem, RoughSolution, SystemLimits};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
@@ -20,7 +20,7 @@ pub struct Prepared {
     /// The process mesh.
     pub communicator: Communicator,
     /// This rank's part of the grid.
-    pub place: Place,
+    pub rank_cells: RankCells,
     /// The semi-discrete system on this rank.
     pub system: DiscreteSystem,
     /// The plan: provisional until [`plan_modes`](Self::plan_modes).
@@ -66,11 +66,11 @@ impl Prepared {
         max_weight_sweeps: usize,
     ) -> Result<Self> {
         let communicator = Communicator::new(world, &plan.layout.mesh);
-        let place = Place::new(case, &plan, &communicator);
+        let rank_cells = RankCells::new(case, &plan, &communicator);
         // Modes exchange ghosts a batch at a time, the classical method real vectors.
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
-        let system = DiscreteSystem::new(case, bounds, &communicator, &place, limits)?;
+        let system = DiscreteSystem::new(case, bounds, &communicator, &rank_cells, limits)?;
         // Returns the memory of the assembly before the modes need theirs.
         memory::give_back();
         let assembled = Some(assembled_size(&communicator.world, &system.matrix));
@@ -78,7 +78,7 @@ impl Prepared {
             bounds: Bounds { assembled, ..system.bounds(case, bounds) },
             case: case.clone(),
             communicator,
-            place,
+            rank_cells,
             system,
             plan,
             expected: bounds.clone(),
@@ -101,7 +101,7 @@ impl Prepared {
 
     /// `ũ` on this rank's share to `f`: undoes the weights.
     pub fn unweighted(&self, state: Vec<f64>) -> Vec<f64> {
-        self.system.unweighted(&self.place.mine, state)
+        self.system.unweighted(&self.rank_cells.mine, state)
     }
 
     /// The same with the plan of the modes, for the `ratio` of the probe; assembled again if that

@@ -11,7 +11,7 @@ use crate::problem::formula::Expression;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
-use crate::solve::place::Place;
+use crate::solve::rank_cells::RankCells;
 use crate::solve::start_field;
 use serde::Serialize;
 use std::ops::Range;
@@ -102,11 +102,11 @@ fn initial_values(
     case: &Case,
     matrix: &BlockMatrix,
     communicator: &Communicator,
-    place: &Place,
+    rank_cells: &RankCells,
 ) -> Result<Vec<Vec<f64>>> {
     let world = &communicator.world;
     let is_shared = case.space.degree() > 0 && communicator.modes.size() > 1;
-    let part = if is_shared { place.part() } else { SampledCells::whole(&matrix.block) };
+    let part = if is_shared { rank_cells.part() } else { SampledCells::whole(&matrix.block) };
     let values = |(k, field): (usize, &LiouvilleField)| {
         let values = match &case.start_field {
             Some(start) => start_field::read(communicator, &case.space, &matrix.block, start)?,
@@ -114,7 +114,7 @@ fn initial_values(
                 let sampled = sample(world, &case.space, &part, &field.initial, 0.0);
                 let mine = world.agree(sampled)?;
                 let values = match is_shared {
-                    true => place.gathered(&communicator.modes, &mine),
+                    true => rank_cells.gathered(&communicator.modes, &mine),
                     false => mine,
                 };
                 magnitude(world, &field.initial, values.iter().copied())?;
@@ -176,11 +176,11 @@ impl DiscreteSystem {
         case: &Case,
         bounds: &Bounds,
         communicator: &Communicator,
-        place: &Place,
+        rank_cells: &RankCells,
         limits: SystemLimits,
     ) -> Result<Self> {
         let space = &communicator.space;
-        let assembled = BlockMatrix::assemble(case, place.block.clone());
+        let assembled = BlockMatrix::assemble(case, rank_cells.block.clone());
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, limits.ghost_width);
         let started = Instant::now();
@@ -190,7 +190,7 @@ impl DiscreteSystem {
         matrix.couple(space, case, &mut weights.pi);
         matrix.gather_elements();
         let cells = matrix.block.cells();
-        let initial = initial_values(case, &matrix, communicator, place)?;
+        let initial = initial_values(case, &matrix, communicator, rank_cells)?;
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
             .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
             .collect();

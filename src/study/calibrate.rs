@@ -182,7 +182,7 @@ impl CalibratedCase<'_> {
         let block = Prepared::with_sweeps(self.world, &part, &self.bounds, plan, sweeps)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
-        if exact_run(&block.communicator.world, &part, &block.place, false)?.exact.is_some() {
+        if exact_run(&block.communicator.world, &part, &block.rank_cells, false)?.exact.is_some() {
             watch.lap("exact");
         }
         Ok(block)
@@ -229,9 +229,9 @@ impl CalibratedCase<'_> {
 /// dropped. Collective.
 fn time_observables(block: &mut Prepared, watch: &mut Stopwatch) {
     let initial = std::mem::take(&mut block.system.initial);
-    let mine: Vec<&[f64]> = (initial.iter()).map(|f| &f[block.place.mine.clone()]).collect();
+    let mine: Vec<&[f64]> = (initial.iter()).map(|f| &f[block.rank_cells.mine.clone()]).collect();
     watch.last = Instant::now();
-    moments(&block.communicator.world, &block.case, &block.place.share, &mine);
+    moments(&block.communicator.world, &block.case, &block.rank_cells.share, &mine);
     watch.seconds.insert("observables".to_owned(), 2.0 * watch.last.elapsed().as_secs_f64());
 }
 

@@ -162,7 +162,7 @@ impl Piece {
         assert_eq!(space.sum_count(self.matrix.counted_rows()), size);
         let mut s = vec![f64::NEG_INFINITY; size * size];
         let mut k = s.clone();
-        let line = |i: usize| self.matrix.stored().lines().place(i).0;
+        let line = |i: usize| self.matrix.stored().lines().line_and_node(i).0;
         for i in 0..self.matrix.rows() {
             // Gathered rows store the entries of their line of nodes first.
             let (mut last, mut only_line) = (None, true);
@@ -191,15 +191,15 @@ impl Piece {
 
 /// The number in the grid of each point of space in this rank's share of the results.
 pub fn point_numbers(prepared: &Prepared) -> Vec<usize> {
-    let block = &prepared.place.block;
+    let block = &prepared.rank_cells.block;
     let number = cell_numbers(block);
-    let firsts = prepared.place.mine.clone().step_by(block.velocity_cells);
+    let firsts = prepared.rank_cells.mine.clone().step_by(block.velocity_cells);
     firsts.map(|i| number[i] / block.velocity_cells).collect()
 }
 
 /// Gathers the whole field on every rank from the states of the ranks.
 pub fn gather_cells(prepared: &Prepared, state: &[f64]) -> Vec<f64> {
-    let number = cell_numbers(&prepared.place.block);
+    let number = cell_numbers(&prepared.rank_cells.block);
     let entries = number.into_iter().zip(state.iter().copied());
     let cells = prepared.case.space.cells();
     gather(&prepared.communicator.space, cells, entries)
@@ -207,9 +207,9 @@ pub fn gather_cells(prepared: &Prepared, state: &[f64]) -> Vec<f64> {
 
 /// Gathers the whole field on every rank from the shares that the ranks recovered, without weights.
 pub fn gather_field(world: &World, prepared: &Prepared, share: &[f64]) -> Vec<f64> {
-    let mine = &prepared.place.mine;
+    let mine = &prepared.rank_cells.mine;
     assert_eq!(share.len(), mine.len());
-    let number = cell_numbers(&prepared.place.block);
+    let number = cell_numbers(&prepared.rank_cells.block);
     let field = prepared.unweighted(share.to_vec());
     let entries = number[mine.clone()].iter().copied().zip(field);
     gather(&world.group(), prepared.case.space.cells(), entries)

@@ -193,7 +193,7 @@ pub fn sparsity(world: &World) {
                 let unstated = c.rows.bound.is_none() && c.columns.bound.is_none();
                 assert!(found.bounded || unstated, "{name}");
             }
-            let places = found.counts.iter().flat_map(|c| [&c.rows.place, &c.columns.place]);
+            let places = found.counts.iter().flat_map(|c| [&c.rows.unknown, &c.columns.unknown]);
             // Twins that differ only in their couplings have the same places.
             let text = |p: &str| p.bytes().map(f64::from).sum();
             let bits: Vec<f64> = places.map(|p| text(p)).chain([text(twin.name)]).collect();

@@ -64,7 +64,7 @@ impl<'a> StreamedRun<'a> {
             .expect("a plan");
         assert_eq!(plan.layout.mesh, *self.mesh);
         let warp = plan.warp.as_ref().expect("a schrodingerized run");
-        let shares = prepared.place.ranges.clone();
+        let shares = prepared.rank_cells.ranges.clone();
         let batches = (self.batches)(&plan, prepared.communicator.modes.rank());
         let modes = batches.iter().flat_map(|batch| &batch.modes);
         let planned = modes.map(|&l| warp.work[l]).sum();

@@ -101,13 +101,13 @@ impl ElementAxis {
     }
 
     /// The coordinate in `[0, 1]` of `ξ` in the domain.
-    fn place(&self, xi: f64) -> f64 {
+    fn coordinate(&self, xi: f64) -> f64 {
         0.5 * (1.0 + xi / self.reach)
     }
 
     /// The point `ξ` of the reference element with a coordinate in the domain.
-    fn xi(&self, place: f64) -> f64 {
-        self.reach * (2.0 * place - 1.0)
+    fn xi(&self, coordinate: f64) -> f64 {
+        self.reach * (2.0 * coordinate - 1.0)
     }
 
     /// The cell of an element that holds `ξ`.
@@ -208,7 +208,7 @@ impl Patch<'_> {
             }
             let rows: Vec<(usize, Option<Vec<f64>>)> = (self.lines.iter().enumerate())
                 .map(|(b, line)| {
-                    let row = basis(line.nodes.degree, line.place(xi[b]));
+                    let row = basis(line.nodes.degree, line.coordinate(xi[b]));
                     (line.nodes.count(), (!is_solved(b)).then_some(row))
                 })
                 .collect();
@@ -218,8 +218,8 @@ impl Patch<'_> {
                 out
             };
             for zero in zeros(self.psi.iter().map(restricted).collect(), &shape) {
-                for (place, b) in zero.iter().zip((0..axes).filter(|b| is_solved(*b))) {
-                    xi[b] = self.lines[b].xi(*place);
+                for (coordinate, b) in zero.iter().zip((0..axes).filter(|b| is_solved(*b))) {
+                    xi[b] = self.lines[b].xi(*coordinate);
                 }
                 if let Some(zero) = self.zero(solved, &xi, weight, share) {
                     visit(&zero);
@@ -247,13 +247,13 @@ impl Patch<'_> {
             return None;
         }
         let bases: Vec<Vec<f64>> = (self.lines.iter().zip(xi))
-            .map(|(line, xi)| basis(line.nodes.degree, line.place(*xi)))
+            .map(|(line, xi)| basis(line.nodes.degree, line.coordinate(*xi)))
             .collect();
         let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
         let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
         let cell = share.iter().enumerate().fold(0, |cell, (a, range)| {
             let line = &self.lines[a];
-            let first = self.element.place[a] * line.nodes.count();
+            let first = self.element.index[a] * line.nodes.count();
             cell * range.len() + first + line.cell(xi[a]) - range.start
         });
         let mass = part * counts * weight * volume * density;
@@ -265,7 +265,7 @@ impl Patch<'_> {
     fn part(&self, b: usize, xi: f64) -> f64 {
         let elements = self.space.v[b - self.space.dimension()].elements();
         let overlap = self.lines[b].reach - 1.0;
-        let e = self.element.place[b];
+        let e = self.element.index[b];
         let beyond = xi.abs() - 1.0;
         if (xi < 0.0 && e == 0) || (xi > 0.0 && e + 1 == elements) {
             return f64::from(u8::from(beyond <= AT_END));
@@ -279,10 +279,10 @@ impl Patch<'_> {
         let rows = |derived: usize| -> Vec<Vec<f64>> {
             (self.lines.iter().zip(xi).enumerate())
                 .map(|(b, (line, xi))| {
-                    let place = line.place(*xi);
+                    let coordinate = line.coordinate(*xi);
                     match b == derived {
-                        true => basis_slopes(line.nodes.degree, place),
-                        false => basis(line.nodes.degree, place),
+                        true => basis_slopes(line.nodes.degree, coordinate),
+                        false => basis(line.nodes.degree, coordinate),
                     }
                 })
                 .collect()

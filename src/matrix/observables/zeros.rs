@@ -67,10 +67,10 @@ pub fn has_one_sign(coefficients: &[f64]) -> bool {
     coefficients.iter().all(|c| *c > 0.0) || coefficients.iter().all(|c| *c < 0.0)
 }
 
-/// A box of width `2^−level`, with the coefficients of each component on it.
+/// A box of width `2^−halvings`, with the coefficients of each component on it.
 struct BoxPart {
     lower: BoxPoint,
-    level: i32,
+    halvings: i32,
     components: Vec<Vec<f64>>,
 }
 
@@ -78,7 +78,7 @@ struct BoxPart {
 /// fastest; `shape` is their number along each axis. There are as many axes as components.
 pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
     let mut found: Vec<BoxPoint> = Vec::new();
-    let mut open = vec![BoxPart { lower: [0.0; MAX_DIMENSION], level: 0, components }];
+    let mut open = vec![BoxPart { lower: [0.0; MAX_DIMENSION], halvings: 0, components }];
     let mut boxes = 0;
     while let Some(part) = open.pop() {
         boxes += 1;
@@ -90,7 +90,7 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
         }
         if let Some(inverse) = contraction(&part.components, shape) {
             if let Some(local) = follow(&part.components, shape, &inverse) {
-                let width = f64::powi(0.5, part.level);
+                let width = f64::powi(0.5, part.halvings);
                 let zero: BoxPoint = std::array::from_fn(|b| part.lower[b] + width * local[b]);
                 let apart = |other: &BoxPoint| {
                     (0..shape.len()).any(|b| (other[b] - zero[b]).abs() > SAME_ZERO)
@@ -99,7 +99,7 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
                     found.push(zero);
                 }
             }
-        } else if part.level < DEEPEST {
+        } else if part.halvings < DEEPEST {
             open.extend(halves(part, shape));
         }
     }
@@ -174,7 +174,7 @@ fn derivative(coefficients: &[f64], shape: &[usize], axis: usize) -> Vec<f64> {
 
 /// The `2^n` halves of a box.
 fn halves(part: BoxPart, shape: &[usize]) -> Vec<BoxPart> {
-    let mut parts = vec![BoxPart { level: part.level + 1, ..part }];
+    let mut parts = vec![BoxPart { halvings: part.halvings + 1, ..part }];
     for axis in 0..shape.len() {
         parts = parts
             .into_iter()
@@ -183,11 +183,11 @@ fn halves(part: BoxPart, shape: &[usize]) -> Vec<BoxPart> {
                     part.components.iter().map(|c| half(c, shape, axis, upper)).collect()
                 });
                 let mut shifted = part.lower;
-                shifted[axis] += f64::powi(0.5, part.level);
-                let level = part.level;
+                shifted[axis] += f64::powi(0.5, part.halvings);
+                let halvings = part.halvings;
                 [
-                    BoxPart { lower: part.lower, level, components: lower },
-                    BoxPart { lower: shifted, level, components: upper },
+                    BoxPart { lower: part.lower, halvings, components: lower },
+                    BoxPart { lower: shifted, halvings, components: upper },
                 ]
             })
             .collect();

@@ -364,7 +364,7 @@ impl<'a> Sheets<'a> {
         let mut followed = if density == 0.0 {
             // A particle without mass need not be traced.
             let turns = [0; MAX_DIMENSION];
-            Followed { point, remaining: Some(time), exit: None, history: 0, turns, legs: 1 }
+            Followed { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
         } else {
             self.tracer.follow(&point, time)
         };

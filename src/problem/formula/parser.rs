@@ -184,10 +184,10 @@ impl<'a> Parser<'a> {
         self.nested(|parser| parser.chain(0))
     }
 
-    /// `tighter (operator tighter)*` with the operators of `level`.
-    fn chain(&mut self, level: usize) -> Result<FormulaNode, String> {
-        let Some(operators) = OPERATORS.get(level) else { return self.nested(Self::operand) };
-        let mut first = self.chain(level + 1)?;
+    /// `tighter (operator tighter)*` with the operators of `precedence`.
+    fn chain(&mut self, precedence: usize) -> Result<FormulaNode, String> {
+        let Some(operators) = OPERATORS.get(precedence) else { return self.nested(Self::operand) };
+        let mut first = self.chain(precedence + 1)?;
         let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
         while let Some(Token { text, at }) = self.peek()
@@ -198,9 +198,9 @@ impl<'a> Parser<'a> {
                     "a second comparison, \"{text}\", at character {at}; write a < x && x < b"
                 ));
             }
-            compared = level == COMPARISONS;
+            compared = precedence == COMPARISONS;
             self.position += 1;
-            match (&first, self.chain(level + 1)?) {
+            match (&first, self.chain(precedence + 1)?) {
                 (FormulaNode::Number(a), FormulaNode::Number(b)) if rest.is_empty() => {
                     first = FormulaNode::Number((operator.of)(*a, b));
                 }

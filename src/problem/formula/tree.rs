@@ -41,7 +41,7 @@ fn each_of(of: impl Fn(f64, f64) -> f64, left: &mut FormulaLanes, right: &Formul
 /// own, so that `else` does not hide a NaN that the formula computes.
 const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 
-/// The operators between operands with their names: one row per level of binding, the loosest
+/// The operators between operands with their names: one row per precedence, the loosest
 /// first.
 pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
     &[("else", binary!(|a, b| if a.to_bits() == NOTHING { b } else { a }))],
@@ -59,7 +59,7 @@ pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
     &[("+", binary!(|a, b| a + b)), ("-", binary!(|a, b| a - b))],
     &[("*", TIMES), ("/", binary!(|a, b| a / b))],
 ];
-/// The level of the comparisons, which do not chain.
+/// The precedence of the comparisons, which do not chain.
 pub(super) const COMPARISONS: usize = 4;
 
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
@@ -148,7 +148,7 @@ pub(super) enum FormulaNode {
     Table(Arc<Table>),
     /// A file that was not read yet, with the positions of its coordinates: undefined everywhere.
     Unread(Vec<usize>),
-    /// Operators of one level of binding, from left to right. As they are a list, the tree is only
+    /// Operators of one precedence, from left to right. As they are a list, the tree is only
     /// as deep as the nesting of the text.
     Chain(Box<FormulaNode>, Vec<(Binary, FormulaNode)>),
 }

@@ -26,7 +26,7 @@ pub(super) struct PotentialPiece {
     /// The region.
     pub(super) region: usize,
     /// For a table that is constant around its points: its value in the whole element.
-    pub(super) level: Option<f64>,
+    pub(super) constant: Option<f64>,
 }
 
 /// The piece of the element around `centre`, or the condition that is undefined there.
@@ -36,7 +36,7 @@ pub(super) fn piece<'r>(
 ) -> std::result::Result<PotentialPiece, &'r Expression> {
     let region = region(regions, centre)?;
     let value = &regions[region].value;
-    Ok(PotentialPiece { region, level: value.is_stepped().then(|| value.eval(centre)) })
+    Ok(PotentialPiece { region, constant: value.is_stepped().then(|| value.eval(centre)) })
 }
 
 /// Whether one formula gives `V` on the whole grid.

@@ -123,7 +123,8 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
     for element in lines.spread(MOST_LINES / taken.len()) {
         let centre = lines.centre(&element);
         // Undefined conditions are reported by `Potential::new`.
-        let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.level.is_none()) else {
+        let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.constant.is_none())
+        else {
             continue;
         };
         let formula = &case.potential[own.region].value;

@@ -223,9 +223,9 @@ impl Circuit {
 
     /// Prepares a normalised real vector from zeros, by uniformly controlled rotations.
     pub fn prepare(&mut self, qubits: &[Qubit], values: &[f64]) {
-        for level in 0..qubits.len() {
-            let (below, above) = qubits.split_at(qubits.len() - level);
-            self.rotate(Gate::Ry, above, below[below.len() - 1], &halves(values, level));
+        for bit in 0..qubits.len() {
+            let (below, above) = qubits.split_at(qubits.len() - bit);
+            self.rotate(Gate::Ry, above, below[below.len() - 1], &halves(values, bit));
         }
     }
 
@@ -299,11 +299,11 @@ impl Circuit {
     }
 }
 
-/// Angles of the rotations of bit `level`, counted from the first. Each value of the bits before it
+/// Angles of the rotations of bit `bit`, counted from the first. Each value of the bits before it
 /// selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
 /// `2 atan(b/a)`. For the last bit `a` and `b` are the numbers themselves, with their signs.
-fn halves(values: &[f64], level: usize) -> Vec<f64> {
-    let size = values.len() >> level;
+fn halves(values: &[f64], bit: usize) -> Vec<f64> {
+    let size = values.len() >> bit;
     let angle = |part: &[f64]| {
         let (first, second) = part.split_at(size / 2);
         let norm = |x: &[f64]| match x {

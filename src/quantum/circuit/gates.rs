@@ -233,7 +233,7 @@ impl Circuit {
             gates: self.gates.len(),
             ..GateCounts::default()
         };
-        let (mut level, mut hard) = (vec![0; self.qubits()], vec![0; self.qubits()]);
+        let (mut all, mut hard) = (vec![0; self.qubits()], vec![0; self.qubits()]);
         for &gate in &self.gates {
             let qubits = gate.parts().qubits;
             let toffoli = matches!(gate, Gate::Ccx(..));
@@ -249,13 +249,13 @@ impl Circuit {
                 Gate::H(_) => counts.hadamard += 1,
                 _ => {}
             }
-            for (levels, step) in [(&mut level, 1), (&mut hard, usize::from(toffoli))] {
-                let next = step + qubits.iter().map(|&q| levels[q]).max().unwrap_or(0);
-                qubits.iter().for_each(|&q| levels[q] = next);
+            for (depths, step) in [(&mut all, 1), (&mut hard, usize::from(toffoli))] {
+                let next = step + qubits.iter().map(|&q| depths[q]).max().unwrap_or(0);
+                qubits.iter().for_each(|&q| depths[q] = next);
             }
         }
         counts.t_with_toffoli = counts.t + T_OF_TOFFOLI * counts.toffoli;
-        counts.depth = level.into_iter().max().unwrap_or(0);
+        counts.depth = all.into_iter().max().unwrap_or(0);
         counts.toffoli_depth = hard.into_iter().max().unwrap_or(0);
         counts
     }

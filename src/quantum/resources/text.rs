@@ -233,7 +233,7 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
                 writeln!(
                     f,
                     "the paper's bound does not hold: {} nonzeros in {kind} {} of {}",
-                    count.most, count.place, c.matrix
+                    count.most, count.unknown, c.matrix
                 )?;
             }
         }

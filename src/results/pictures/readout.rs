@@ -112,7 +112,7 @@ impl ReadoutColumns {
         let names = self.cells.iter().map(u64::to_string).collect();
         let axis = PlotAxis::named("number of the cell", names);
         let mut panel = Panel::new(name.clone(), axis, PlotAxis::linear(name));
-        let values = rows.iter().filter_map(|&r| Some([self.place(r)?, self.value[r]]));
+        let values = rows.iter().filter_map(|&r| Some([self.position(r)?, self.value[r]]));
         panel = panel.points(label("of the field"), Style::of(2), values.collect());
         let largest = self.largest(observable, &rows);
         for (k, estimator) in OverlapEstimator::ALL.into_iter().enumerate() {
@@ -133,9 +133,9 @@ impl ReadoutColumns {
     }
 
     /// Position of the cell of a row on the axis.
-    fn place(&self, row: usize) -> Option<f64> {
-        let place = self.cells.iter().position(|c| *c == self.cell[row] as u64)?;
-        Some(place as f64)
+    fn position(&self, row: usize) -> Option<f64> {
+        let position = self.cells.iter().position(|c| *c == self.cell[row] as u64)?;
+        Some(position as f64)
     }
 
     /// Whether a row has an estimate and a bound.
@@ -145,7 +145,7 @@ impl ReadoutColumns {
 
     /// The estimate of a row with its interval, estimators side by side.
     fn interval(&self, row: usize, estimator: usize) -> Option<([f64; 2], [f64; 2])> {
-        let at = self.place(row)? + 0.1 * (estimator as f64 + 1.0);
+        let at = self.position(row)? + 0.1 * (estimator as f64 + 1.0);
         let (estimate, bound) = (self.estimate[row], self.bound[row]);
         Some(([at, estimate], [estimate - bound, estimate + bound]))
     }

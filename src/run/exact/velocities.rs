@@ -17,7 +17,7 @@
 //!
 //! If `V` has one formula and the data are smooth, sums over the velocities of the grid are as
 //! accurate with fewer points. In two and three dimensions they are used if they agree with
-//! integrals by panels at some places.
+//! integrals by panels at some positions.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::matrix::observables::MOMENTS;
@@ -46,8 +46,8 @@ struct Effort {
     most: usize,
     /// Points that all integrals together may take.
     together: usize,
-    /// Places along an axis at which the largest density is searched, ...
-    places: usize,
+    /// Positions along an axis at which the largest density is searched, ...
+    positions: usize,
     /// ... and at which sums over the velocities of the grid are compared.
     trials: usize,
 }
@@ -60,7 +60,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         tolerance: 1e-5,
         most: 2000,
         together: 500_000,
-        places: 64,
+        positions: 64,
         trials: 0,
     },
     Effort {
@@ -69,7 +69,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         tolerance: 1e-3,
         most: 2000,
         together: 1_000_000,
-        places: 6,
+        positions: 6,
         trials: 3,
     },
     Effort {
@@ -78,7 +78,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         tolerance: 5e-3,
         most: 6000,
         together: 500_000,
-        places: 3,
+        positions: 3,
         trials: 2,
     },
 ];
@@ -99,7 +99,7 @@ const TRIAL_POINTS: usize = 10;
 /// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
 
-/// An integral over the velocities at a place.
+/// An integral over the velocities at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Integral {
     /// Density, momentum and kinetic energy, in the order of [`MOMENTS`].
@@ -171,8 +171,8 @@ fn allowance(case: &Case) -> usize {
 fn points_across(case: &Case) -> usize {
     let space = &case.space;
     let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
-    let places = space.space_cells().saturating_mul(ACROSS.pow(cells));
-    let fits = places.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
+    let positions = space.space_cells().saturating_mul(ACROSS.pow(cells));
+    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
     if fits || space.dimension() == 1 { ACROSS } else { 1 }
 }
 
@@ -186,19 +186,19 @@ fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64)
 /// Number of points that the averages over the cells of `case` begin with, as a float: it may
 /// exceed every integer.
 pub fn first_points(case: &Case) -> f64 {
-    let places = case.space.x.iter().map(|axis| (points_across(case) * axis.cells) as f64);
-    places.product::<f64>() * points_of(&panels_of(case)) as f64
+    let positions = case.space.x.iter().map(|axis| (points_across(case) * axis.cells) as f64);
+    positions.product::<f64>() * points_of(&panels_of(case)) as f64
 }
 
 impl<'a> VelocityIntegrals<'a> {
-    /// Integrals of the exact solution of `case` at `time`, for `places` places of space on all
+    /// Integrals of the exact solution of `case` at `time`, for so many `positions` in space on all
     /// ranks. Collective over `world`, as the largest density is needed.
     pub fn new(
         world: &Group,
         values_of: &'a ExactValues<'a>,
         case: &'a Case,
         time: f64,
-        places: usize,
+        positions: usize,
     ) -> Self {
         let n = case.space.dimension();
         let effort = &EFFORTS[n - 1];
@@ -215,10 +215,10 @@ impl<'a> VelocityIntegrals<'a> {
             panels,
             weights,
             tolerance: 0.0,
-            most: least.max(allowance(case) / places.max(1)),
+            most: least.max(allowance(case) / positions.max(1)),
             grid_rule: None,
         };
-        integrals.tolerance = effort.tolerance * integrals.largest(world, effort.places);
+        integrals.tolerance = effort.tolerance * integrals.largest(world, effort.positions);
         if case.potential.len() == 1 && effort.trials > 0 {
             integrals.grid_rule = integrals.accepted_grid_rule(world, effort.trials);
         }
@@ -247,8 +247,8 @@ impl<'a> VelocityIntegrals<'a> {
             grid_rule: None,
             ..*self
         };
-        let error = |place: &[f64; MAX_DIMENSION]| {
-            (self.by_rule(&rule, place).moments[0] - tight.by_panels(place).moments[0]).abs()
+        let error = |position: &[f64; MAX_DIMENSION]| {
+            (self.by_rule(&rule, position).moments[0] - tight.by_panels(position).moments[0]).abs()
         };
         let error = self.largest_of(world, most, error);
         (error <= self.tolerance).then_some(GridRule { error, ..rule })
@@ -271,8 +271,8 @@ impl<'a> VelocityIntegrals<'a> {
 
     /// The largest density at up to `most` centres of elements along each axis. Collective.
     fn largest(&self, world: &Group, most: usize) -> f64 {
-        self.largest_of(world, most, |place| {
-            self.first_panels(place).iter().map(|panel| self.size(panel)).sum()
+        self.largest_of(world, most, |position| {
+            self.first_panels(position).iter().map(|panel| self.size(panel)).sum()
         })
     }
 
@@ -285,17 +285,17 @@ impl<'a> VelocityIntegrals<'a> {
     ) -> f64 {
         let axes = &self.space.x;
         let counts: Vec<_> = axes.iter().map(|axis| 0..axis.elements().min(most)).collect();
-        let mut places = Vec::new();
+        let mut positions = Vec::new();
         for_each_cell(&counts, |k| {
-            let mut place = [0.0; MAX_DIMENSION];
+            let mut position = [0.0; MAX_DIMENSION];
             for (a, axis) in axes.iter().enumerate() {
                 let element = (2 * k[a] + 1) * axis.elements() / (2 * counts[a].len());
-                place[a] = axis.at(element as i64, 0.0);
+                position[a] = axis.at(element as i64, 0.0);
             }
-            places.push(place);
+            positions.push(position);
         });
-        let mine = split(&(0..places.len()), world.size(), world.rank());
-        world.max(places[mine].iter().map(value).fold(0.0, f64::max))
+        let mine = split(&(0..positions.len()), world.size(), world.rank());
+        world.max(positions[mine].iter().map(value).fold(0.0, f64::max))
     }
 
     /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
@@ -310,21 +310,21 @@ impl<'a> VelocityIntegrals<'a> {
             }
         };
         let average = |cell: &[usize; MAX_DIMENSION]| {
-            let mut places = vec![([0.0; MAX_DIMENSION], 1.0)];
+            let mut positions = vec![([0.0; MAX_DIMENSION], 1.0)];
             for (a, axis) in self.space.x.iter().enumerate() {
                 let points = along(axis, cell[a]);
-                let next = |(place, weight): &([f64; MAX_DIMENSION], f64)| {
-                    let (mut place, weight) = (*place, *weight);
+                let next = |(position, weight): &([f64; MAX_DIMENSION], f64)| {
+                    let (mut position, weight) = (*position, *weight);
                     points.clone().into_iter().map(move |[x, part]| {
-                        place[a] = x;
-                        (place, weight * part)
+                        position[a] = x;
+                        (position, weight * part)
                     })
                 };
-                places = places.iter().flat_map(next).collect();
+                positions = positions.iter().flat_map(next).collect();
             }
             let mut mean = Integral::default();
-            for (place, weight) in places {
-                let here = self.at(&place);
+            for (position, weight) in positions {
+                let here = self.at(&position);
                 mean.error += weight * here.error;
                 for (sum, moment) in mean.moments.iter_mut().zip(here.moments) {
                     *sum += weight * moment;
@@ -335,18 +335,18 @@ impl<'a> VelocityIntegrals<'a> {
         cells.iter().map(average).collect()
     }
 
-    /// The integral at a place of space.
-    pub fn at(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
+    /// The integral at a position of space.
+    pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
         match &self.grid_rule {
-            Some(rule) => self.by_rule(rule, place),
-            None => self.by_panels(place),
+            Some(rule) => self.by_rule(rule, position),
+            None => self.by_panels(position),
         }
     }
 
-    /// The integral at a place by the velocities of the grid.
-    fn by_rule(&self, rule: &GridRule, place: &[f64; MAX_DIMENSION]) -> Integral {
+    /// The integral at a position by the velocities of the grid.
+    fn by_rule(&self, rule: &GridRule, position: &[f64; MAX_DIMENSION]) -> Integral {
         let points: Vec<[f64; 6]> =
-            rule.points.iter().map(|(velocity, _)| Self::point(place, *velocity)).collect();
+            rule.points.iter().map(|(velocity, _)| Self::point(position, *velocity)).collect();
         let values = self.values_of.values_at(&points, self.time);
         let mut moments = [0.0; MOMENTS];
         for (f, (velocity, weight)) in values.iter().zip(&rule.points) {
@@ -355,9 +355,9 @@ impl<'a> VelocityIntegrals<'a> {
         Integral { moments, error: rule.error }
     }
 
-    /// The integral at a place by subdivision of panels.
-    fn by_panels(&self, place: &[f64; MAX_DIMENSION]) -> Integral {
-        let mut panels = self.first_panels(place);
+    /// The integral at a position by subdivision of panels.
+    fn by_panels(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
+        let mut panels = self.first_panels(position);
         let mut left = self.most.saturating_sub(points_of(&self.panels));
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
         loop {
@@ -376,7 +376,7 @@ impl<'a> VelocityIntegrals<'a> {
                 }
             }
             left -= open.len() * new_points;
-            panels.extend(self.halves(place, &open));
+            panels.extend(self.halves(position, &open));
         }
     }
 
@@ -415,14 +415,14 @@ impl<'a> VelocityIntegrals<'a> {
         velocity
     }
 
-    /// The point of phase space at a place with a velocity.
-    fn point(place: &[f64; MAX_DIMENSION], velocity: [f64; MAX_DIMENSION]) -> [f64; 6] {
-        let ([x, y, z], [u, v, w]) = (*place, velocity);
+    /// The point of phase space at a position with a velocity.
+    fn point(position: &[f64; MAX_DIMENSION], velocity: [f64; MAX_DIMENSION]) -> [f64; 6] {
+        let ([x, y, z], [u, v, w]) = (*position, velocity);
         [x, y, z, u, v, w]
     }
 
     /// The velocity box in equal panels; neighbours share the points of their common sides.
-    fn first_panels(&self, place: &[f64; MAX_DIMENSION]) -> Vec<VelocityPanel> {
+    fn first_panels(&self, position: &[f64; MAX_DIMENSION]) -> Vec<VelocityPanel> {
         let axes = &self.space.v;
         let counts: Vec<usize> = self.panels.iter().map(|n| (POINTS - 1) * n + 1).collect();
         let mut points = Vec::with_capacity(points_of(&self.panels));
@@ -432,7 +432,7 @@ impl<'a> VelocityIntegrals<'a> {
                 let part = k[a] as f64 / (counts[a] - 1) as f64;
                 velocity[a] = axis.lower + (axis.upper - axis.lower) * part;
             }
-            points.push(Self::point(place, velocity));
+            points.push(Self::point(position, velocity));
         });
         let values = self.values_of.values_at(&points, self.time);
         let mut panels = Vec::new();
@@ -476,8 +476,12 @@ impl<'a> VelocityIntegrals<'a> {
         VelocityPanel { lower, width, values, error: errors.iter().sum(), axis }
     }
 
-    /// The halves of `panels` at `place`, each across its axis.
-    fn halves(&self, place: &[f64; MAX_DIMENSION], panels: &[VelocityPanel]) -> Vec<VelocityPanel> {
+    /// The halves of `panels` at `position`, each across its axis.
+    fn halves(
+        &self,
+        position: &[f64; MAX_DIMENSION],
+        panels: &[VelocityPanel],
+    ) -> Vec<VelocityPanel> {
         let whole = |panel: &VelocityPanel| {
             let (mut lower, mut width) = (panel.lower, panel.width);
             width[panel.axis] *= 0.5;
@@ -495,7 +499,7 @@ impl<'a> VelocityIntegrals<'a> {
         let mut points = Vec::new();
         for half in halves.iter().flatten() {
             let new = (0..self.weights.len()).filter(|&k| is_new(half, k));
-            points.extend(new.map(|k| Self::point(place, self.velocity(half, k))));
+            points.extend(new.map(|k| Self::point(position, self.velocity(half, k))));
         }
         let mut new = self.values_of.values_at(&points, self.time).into_iter();
         let mut found = Vec::with_capacity(2 * panels.len());

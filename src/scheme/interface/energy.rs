@@ -19,7 +19,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
-use crate::base::text::{place, short};
+use crate::base::text::{coordinate_text, short};
 use crate::problem::grid::Axis;
 use std::collections::BTreeMap;
 
@@ -163,7 +163,7 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     } else {
         // A width of few digits, so that the ends have few, too.
         let width = short(whole.width()).parse().unwrap_or(whole.width());
-        let end = |faces: f64| place(faces * width, 1e-6 * width);
+        let end = |faces: f64| coordinate_text(faces * width, 1e-6 * width);
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
     Err(Error::Input(format!(

@@ -12,7 +12,7 @@
 mod elements;
 
 use crate::base::error::Result;
-use crate::base::text::place;
+use crate::base::text::coordinate_text;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
@@ -76,8 +76,8 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         let name = names[case.space.dimension() + a];
         reductions.dropped.push(format!(
             "{name}: nothing is ever outside of [{}, {}]; {} cells -> {}",
-            place(window.lower, window.width()),
-            place(window.upper, window.width()),
+            coordinate_text(window.lower, window.width()),
+            coordinate_text(window.upper, window.width()),
             axis.cells,
             window.cells
         ));

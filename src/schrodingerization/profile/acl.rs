@@ -10,7 +10,7 @@
 
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
-    ProfileRequirements, Window, place, summed_by_parts,
+    ProfileRequirements, Window, best_window, summed_by_parts,
 };
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -33,7 +33,7 @@ impl Acl {
     /// The profile of `β` for `demand`, and its window.
     pub fn meeting(beta: f64, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(beta);
-        place(&profile, 0.0, demand).map(|window| (profile, window))
+        best_window(&profile, 0.0, demand).map(|window| (profile, window))
     }
 
     /// The profile of `β`, within [`BETAS`](crate::problem::limits::BETAS).

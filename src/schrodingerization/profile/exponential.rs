@@ -19,7 +19,7 @@
 use crate::base::piecewise::{ORDERS, Piecewise};
 use crate::problem::case::Alpha;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window, place};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window, best_window};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -38,7 +38,7 @@ impl Exponential {
     pub fn meeting(alpha: &Alpha, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self { alpha: alpha.clone() };
         let round_off = demand.round_off * profile.excess();
-        place(&profile, 0.0, &ProfileRequirements { round_off, ..*demand })
+        best_window(&profile, 0.0, &ProfileRequirements { round_off, ..*demand })
             .map(|window| (profile, window))
     }
 

@@ -12,7 +12,7 @@
 
 use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window, place};
+use crate::schrodingerization::profile::window::{ProfileRequirements, Window, best_window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -48,7 +48,7 @@ impl LowSomma {
             let profile = Self::within(c, allowed)?;
             let point = demand.recovery.unwrap_or(demand.growth + c);
             let demand = ProfileRequirements { recovery: Some(point), ..*demand };
-            place(&profile, c, &demand).map(|w| (profile, w))
+            best_window(&profile, c, &demand).map(|w| (profile, w))
         });
         planned.min_by(|(_, a), (_, b)| {
             let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));

@@ -27,7 +27,7 @@
 use crate::base::quadrature::gauss_legendre;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
-    ProfileRequirements, Window, place, summed_by_parts,
+    ProfileRequirements, Window, best_window, summed_by_parts,
 };
 use num_complex::Complex64;
 use std::f64::consts::E;
@@ -63,7 +63,7 @@ impl Smooth {
     /// The profile of `r = order` for `demand`, and its window.
     pub fn meeting(order: usize, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self::new(order);
-        place(&profile, 0.0, demand).map(|window| (profile, window))
+        best_window(&profile, 0.0, demand).map(|window| (profile, window))
     }
 
     /// The profile of `r = order`, between 1 and

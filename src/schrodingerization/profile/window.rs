@@ -154,7 +154,11 @@ impl Window {
 /// The window of least cost for a profile that is `e^{−p}` from `edge` on. The domain of dependence
 /// of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
 /// `e` times larger, and the omitted modes of a profile with a corner cancel.
-pub fn place(shape: &dyn ProfileShape, edge: f64, demand: &ProfileRequirements) -> Option<Window> {
+pub fn best_window(
+    shape: &dyn ProfileShape,
+    edge: f64,
+    demand: &ProfileRequirements,
+) -> Option<Window> {
     let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
     let points = match &demand.recovery {
         Some(point) => std::slice::from_ref(point),

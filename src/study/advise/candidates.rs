@@ -66,7 +66,7 @@ impl Study<'_> {
             known: reached.known,
             parts: ErrorParts::of_discretisation(reached.error, reached.part_of_space),
             order: reached.order.clone(),
-            levels: reached.levels.clone(),
+            grids: reached.grids.clone(),
             moved_edges: self.trials.degree_case(scheme).grids.moved(&reached.shape),
             applications: 0.0,
             memory_bytes_per_rank: 0.0,
@@ -174,19 +174,19 @@ impl Study<'_> {
         reached: &ReachedGrid,
     ) -> Result<Vec<usize>> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
-        for level in reached.levels.iter().rev().skip(1) {
+        for grid in reached.grids.iter().rev().skip(1) {
             let base = &self.trials.degree_case(scheme).base;
-            let mut case = scheme.schrodingerized(base, &level.shape);
+            let mut case = scheme.schrodingerized(base, &grid.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
             let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
             let is_small =
                 |plan: Plan| (self.trials.budget).holds(mode_updates(&case, &plan), FOR_MODES);
             if plan.is_ok_and(is_small) {
-                return Ok(level.shape.clone());
+                return Ok(grid.shape.clone());
             }
         }
-        let coarsest = reached.levels.first().map_or(&reached.shape, |level| &level.shape);
+        let coarsest = reached.grids.first().map_or(&reached.shape, |grid| &grid.shape);
         Ok(coarsest.clone())
     }
 

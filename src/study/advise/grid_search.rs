@@ -28,7 +28,7 @@ const FOR_BALANCE: f64 = 0.3;
 
 /// A grid and the error of the density on it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Level {
+pub struct MeasuredGrid {
     /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density.
@@ -56,10 +56,11 @@ pub struct ReachedGrid {
     pub error: f64,
     /// The evidence for the error.
     pub known: Evidence,
-    /// The order that `levels` show.
+    /// The order that `grids` show.
     pub order: Order,
     /// The sequence of grids.
-    pub levels: Vec<Level>,
+    #[serde(rename = "levels")]
+    pub grids: Vec<MeasuredGrid>,
     /// The part of the error that is due to space, between 0 and 1; the rest is due to velocity. It
     /// follows from the changes on two grids, one twice as fine in space and one in velocity. None
     /// if the budget does not hold these grids, or nothing changes.
@@ -70,10 +71,10 @@ impl ReachedGrid {
     /// The error on another grid, extrapolated by the order. The parts of space and velocity each
     /// scale with the elements along their own axes. None if no grid was tried.
     pub fn extrapolated(&self, shape: &[usize]) -> Option<DensityError> {
-        let level = self.levels.last()?;
+        let grid = self.grids.last()?;
         // The finest grid that was tried.
         let (tried, error) = match self.known {
-            Evidence::Extrapolated => (&level.shape, level.error),
+            Evidence::Extrapolated => (&grid.shape, grid.error),
             _ => (&self.shape, self.error),
         };
         let [space, velocity] = self.parts(tried, shape, self.part_of_space.unwrap_or(0.5));
@@ -141,12 +142,12 @@ impl ErrorSequence {
         Order::of(&self.found, self.orders)
     }
 
-    fn levels(&self) -> Vec<Level> {
+    fn grids(&self) -> Vec<MeasuredGrid> {
         let order = self.order();
         let error = |&e: &f64| if self.exact { e } else { order.error(e) };
         let errors = self.found.iter().map(error);
         (self.shapes.iter().zip(errors))
-            .map(|(shape, error)| Level { shape: shape.clone(), error })
+            .map(|(shape, error)| MeasuredGrid { shape: shape.clone(), error })
             .collect()
     }
 }
@@ -162,7 +163,7 @@ pub fn coarsest_grid(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<ReachedG
 }
 
 /// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux of
-/// the same scheme. Order and levels are those of `known`. None if the budget does not hold the
+/// the same scheme. Order and grids are those of `known`. None if the budget does not hold the
 /// trials that show it. Collective.
 ///
 /// # Errors
@@ -243,16 +244,16 @@ impl GridSearch<'_, '_> {
             error: f64::NAN,
             known: Evidence::Extrapolated,
             order: sequence.order(),
-            levels: sequence.levels(),
+            grids: sequence.grids(),
             part_of_space: part,
         };
-        let Some(finest) = result.levels.last().cloned() else {
+        let Some(finest) = result.grids.last().cloned() else {
             // One grid, and none to compare it with.
             return Ok(result);
         };
         (result.shape, result.error) = (finest.shape.clone(), finest.error);
         let wanted = self.wanted;
-        let pair = (result.levels.windows(2))
+        let pair = (result.grids.windows(2))
             .rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted)
             .map(|pair| [pair[0].clone(), pair[1].clone()]);
         if pair.is_none() && finest.error > wanted && !result.order.falls() {
@@ -264,7 +265,7 @@ impl GridSearch<'_, '_> {
             self.between(&pair, &mut result)?;
         } else if finest.error > wanted {
             self.beyond(&finest, &mut result)?;
-        } else if let Some(coarsest) = result.levels.iter().find(|level| level.error <= wanted) {
+        } else if let Some(coarsest) = result.grids.iter().find(|grid| grid.error <= wanted) {
             // Every grid of the sequence reaches it.
             (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
         }
@@ -280,7 +281,10 @@ impl GridSearch<'_, '_> {
         let Some(found) = self.error_on(&known.shape, &known.order)? else { return Ok(None) };
         let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
-            self.beyond(&Level { shape: known.shape.clone(), error: found.error }, &mut result)?;
+            self.beyond(
+                &MeasuredGrid { shape: known.shape.clone(), error: found.error },
+                &mut result,
+            )?;
         }
         self.trim(&mut result)?;
         let reaches = result.known != Evidence::Extrapolated && result.error <= self.wanted;
@@ -329,7 +333,7 @@ impl GridSearch<'_, '_> {
             ErrorSequence { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
         sequence.found.extend(self.trials.error(scheme, &first)?);
         while sequence.shapes.len() < MOST_LEVELS {
-            let reached = sequence.levels().last().is_some_and(|level| level.error <= self.wanted);
+            let reached = sequence.grids().last().is_some_and(|grid| grid.error <= self.wanted);
             let last = sequence.shapes[sequence.shapes.len() - 1].clone();
             let next = self.grids().twice(&last);
             if next == last {
@@ -352,7 +356,7 @@ impl GridSearch<'_, '_> {
             sequence.shapes.push(next);
         }
         while sequence.shapes.len() < MOST_LEVELS
-            && sequence.levels().first().is_some_and(|level| level.error <= self.wanted)
+            && sequence.grids().first().is_some_and(|grid| grid.error <= self.wanted)
             && let Some(half) = self.grids().halved(&sequence.shapes[0])
         {
             let found = match self.trials.error(scheme, &half)? {
@@ -367,7 +371,11 @@ impl GridSearch<'_, '_> {
 
     /// The coarsest grid that reaches the wanted error between a coarse one that does not and a
     /// fine one that does, by the order that these two show. Collective.
-    fn between(&mut self, [coarse, fine]: &[Level; 2], result: &mut ReachedGrid) -> Result<()> {
+    fn between(
+        &mut self,
+        [coarse, fine]: &[MeasuredGrid; 2],
+        result: &mut ReachedGrid,
+    ) -> Result<()> {
         let wanted = self.wanted;
         // Begin with the fine grid, which reaches it.
         (result.shape, result.error) = (fine.shape.clone(), fine.error);
@@ -390,7 +398,7 @@ impl GridSearch<'_, '_> {
 
     /// A grid beyond the `finest` one tried that reaches the wanted error, as the order predicts;
     /// it is tried if the budget allows. Collective.
-    fn beyond(&mut self, finest: &Level, result: &mut ReachedGrid) -> Result<()> {
+    fn beyond(&mut self, finest: &MeasuredGrid, result: &mut ReachedGrid) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
             result.shape = self.grids().scaled(&finest.shape, scale);

@@ -2,7 +2,7 @@
 //! and its command.
 
 use crate::problem::case::{Interface, Limiter, Method};
-use crate::study::advise::grid_search::{Evidence, Level};
+use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
 use crate::study::advise::order::Order;
 use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::cost::application_weight;
@@ -72,7 +72,8 @@ pub struct SetupReport {
     /// Order by pairs of grids.
     pub order: Order,
     /// The grids that show the order.
-    pub levels: Vec<Level>,
+    #[serde(rename = "levels")]
+    pub grids: Vec<MeasuredGrid>,
     /// Space axes, counted from 0, along which no grid nearby has faces at all edges of `V`.
     pub moved_edges: Vec<usize>,
     /// Applications of a mode's Hamiltonian, or of `A`.
@@ -236,7 +237,7 @@ mod tests {
             known: Evidence::Extrapolated,
             parts: ErrorParts::of_discretisation(0.01, Some(0.5)),
             order,
-            levels: Vec::new(),
+            grids: Vec::new(),
             moved_edges: Vec::new(),
             applications,
             memory_bytes_per_rank: 0.0,

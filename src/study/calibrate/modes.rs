@@ -18,8 +18,8 @@ use crate::propagate::{self, Span, descriptor, propagator};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes::{self, RunHooks};
-use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
+use crate::solve::rank_cells::RankCells;
 use crate::solve::stage::{Keeping, Task};
 use crate::solve::system::DiscreteSystem;
 use crate::study::calibrate::timing::{
@@ -44,7 +44,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
             .map(|state| prepared.system.norm(&prepared.communicator, state, false))
             .collect(),
     };
-    let Prepared { case, plan, communicator, place, system, .. } = prepared;
+    let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let DiscreteSystem { matrix, exchange, states, weights, schedule, terms, .. } = system;
     let rows = matrix.rows();
     let factors = VelocityFactors::new(&case.space);
@@ -53,7 +53,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
         plan,
         warp,
         communicator,
-        place,
+        rank_cells,
         initial: (states.iter().zip(norms))
             .map(|(state, norm)| Initial::real(&state[..rows], norm))
             .collect(),
@@ -101,7 +101,7 @@ struct ModeTrials<'a> {
     plan: &'a Plan,
     warp: &'a WarpPlan,
     communicator: &'a Communicator,
-    place: &'a Place,
+    rank_cells: &'a RankCells,
     matrix: &'a BlockMatrix,
     exchange: &'a mut GhostExchange,
     schedule: Option<&'a Schedule>,
@@ -178,7 +178,7 @@ impl<'a> ModeTrials<'a> {
             legs: &short.legs,
             batches,
             initial: &self.initial,
-            shares: &self.place.ranges,
+            shares: &self.rank_cells.ranges,
             moments: Some(&self.moments),
         };
         let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());

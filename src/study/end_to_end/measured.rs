@@ -82,14 +82,14 @@ impl MeasuredScheme {
     /// on which errors were measured by these, else by the order; not coarser than the coarsest.
     pub fn factor(&self, wanted: f64) -> f64 {
         let last = self.errors.len() - 1;
-        let level = |k: usize| -finer(&self.grids[k], &self.grids[last]);
+        let doublings = |k: usize| -finer(&self.grids[k], &self.grids[last]);
         match self.errors.iter().rposition(|&error| error > wanted) {
             Some(k) if k < last => {
                 let [coarse, fine] = [self.errors[k], self.errors[k + 1]];
                 let part = (coarse / wanted).ln() / (coarse / fine).ln();
-                (level(k) + part * (level(k + 1) - level(k))).exp2()
+                (doublings(k) + part * (doublings(k + 1) - doublings(k))).exp2()
             }
-            _ => self.order.refinement(self.errors[last], wanted).max(level(0).exp2()),
+            _ => self.order.refinement(self.errors[last], wanted).max(doublings(0).exp2()),
         }
     }
 

@@ -54,8 +54,10 @@ pub struct QuantumMethod {
     pub probability: LabelledNumber,
     /// Evolutions (over characteristics: traces) of all runs of amplitude estimation.
     pub evolutions: LabelledNumber,
-    /// Legs of a trace, at most: parts of its path on which `V` is linear; none of grid methods.
-    pub legs: Option<usize>,
+    /// Segments of a trace, at most: parts of its path on which `V` is linear; none of grid
+    /// methods.
+    #[serde(rename = "legs")]
+    pub segments: Option<usize>,
     /// Cost of an evolution; none where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates alone of an evolution by `2K` steps, or of a trace.
@@ -87,7 +89,7 @@ impl QuantumMethod {
             walk_tolerance: none(),
             probability: none(),
             evolutions: none(),
-            legs: None,
+            segments: None,
             cost: None,
             toffoli: none(),
             gates_until_measured: none(),

@@ -153,7 +153,7 @@ impl DensityTask<'_> {
             toffoli: cost.evolution.toffoli.clone(),
             gates_until_measured: cost.measured().clone(),
             physical: PhysicalCost::new(&all_qubits(&cost, register), cost.measured()),
-            legs: None,
+            segments: None,
             cost: Some(cost),
         })
     }
@@ -213,17 +213,17 @@ impl DensityTask<'_> {
     }
 
     /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
-    /// A trace has `legs` legs at most.
+    /// A trace has `segments` segments at most.
     pub fn over_characteristics(
         &self,
         case: &Case,
         traced: &TracedDensity,
-        legs: usize,
+        segments: usize,
     ) -> QuantumMethod {
         /// Bits beyond `log₂ 1/ε`.
         const GUARD: f64 = 10.0;
-        /// Products, quotients and roots of a leg of a trace, and of the initial formula.
-        const OF_LEG: f64 = 5.0;
+        /// Products, quotients and roots of a segment of a trace, and of the initial formula.
+        const OF_SEGMENT: f64 = 5.0;
         const OF_FORMULA: f64 = 10.0;
         const WHY: &str = "5 products of b bits a leg and 10 for f(0), b^2 Toffoli gates each, \
                            computed and uncomputed; b = log2(1/eps) + 10";
@@ -238,7 +238,7 @@ impl DensityTask<'_> {
             register *= 2.0;
         }
         let bits = (1.0 / self.accuracy).log2().ceil() + GUARD;
-        let products = OF_LEG * legs as f64 + OF_FORMULA;
+        let products = OF_SEGMENT * segments as f64 + OF_FORMULA;
         let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
         let evolutions = LabelledNumber::estimate(preparations(register), TRACED);
         let gates = evolutions.times(&trace);
@@ -251,7 +251,7 @@ impl DensityTask<'_> {
             gates_until_measured: gates,
             toffoli: trace,
             evolutions,
-            legs: Some(legs),
+            segments: Some(segments),
             ..QuantumMethod::unavailable(OVER_CHARACTERISTICS, "no circuit of a trace is compiled")
         }
     }

@@ -155,10 +155,10 @@ impl fmt::Display for QuantumMethod {
             let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
             writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
         }
-        if let Some(legs) = self.legs {
+        if let Some(segments) = self.segments {
             writeln!(
                 f,
-                "  {:<24}{legs:>12}  estimate: the most of 1000 traces",
+                "  {:<24}{segments:>12}  estimate: the most of 1000 traces",
                 "legs of a trace"
             )?;
         }

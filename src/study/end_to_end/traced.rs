@@ -239,22 +239,23 @@ impl DensityAtPoint<'_> {
         (0..self.dimension()).map(each).collect()
     }
 
-    /// The largest number of legs of a characteristic, of those from so many velocities at random.
-    /// Where `V` curves, a leg is a cell in which it is taken as linear. The grid of these cells is
-    /// then the coarsest of `2^k` an axis whose density is within `ε/2` of `density`.
+    /// The largest number of segments of a characteristic, of those from so many velocities at
+    /// random. Where `V` curves, a segment is a cell in which it is taken as linear. The grid of
+    /// these cells is then the coarsest of `2^k` an axis whose density is within `ε/2` of
+    /// `density`.
     ///
     /// # Errors
     /// As [`Tracer::new`].
-    pub fn most_legs(&self, density: f64, accuracy: f64) -> Result<usize> {
+    pub fn most_segments(&self, density: f64, accuracy: f64) -> Result<usize> {
         /// Velocities that are tried.
         const TRIED: usize = 1000;
         /// Cells an axis of the first grid, and in all of the last.
         const FIRST: usize = 8;
         const MOST: usize = 1 << 12;
-        let legs = |tracer: &Tracer<'_>| {
+        let segments = |tracer: &Tracer<'_>| {
             let mut random = ChaCha8Rng::seed_from_u64(1);
             let mut each =
-                |_| tracer.follow(&self.at(&self.random_part(&mut random)), self.case.end).legs;
+                |_| tracer.follow(&self.at(&self.random_part(&mut random)), self.case.end).segments;
             (0..TRIED).map(&mut each).max().unwrap_or(1)
         };
         let n = self.dimension();
@@ -268,11 +269,11 @@ impl DensityAtPoint<'_> {
             let there = DensityAtPoint { case: &coarse, value: Box::new(value), ..*self };
             let found = there.by_quadrature(accuracy);
             if (found.density - density).abs() <= 0.5 * accuracy * density.abs() {
-                return Ok(legs(&tracer));
+                return Ok(segments(&tracer));
             }
             cells *= 2;
         }
-        Ok(legs(&Tracer::new(self.case)?))
+        Ok(segments(&Tracer::new(self.case)?))
     }
 }
 
@@ -300,11 +301,11 @@ mod tests {
         }
     }
 
-    /// A trace has a leg for every part of `V` that is linear: across a jump two, and of a curved
-    /// `V` as many as the accuracy needs, whatever the case's grid.
+    /// A trace has a segment for each part of `V` that is linear: across a jump two, and of a
+    /// curved `V` as many as the accuracy needs, whatever the case's grid.
     #[test]
-    fn legs_follow_from_the_potential() {
-        let legs = |potential: &str, cells: usize, accuracy: f64| {
+    fn segments_follow_from_the_potential() {
+        let segments = |potential: &str, cells: usize, accuracy: f64| {
             let text = format!(
                 r#"
                 [[axis]]
@@ -330,15 +331,15 @@ mod tests {
             let densest = densest.reduce(|a, b| if b.0 > a.0 { b } else { a });
             let (density, there) = densest.expect("a point");
             assert!(density > 0.05, "{density}");
-            there.most_legs(density, accuracy).expect("legs")
+            there.most_segments(density, accuracy).expect("segments")
         };
         let curved = "[[potential]]\nvalue = \"cos(3*x)/3\"";
-        let [rough, close] = [0.3, 0.03].map(|accuracy| legs(curved, 64, accuracy));
+        let [rough, close] = [0.3, 0.03].map(|accuracy| segments(curved, 64, accuracy));
         assert!(3 < rough && rough < close, "{rough} {close}");
-        assert_eq!(legs(curved, 128, 0.3), rough);
+        assert_eq!(segments(curved, 128, 0.3), rough);
         let step = "[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.1\"\n\
                     [[potential]]\nvalue = \"0\"";
-        assert_eq!(legs(step, 64, 0.1), 2);
+        assert_eq!(segments(step, 64, 0.1), 2);
     }
 
     /// Where no more values may be taken, the error that is left is returned.

@@ -235,7 +235,7 @@ fn borders(points: &[CurvePoint], own: CurvePoint) -> Vec<Border> {
     let measured = highest(points, |p| p.measured);
     let theory = highest(points, |p| p.theory);
     vec![
-        Border::place(
+        Border::without_ratio(
             format!("lambda+ T at the case's jump of {:.4}", own.x),
             Some(own.measured),
             Some(own.theory),

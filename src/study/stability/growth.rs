@@ -139,7 +139,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
                 [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(CurvePoint { x, measured: measured_factor, theory: by_theory });
             let name = format!("{}: lambda+ at {x} cells", curve.name);
-            let border = Border::place(name, Some(measured), Some(theory));
+            let border = Border::without_ratio(name, Some(measured), Some(theory));
             borders.push(Border { bound: curve.bound, ..border });
         }
         (before, expected) = (factor, task.budget.elapsed() - begun);

@@ -37,12 +37,12 @@ fn stalled(points: &[CurvePoint]) -> Option<usize> {
         .find(|&k| shorter(k).fold(f64::INFINITY, f64::min) >= 0.9 * points[k].measured)
 }
 
-/// The step at which `of` crosses `level`, on the line between its neighbours in logarithms.
-fn crossing(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) -> Option<f64> {
+/// The step at which `of` crosses `threshold`, on the line between its neighbours in logarithms.
+fn crossing(points: &[CurvePoint], threshold: f64, of: fn(&CurvePoint) -> f64) -> Option<f64> {
     points.windows(2).find_map(|pair| {
         let [a, b] = [of(&pair[0]), of(&pair[1])];
-        (a <= level && level < b).then(|| {
-            let part = (level / a).ln() / (b / a).ln();
+        (a <= threshold && threshold < b).then(|| {
+            let part = (threshold / a).ln() / (b / a).ln();
             (pair[0].x.ln() + part * (pair[1].x / pair[0].x).ln()).exp()
         })
     })

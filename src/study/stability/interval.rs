@@ -11,7 +11,7 @@ use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
 use crate::study::stability::reading::{
-    LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
+    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
 
@@ -32,7 +32,7 @@ struct Intervals {
     reference: ReferenceProblem,
     extent: SpectrumExtent,
     profile: Gaussian,
-    /// A right end that is far enough: `e^{−p}` is much smaller there than [`LEVEL`].
+    /// A right end that is far enough: `e^{−p}` is much smaller there than [`THRESHOLD`].
     far: f64,
     /// Length of the interval below `p = 0` by theory.
     needed: f64,
@@ -64,7 +64,7 @@ impl Intervals {
             reference,
             extent,
             profile,
-            far: -libm::log(1e-3 * LEVEL),
+            far: -libm::log(1e-3 * THRESHOLD),
             needed: extent.length() + room,
         })
     }
@@ -134,21 +134,21 @@ impl Intervals {
     }
 }
 
-/// `case` with the series of a run to within [`LEVEL`], sampled on the interval.
+/// `case` with the series of a run to within [`THRESHOLD`], sampled on the interval.
 fn sampled(mut case: Case, ratio: f64) -> Case {
     case.warp.profile = ProfileChoice::Gaussian { sigma: None };
     case.warp.coefficients = Coefficients::Sampled;
     (case.warp.recovery, case.warp.points) = (None, None);
-    case.tolerance = (LEVEL * ratio).min(LARGEST_TOLERANCE);
+    case.tolerance = (THRESHOLD * ratio).min(LARGEST_TOLERANCE);
     case.verify = true;
     case
 }
 
 impl IntervalErrors {
-    /// The positions of both ends at which the error exceeds `level`, measured or by theory.
-    fn borders(&self, level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
-        let [_, left] = plateau(&self.left, level, of);
-        let [right, _] = plateau(&self.right, level, of);
+    /// The positions of both ends at which the error exceeds `threshold`, measured or by theory.
+    fn borders(&self, threshold: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
+        let [_, left] = plateau(&self.left, threshold, of);
+        let [right, _] = plateau(&self.right, threshold, of);
         [left, right]
     }
 
@@ -184,9 +184,9 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let ratio = intervals.reference.ratio;
     // Twice the error of the profile itself.
-    let level = 4.0 * LEVEL * ratio;
-    let [left, right] = errors.borders(level, |p| p.measured);
-    let [left_theory, right_theory] = errors.borders(level, |p| p.theory);
+    let threshold = 4.0 * THRESHOLD * ratio;
+    let [left, right] = errors.borders(threshold, |p| p.measured);
+    let [left_theory, right_theory] = errors.borders(threshold, |p| p.theory);
     let run = sampled(case.clone(), ratio);
     let tolerance = run.tolerance;
     let shortest = intervals.shortest(task, run)?;
@@ -196,7 +196,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         None => "; from which L on was not located.".to_owned(),
     };
     let verdict = format!(
-        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field \
+        "The error is below {threshold:.1e} for L up to {} (bound {}), beyond which the field \
          wraps around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The \
          bounds hold for any data; for a case shorter intervals may suffice. Runs refuse what \
          is too short for their own profile{refused}",

@@ -98,13 +98,13 @@ pub struct Curve {
 pub struct Border {
     /// Name of the border.
     pub name: String,
-    /// The measured place; none if it was not located.
+    /// The measured border; none if it was not located.
     pub measured: Option<f64>,
-    /// The place by theory.
+    /// The border by theory.
     pub theory: Option<f64>,
     /// Measured over theory, unless theory is zero.
     pub ratio: Option<f64>,
-    /// Whether theory is only a bound on the measured place.
+    /// Whether theory is only a bound on the measured one.
     pub bound: bool,
     /// Label of a line across the figure at the theory's value.
     #[serde(skip)]
@@ -124,7 +124,7 @@ impl Curve {
 }
 
 impl Border {
-    /// A border at the `measured` place, and by `theory`.
+    /// A border, `measured` and by `theory`.
     pub fn new(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         let [measured, theory] = [measured, theory].map(|x| x.filter(|x| x.is_finite()));
         let both = measured.zip(theory).filter(|(_, theory)| *theory != 0.0);
@@ -139,7 +139,11 @@ impl Border {
     }
 
     /// A border without a ratio, as its value may be about zero.
-    pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
+    pub fn without_ratio(
+        name: impl Into<String>,
+        measured: Option<f64>,
+        theory: Option<f64>,
+    ) -> Self {
         Self { ratio: None, ..Self::new(name, measured, theory) }
     }
 

@@ -23,7 +23,7 @@ use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
 
 /// The profile equals `e^{−p}` for `p ≥ 0` to within this.
-pub const LEVEL: f64 = 1e-8;
+pub const THRESHOLD: f64 = 1e-8;
 /// Width of the switch of the profile near `p = 0`.
 const SIGMA: f64 = 1.0;
 
@@ -62,11 +62,11 @@ pub struct SwitchedGaussian {
 }
 
 impl SwitchedGaussian {
-    /// The profile with [`LEVEL`] and [`SIGMA`].
+    /// The profile with [`THRESHOLD`] and [`SIGMA`].
     pub(crate) fn new() -> Self {
-        let offset = -normal_quantile(LEVEL) * SIGMA;
+        let offset = -normal_quantile(THRESHOLD) * SIGMA;
         // Beyond the cutoff coefficients are below round-off.
-        let digits = -libm::log(LEVEL * f64::EPSILON);
+        let digits = -libm::log(THRESHOLD * f64::EPSILON);
         let square = SIGMA * SIGMA;
         let profile = Gaussian {
             sigma: SIGMA,
@@ -74,7 +74,7 @@ impl SwitchedGaussian {
             period: 0.0,
             cutoff: (1.0 + 2.0 * (digits - offset) / square).sqrt(),
         };
-        let tail = square + SIGMA * (square + 2.0 * (-libm::log(LEVEL) - offset)).sqrt();
+        let tail = square + SIGMA * (square + 2.0 * (-libm::log(THRESHOLD) - offset)).sqrt();
         Self { profile, room: tail - offset }
     }
 }
@@ -95,14 +95,18 @@ pub fn expected(series: &Series, p: f64, extent: SpectrumExtent, ratio: f64) -> 
     ratio * (worst + f64::EPSILON * p.exp() * amplified)
 }
 
-/// The place where `of` first falls below `level` and the one where it last rises above it. Between
-/// points, `ln(of)` is interpolated linearly.
-pub fn plateau(points: &[CurvePoint], level: f64, of: fn(&CurvePoint) -> f64) -> [Option<f64>; 2] {
+/// The point where `of` first falls below `threshold` and the one where it last rises above it.
+/// Between grid points, `ln(of)` is interpolated linearly.
+pub fn plateau(
+    points: &[CurvePoint],
+    threshold: f64,
+    of: fn(&CurvePoint) -> f64,
+) -> [Option<f64>; 2] {
     let between = |a: &CurvePoint, b: &CurvePoint| {
-        let part = (level / of(a)).ln() / (of(b) / of(a)).ln();
+        let part = (threshold / of(a)).ln() / (of(b) / of(a)).ln();
         Some(a.x + part * (b.x - a.x)).filter(|x| x.is_finite())
     };
-    let inside = |p: &CurvePoint| of(p) <= level;
+    let inside = |p: &CurvePoint| of(p) <= threshold;
     let pairs = || points.windows(2);
     let first = pairs().find(|w| !inside(&w[0]) && inside(&w[1]));
     let last = pairs().rfind(|w| inside(&w[0]) && !inside(&w[1]));

@@ -11,7 +11,7 @@ use crate::study::stability::panel::{
     Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
-    LEVEL, SpectrumExtent, SwitchedGaussian, expected, plateau, refuse_varying,
+    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
 };
 use crate::study::stability::reference::ReferenceProblem;
 use crate::study::treatment::Treatment;
@@ -44,14 +44,14 @@ struct Readings {
     /// The bound on `λ⁺T` that runs use.
     growth_bound: f64,
     /// The error on the plateau.
-    level: f64,
+    threshold: f64,
 }
 
 impl Readings {
     /// Where the plateau begins and ends, measured and by theory.
     fn ends(&self) -> [[Option<f64>; 2]; 2] {
         [|p: &CurvePoint| p.measured, |p: &CurvePoint| p.theory]
-            .map(|of| plateau(&self.points, self.level, of))
+            .map(|of| plateau(&self.points, self.threshold, of))
     }
 
     fn verdict(&self) -> String {
@@ -62,7 +62,7 @@ impl Readings {
              (bound {}). ",
             self.name,
             self.extent.growth,
-            self.level,
+            self.threshold,
             number(left),
             number(left_theory),
             number(right),
@@ -75,8 +75,8 @@ impl Readings {
         let name = &self.name;
         let growth = format!("{name}: lambda+ T, beside the bound of a run");
         [
-            Border::place(growth, Some(self.extent.growth), Some(self.growth_bound)),
-            Border::place(format!("{name}: plateau begins"), left, left_theory),
+            Border::without_ratio(growth, Some(self.extent.growth), Some(self.growth_bound)),
+            Border::without_ratio(format!("{name}: plateau begins"), left, left_theory),
             Border::new(format!("{name}: round-off ends it"), right, right_theory),
         ]
         .map(Border::bounded)
@@ -116,7 +116,7 @@ fn read(
         extent,
         growth_bound: reference.bounds().growth * case.duration(),
         // Twice the error of the profile, amplified by the recovery.
-        level: LEVEL * ratio * extent.growth.max(0.0).exp() * 2.0,
+        threshold: THRESHOLD * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))
 }
 

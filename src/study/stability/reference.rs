@@ -59,7 +59,7 @@ impl ReferenceProblem {
 
     /// Computes `f(T)` of each field and the largest ratio. Collective.
     fn propagate(&mut self, time: f64) {
-        let Prepared { system, communicator, place, bounds, .. } = &mut self.prepared;
+        let Prepared { system, communicator, rank_cells, bounds, .. } = &mut self.prepared;
         for mut state in system.states.clone() {
             let before = system.norm(communicator, &state, false);
             let (exchange, span) =
@@ -69,8 +69,8 @@ impl ReferenceProblem {
             if after > 0.0 {
                 self.ratio = self.ratio.max(before / after);
             }
-            let mine = state[place.mine.clone()].to_vec();
-            self.exact.push(system.unweighted(&place.mine, mine));
+            let mine = state[rank_cells.mine.clone()].to_vec();
+            self.exact.push(system.unweighted(&rank_cells.mine, mine));
         }
     }
 

@@ -8,7 +8,7 @@ use crate::problem::case::Case;
 use std::ops::Range;
 
 /// This rank's part of the grid.
-pub struct Place {
+pub struct RankCells {
     /// The space block.
     pub block: Block,
     /// `ranges[g]`: the block's cells whose results rank `g` of its mode groups has.
@@ -19,7 +19,7 @@ pub struct Place {
     pub share: Vec<Range<usize>>,
 }
 
-impl Place {
+impl RankCells {
     /// The part of this rank of `communicator` on the mesh of `plan`.
     pub fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
         let mesh = &plan.layout.mesh;
