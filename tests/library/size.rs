@@ -1,5 +1,5 @@
-//! Lines of code and of prose are at most 100 columns wide; functions in `src/` are at most 80 lines
-//! long, those of tests, benches and examples at most 100.
+//! Lines of code and of prose are at most 100 columns wide. Functions in `src/` are at most 80
+//! lines long, those of tests, benches and examples at most 100.
 
 use std::path::{Path, PathBuf};
 
