@@ -215,17 +215,22 @@ impl Group {
         }
     }
 
-    /// Gathers values on all ranks, bit by bit. Each value is zero on all ranks but one.
-    pub fn gathered(&self, mine: &[f64]) -> Vec<f64> {
-        // As integers: a sum over the ranks keeps every bit.
-        let mut bits: Vec<i64> = mine.iter().map(|value| value.to_bits() as i64).collect();
-        let mut sums = vec![0; bits.len().min(MOST_AT_ONCE)];
-        for piece in bits.chunks_mut(MOST_AT_ONCE) {
-            let sums = &mut sums[..piece.len()];
-            self.communicator.all_reduce_into(&*piece, sums, SystemOperation::sum());
-            piece.copy_from_slice(sums);
+    /// Gathers values on all ranks, bit by bit, in the same vector. Each value is zero on all ranks
+    /// but one.
+    pub fn gathered(&self, mut values: Vec<f64>) -> Vec<f64> {
+        if self.size() == 1 {
+            return values;
         }
-        bits.into_iter().map(|bits| f64::from_bits(bits as u64)).collect()
+        // As integers: a sum over the ranks keeps every bit.
+        let mut bits = vec![0i64; values.len().min(MOST_AT_ONCE)];
+        let mut sums = bits.clone();
+        for piece in values.chunks_mut(MOST_AT_ONCE) {
+            let (bits, sums) = (&mut bits[..piece.len()], &mut sums[..piece.len()]);
+            bits.iter_mut().zip(&*piece).for_each(|(bits, x)| *bits = x.to_bits() as i64);
+            self.communicator.all_reduce_into(&*bits, sums, SystemOperation::sum());
+            piece.iter_mut().zip(&*sums).for_each(|(x, bits)| *x = f64::from_bits(*bits as u64));
+        }
+        values
     }
 
     /// Sum over the ranks, modulo 2^64.

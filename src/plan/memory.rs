@@ -18,7 +18,7 @@ use num_complex::Complex64;
 
 /// Bytes that the program and its libraries allocate, with buffers of HDF5 and MPI. It is the rest
 /// of the peaks in the table of `docs/reliability.md`, without pages of files.
-const PROGRAM_BYTES: u64 = 6 << 20;
+const PROGRAM_BYTES: u64 = 5 << 20;
 
 /// Bytes that MPI allocates in addition on several ranks.
 const EXCHANGE_BYTES: u64 = 1 << 20;

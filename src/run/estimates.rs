@@ -75,9 +75,9 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let (space, world, matrix) = (&case.space, &communicator.world, &system.matrix);
     let (block, rows, exchange) = (&matrix.block, matrix.rows(), &mut system.exchange);
     let scheme = world.agree(Scheme::new(case, &block.wide_ranges()))?;
-    // The field on the whole block; each mode group has a share of it.
-    let mut state = rank_cells.gathered(&communicator.modes, f);
-    state.resize(matrix.length(), 0.0);
+    // The field on the whole block, with ghosts; each mode group has a share of it. Vectors of this
+    // size are allocated once: others would leave gaps, of which the peak depends on chance.
+    let mut state = rank_cells.gathered(&communicator.modes, f, matrix.length());
     fill_ghosts(exchange, &mut state, rows);
     let volumes = CellVolumes::new(space, &rank_cells.share);
     let factors = VelocityFactors::new(space);
@@ -87,14 +87,13 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         square.map(f64::sqrt)
     };
     let (mut added_term, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
+    let (mut corrections, mut along) = (vec![0.0; matrix.length()], vec![0.0; block.cells()]);
     let of_cells = space.axes().enumerate().filter(|(_, axis)| axis.nodes.degree == 0);
     for (axis, _) in of_cells {
         let line = AxisLines { case, scheme: &scheme, block, rows, axis };
-        let mut corrections = vec![0.0; matrix.length()];
         line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
         fill_ghosts(exchange, &mut corrections, rows);
         let mut parts = [vec![0u8; block.cells()], vec![0u8; block.cells()]];
-        let mut along = vec![0.0; block.cells()];
         line.each(|i, cell| {
             let found = line.difference(i, cell, &corrections);
             along[i] = found.unwrap_or(0.0);

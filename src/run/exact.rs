@@ -215,7 +215,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
         let layer = case.space.space_cells() / case.space.x[0].cells;
         let mut density = vec![0.0; case.space.space_cells()];
         density[share[0].start * layer..share[0].end * layer].copy_from_slice(&moments.density);
-        return Ok(group.gathered(&density));
+        return Ok(group.gathered(density));
     }
     let values_of = ExactValues::new(group, case, exact)?;
     let equal = |axis: &Axis| match axis.nodes.degree {
@@ -241,7 +241,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     };
     let place = "where it is integrated over the velocities".to_owned();
     group.agree(failure.map_err(|(formula, value)| formula.undefined(value, place)))?;
-    Ok(group.gathered(&density))
+    Ok(group.gathered(density))
 }
 
 #[cfg(test)]

@@ -41,12 +41,12 @@ impl RankCells {
         }
     }
 
-    /// The values of all cells of the block; `mine` are those of this rank's. Collective over the
-    /// mode groups.
-    pub fn gathered(&self, modes: &Group, mine: &[f64]) -> Vec<f64> {
-        let mut all = vec![0.0; self.block.cells()];
+    /// The values of all cells of the block, then zeros up to `length`; `mine` are those of this
+    /// rank's. Collective over the mode groups.
+    pub fn gathered(&self, modes: &Group, mine: &[f64], length: usize) -> Vec<f64> {
+        let mut all = vec![0.0; length];
         all[self.mine.clone()].copy_from_slice(mine);
-        modes.gathered(&all)
+        modes.gathered(all)
     }
 
     /// The rank's cells, to be sampled.

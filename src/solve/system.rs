@@ -114,7 +114,10 @@ fn initial_values(
                 let sampled = sample(world, &case.space, &part, &field.initial, 0.0);
                 let mine = world.agree(sampled)?;
                 let values = match is_shared {
-                    true => rank_cells.gathered(&communicator.modes, &mine),
+                    true => {
+                        let cells = matrix.block.cells();
+                        rank_cells.gathered(&communicator.modes, &mine, cells)
+                    }
                     false => mine,
                 };
                 magnitude(world, &field.initial, values.iter().copied())?;

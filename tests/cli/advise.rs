@@ -204,6 +204,16 @@ fn accuracies_are_reached_without_an_exact_solution() {
         let job = Job::new(words).set(&["exact={}"]);
         let finished = job.into(place.path()).succeed()?;
         finished.contains(&finished.errors, &["(estimated"])?;
+        // Nothing measures the error here; what the trials expect meets the accuracy.
+        finished.contains(&finished.output, &["by the trial runs; not measured"])?;
+        let accuracy_of_run = &json_of(place.path().join("summary.json"))?["accuracy"];
+        let expected = accuracy_of_run["goal_estimate"].as_f64().ok_or("no goal_estimate")?;
+        let met = 0.0 < expected && expected <= *accuracy;
+        require(met, accuracy_of_run, "the expected error is above the accuracy")?;
+        let resolved = accuracy_of_run["under_resolved"] == false;
+        require(resolved, accuracy_of_run, "under-resolved")?;
+        let again = Job::new(words).set(&["exact={}"]).with(["--resume"]);
+        again.into(place.path()).succeed()?;
         // The chosen set-up with an exact solution, which measures its error.
         let choice = json_of(place.path().join("accuracy.json"))?;
         let chosen = choice["settings"].as_array().into_iter().flatten();

@@ -294,7 +294,7 @@ pub fn sheets_are_followed_together(world: &World) {
             let on_all = |values: &[f64]| {
                 let mut all = vec![0.0; case.space.space_cells()];
                 cells.iter().zip(values).for_each(|(cell, value)| all[*cell] = *value);
-                group.gathered(&all)
+                group.gathered(all)
             };
             let density = on_all(&moments.density);
             assert!(density.iter().sum::<f64>() > 0.0, "{name}: {density:?}");

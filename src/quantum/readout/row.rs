@@ -177,16 +177,15 @@ impl ReadoutRow {
         let position: Vec<String> = self.point.iter().map(|x| short(*x)).collect();
         let (name, at) = (self.observable.name(), position.join(", "));
         let value = self.value.value().map_or("unknown".to_owned(), short);
-        let (found, because) = match self.measured.iter().find(|m| m.estimate.value().is_some()) {
-            Some(measured) => (Some(measured), String::new()),
-            None => (None, self.measured.first().map_or(String::new(), |m| reason(&m.estimate))),
-        };
-        let measured = match found.map(|m| (m.estimate.value(), m.bound.value(), m.estimator)) {
-            Some((Some(estimate), Some(bound), how)) => {
-                format!("measured as {} within {bound:.1e} ({})", short(estimate), how.name())
-            }
-            _ => format!("not measured: {because}"),
-        };
+        let mut estimates = self.measured.iter().filter_map(|measured| {
+            let (estimate, bound) = (measured.estimate.value()?, measured.bound.value()?);
+            let how = measured.estimator.name();
+            Some(format!("measured as {} within {bound:.1e} ({how})", short(estimate)))
+        });
+        let measured = estimates.next().unwrap_or_else(|| {
+            let why = self.measured.first().map(|measured| reason(&measured.estimate));
+            format!("not measured: {}", why.unwrap_or_default())
+        });
         format!("{name} at ({at}) is {value}, {measured}")
     }
 

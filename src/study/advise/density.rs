@@ -25,7 +25,7 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
             density[index] = *value;
         }
     });
-    let density = group.gathered(&density);
+    let density = group.gathered(density);
     refuse_zero(&density, space)?;
     if space.x.iter().all(|axis| axis.nodes.degree == 0) {
         return Ok(density);
