@@ -1,6 +1,6 @@
 //! `[readout]`: observables of some cells as a quantum computer would measure them.
 
-use crate::support::{Job, Mistake, all_refused, check_all, directory, of_case, text_of};
+use crate::support::{Job, Mistake, Summary, all_refused, check_all, directory, of_case, text_of};
 use crate::support::{datasets, differences, near};
 use serde_json::Value;
 use std::path::Path;
@@ -22,7 +22,8 @@ fn samples_depend_neither_on_ranks_nor_on_other_cells() {
     const CELLS: &[&str] = &["readout={cells=[[3],[11],[22]],seed=7}"];
     let reference = directory();
     let printed = run(&[SMALL, CELLS]).into(reference.path()).succeed().unwrap();
-    let words = ["readout: density at (-1.043) is ", "measured as ", "; 8 more rows in readout.csv"];
+    let words =
+        ["readout: density at (-1.043) is ", "measured as ", "; 8 more rows in readout.csv"];
     printed.contains(&printed.output, &words).unwrap();
     let found = datasets(reference.path()).unwrap();
     let text = csv(reference.path()).unwrap();
@@ -196,7 +197,9 @@ fn a_readout_without_a_quantum_state_gives_a_reason() {
     check_all(table, |(name, settings, count, why)| {
         let place = directory();
         let job = of_case("run", name).set(&[TINY, settings].concat()).on(2);
-        let summary = job.solve(place.path())?;
+        let finished = job.into(place.path()).succeed()?;
+        finished.contains(&finished.output, &[" is unavailable: ", why])?;
+        let summary = Summary::read(finished, place.path())?;
         let readout = &summary.value["readout"];
         let is_labelled = |figure: &Value| {
             figure["label"] == "unavailable"

@@ -176,7 +176,9 @@ impl ReadoutRow {
     pub fn text(&self) -> String {
         let position: Vec<String> = self.point.iter().map(|x| short(*x)).collect();
         let (name, at) = (self.observable.name(), position.join(", "));
-        let value = self.value.value().map_or("unknown".to_owned(), short);
+        let Some(value) = self.value.value() else {
+            return format!("{name} at ({at}) is unavailable: {}", reason(&self.value));
+        };
         let mut estimates = self.measured.iter().filter_map(|measured| {
             let (estimate, bound) = (measured.estimate.value()?, measured.bound.value()?);
             let how = measured.estimator.name();
@@ -186,7 +188,7 @@ impl ReadoutRow {
             let why = self.measured.first().map(|measured| reason(&measured.estimate));
             format!("not measured: {}", why.unwrap_or_default())
         });
-        format!("{name} at ({at}) is {value}, {measured}")
+        format!("{name} at ({at}) is {}, {measured}", short(value))
     }
 
     /// An empty row.
