@@ -25,7 +25,7 @@ use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
-use crate::plan::layout::{Layout, Resources};
+use crate::plan::layout::{Layout, Resources, refuse_too_large};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
 use crate::problem::grid::Axis;
 use crate::problem::legs::Leg;
@@ -85,6 +85,36 @@ pub struct Plan {
     pub classical_steps: usize,
     /// Ranks and memory.
     pub layout: Layout,
+}
+
+/// The plan of a case before its growth and norms are measured: what it is assembled by.
+#[derive(Clone, Debug)]
+pub struct ProvisionalPlan {
+    /// Bounds on the generator, without the measured growth.
+    pub bounds: Bounds,
+    /// The plan; see [`Plan::provisional`].
+    pub plan: Plan,
+}
+
+impl ProvisionalPlan {
+    /// The provisional plan of `case` on `resources`.
+    ///
+    /// # Errors
+    /// As [`bounds_if_it_fits`] and [`Plan::provisional`].
+    pub fn new(case: &Case, resources: &Resources) -> Result<Self> {
+        let bounds = bounds_if_it_fits(case, resources)?;
+        let plan = Plan::provisional(case, &bounds, resources)?;
+        Ok(Self { bounds, plan })
+    }
+}
+
+/// Bounds on the generator of a case that may fit into `resources`.
+///
+/// # Errors
+/// [`Error::Memory`] before anything is computed if no layout fits; as [`Bounds::new`].
+pub fn bounds_if_it_fits(case: &Case, resources: &Resources) -> Result<Bounds> {
+    refuse_too_large(case, resources)?;
+    Bounds::new(case)
 }
 
 impl Plan {

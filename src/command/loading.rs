@@ -9,7 +9,6 @@ use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
 use crate::run::planning;
-use crate::scheme::reduce::reduced;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -166,10 +165,10 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
 /// depends on. Collective.
 ///
 /// # Errors
-/// As [`reduced`].
+/// As [`planning::reduced_with_start`].
 pub fn reduced_case(world: &World, case: &Case) -> Result<Case> {
     let all = world.group();
-    reduced(&all, &*planning::with_start(&all, case)?)
+    planning::reduced_with_start(&all, case)
 }
 
 /// `results/NAME` of the case file.

@@ -17,8 +17,7 @@ use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
 use crate::results::table_file::with_tables_known;
 use crate::results::untrusted;
-use crate::run::planning::with_start;
-use crate::scheme::reduce::reduced;
+use crate::run::planning::reduced_with_start;
 use std::path::{Path, PathBuf};
 
 /// Largest number of space cells for which a report describes the case, as `V` is evaluated on all.
@@ -214,7 +213,7 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
     let (name, text, overrides) = source?;
     let described = || -> Result<String> {
         let case = Case::parse(&name, &text, &overrides)?;
-        let case = reduced(&group, &*with_start(&group, &case)?)?;
+        let case = reduced_with_start(&group, &case)?;
         Ok(describe(&case, &Bounds::new(&case)?))
     };
     described().map_err(|e| e.to_string())

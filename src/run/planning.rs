@@ -6,7 +6,7 @@ use crate::matrix::observables::Totals;
 use crate::parallel::communicator::{Group, World};
 use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::{Resources, refuse_too_large};
-use crate::plan::{ASSUMED_RATIO, Plan};
+use crate::plan::{ASSUMED_RATIO, Plan, bounds_if_it_fits};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
 use crate::results::table_file::with_tables;
@@ -68,9 +68,8 @@ impl MeasuredCase {
     /// [`Prepared::new`].
     pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
         let all = world.group();
-        let case = reduced(&all, &*with_start(&all, case)?)?;
-        refuse_too_large(&case, resources)?;
-        let bounds = Bounds::new(&case)?;
+        let case = reduced_with_start(&all, case)?;
+        let bounds = bounds_if_it_fits(&case, resources)?;
         let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
         let is_unbounded = bounds.growth.is_infinite();
         let expected = bounds.clone();
@@ -117,6 +116,14 @@ impl RunPlans {
         let plan = free.near(case, resources, &provisional.layout.mesh);
         Ok(Self { provisional, plan })
     }
+}
+
+/// [`with_start`], reduced as a run does it. Collective.
+///
+/// # Errors
+/// As [`with_start`] and [`reduced`].
+pub fn reduced_with_start(world: &Group, case: &Case) -> Result<Case> {
+    reduced(world, &*with_start(world, case)?)
 }
 
 /// The case with data of the files that it names: points of a warped field, origin of a field,

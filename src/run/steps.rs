@@ -2,11 +2,10 @@
 
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
-use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::World;
-use crate::plan::Plan;
-use crate::plan::layout::{Resources, refuse_too_large};
+use crate::plan::ProvisionalPlan;
+use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
@@ -101,11 +100,9 @@ impl<'a> Driver<'a> {
             ranks_x: self.output.and_then(|output| output.options.ranks_x.clone()),
             ..Resources::here(self.world)
         };
-        refuse_too_large(case, &resources)?;
-        let bounds = Bounds::new(case)?;
-        let plan = Plan::provisional(case, &bounds, &resources)?;
+        let provisional = ProvisionalPlan::new(case, &resources)?;
         let lock = self.lock(&result_grid.case)?;
-        let prepared = self.assemble(case, &bounds, plan)?;
+        let prepared = self.assemble(case, provisional)?;
         let prepared = self.plan_modes(prepared, &resources)?;
         let rank_cells =
             result_grid.rank_cells(&prepared.rank_cells, &prepared.plan, &prepared.communicator);
@@ -273,12 +270,12 @@ impl<'a> Driver<'a> {
     }
 
     /// The semi-discrete system on this rank. Collective.
-    fn assemble(&mut self, case: &Case, bounds: &Bounds, plan: Plan) -> Result<Prepared> {
+    fn assemble(&mut self, case: &Case, provisional: ProvisionalPlan) -> Result<Prepared> {
         for warning in warnings::warnings(case) {
             self.log.warn(warning);
         }
         self.log.watch.lap("plan");
-        let prepared = Prepared::with_plan(self.world, case, bounds, plan)?;
+        let prepared = Prepared::assemble(self.world, case, provisional)?;
         self.log.watch.part("weights", prepared.system.weight_seconds);
         self.log.watch.lap("assemble");
         Ok(prepared)

@@ -7,8 +7,8 @@ use crate::matrix::bounds::{AssembledSize, Bounds};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::communicator::{Communicator, Group, World};
-use crate::plan::Plan;
 use crate::plan::layout::Resources;
+use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::Case;
 use crate::solve::rank_cells::RankCells;
 use crate::solve::system::{DiscreteSystem, RoughSolution, SystemLimits};
@@ -37,24 +37,24 @@ impl Prepared {
     /// Plans `case` provisionally on `resources` and assembles it. Collective.
     ///
     /// # Errors
-    /// As [`Plan::provisional`] and [`DiscreteSystem::new`].
+    /// As [`ProvisionalPlan::new`] and [`DiscreteSystem::new`].
     pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
-        let bounds = Bounds::new(case)?;
-        let plan = Plan::provisional(case, &bounds, resources)?;
-        Self::with_plan(world, case, &bounds, plan)
+        Self::assemble(world, case, ProvisionalPlan::new(case, resources)?)
     }
 
-    /// Assembles `case` on the mesh of `plan`, with the plan's limit on sweeps for the weights.
+    /// Assembles `case` on the mesh of its plan, with the plan's limit on sweeps for the weights.
     /// Collective.
     ///
     /// # Errors
     /// As [`DiscreteSystem::new`].
-    pub fn with_plan(world: &World, case: &Case, bounds: &Bounds, plan: Plan) -> Result<Self> {
+    pub fn assemble(world: &World, case: &Case, provisional: ProvisionalPlan) -> Result<Self> {
+        let ProvisionalPlan { bounds, plan } = provisional;
         let sweeps = plan.max_weight_sweeps();
-        Self::with_sweeps(world, case, bounds, plan, sweeps)
+        Self::with_sweeps(world, case, &bounds, plan, sweeps)
     }
 
-    /// The same with at most `max_weight_sweeps` sweeps for the weights. Collective.
+    /// Assembles `case` on the mesh of `plan`, with at most `max_weight_sweeps` sweeps for the
+    /// weights. Collective.
     ///
     /// # Errors
     /// As [`DiscreteSystem::new`].

@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::{Communicator, World};
 use crate::plan::Plan;
-use crate::plan::layout::{Resources, refuse_too_large};
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, ProfileChoice, Propagation, RecoveryMethod, Shift};
 use crate::propagate::classical::{Classical, ClassicalSpan, EXACT};
 use crate::results::summary::Summary;
@@ -47,7 +47,6 @@ impl ReferenceProblem {
         case.warp.recovery_method = RecoveryMethod::Point;
         case.propagator = Propagation::default();
         let resources = Resources::here(world);
-        refuse_too_large(&case, &resources)?;
         let mut prepared = Prepared::new(world, &case, &resources)?;
         let resources =
             Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
