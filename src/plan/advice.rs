@@ -3,8 +3,9 @@
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::plan::Plan;
-use crate::plan::layout::{LARGEST_POINTS, Layout, Resources, takes_points};
+use crate::plan::layout::{LARGEST_POINTS, Layout, Resources};
 use crate::problem::case::Case;
+use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::fmt;
 
@@ -143,7 +144,7 @@ impl Advice {
             largest_points_mesh,
             largest_points_memory: memory,
             memory_given: limit.is_some(),
-            takes_points: warp.is_some_and(takes_points),
+            takes_points: warp.is_some_and(WarpPlan::takes_points),
         }
     }
 }

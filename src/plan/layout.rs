@@ -12,7 +12,6 @@ use crate::plan::memory::{arrays, memory_of_points};
 use crate::problem::case::{Case, Exact, Method};
 use crate::problem::limits::MOST_MODES;
 use crate::propagate::descriptor;
-use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -271,7 +270,7 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
         Some((points, _)) => format!("at most {points} fit"),
         None => "no number of them fits".to_owned(),
     };
-    let fewer = match (&case.start, takes_points(warp)) {
+    let fewer = match (&case.start, warp.takes_points()) {
         (Some(_), _) => format!("a file of initial.warped with fewer points ({most})"),
         (None, true) => {
             format!("dropping the modes (--mode streamed), fewer solver.warp.points ({most})")
@@ -284,12 +283,6 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
         }
     };
     format!("{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells)")
-}
-
-/// Whether `solver.warp.points` can be given. A designed profile has its own `N_p`, as it is no
-/// function on the whole line; so has a file.
-pub(crate) fn takes_points(warp: &WarpPlan) -> bool {
-    !matches!(warp.profile, None | Some(Profile::Designed(_) | Profile::Constant(_)))
 }
 
 /// The largest even number from 2 to `most` whose `memory`, which does not decrease, is within

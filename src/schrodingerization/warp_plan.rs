@@ -12,6 +12,7 @@ use crate::propagate::{Span, descriptor};
 use crate::schrodingerization::placement::plan_placement;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
+use crate::schrodingerization::profile::shape::EstimatorQuality;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -79,29 +80,22 @@ const READING: f64 = 1.3;
 /// Additional cost of such an application for each output time and moment, relative to a velocity
 /// cell.
 const ADDING: f64 = 0.1;
-/// With fewer modes, a designed profile may have the same error at both readings.
-const FEWEST_MODES_TO_TELL: usize = 10;
-/// If the distance shows a smaller part of the error than this, it may consist mostly of other
-/// differences between the readings (round-off, truncated series).
-const LEAST_SEEN: f64 = 0.35;
-/// Largest factor by which the visible part of the error may depend on the state.
-const LARGEST_DOUBT: f64 = 3.0;
 
 impl WarpPlan {
     /// The reason why the distance of the two readings may not estimate the error; `None` if it
     /// does.
     pub fn estimate_doubt(&self) -> Option<&'static str> {
-        match &self.profile {
-            Some(Profile::Designed(_)) if self.modes < FEWEST_MODES_TO_TELL => {
-                Some("so few modes may err alike at both recovery points")
-            }
-            None | Some(Profile::Constant(_)) => None,
-            Some(Profile::Designed(_) | Profile::Gaussian(_)) => {
-                (self.estimator_efficiency < LEAST_SEEN || self.estimator_doubt > LARGEST_DOUBT)
-                    .then_some("both recovery points share most of the error")
-            }
-            Some(_) => Some("the modes that this profile omits may cancel at both recovery points"),
-        }
+        let quality = EstimatorQuality {
+            modes: self.modes,
+            efficiency: self.estimator_efficiency,
+            doubt: self.estimator_doubt,
+        };
+        self.profile.as_ref()?.estimate_doubt(&quality)
+    }
+
+    /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`.
+    pub fn takes_points(&self) -> bool {
+        self.profile.as_ref().is_some_and(|profile| profile.takes_points())
     }
 
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::case::data::{Data, Exact};
 use crate::problem::case::file::CaseFile;
-use crate::problem::case::solver::{Integrator, Limiter, Method, PropagatorMethod};
+use crate::problem::case::solver::{Integrator, Limiter, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
 
 impl Case {
@@ -32,7 +32,7 @@ impl Case {
             self.check_varying_inflow(file)?;
         }
         let summed = self.warp.inflow == Embedding::Scalar && self.enters();
-        if summed && self.propagator.method != PropagatorMethod::Chebyshev {
+        if summed && !self.propagator.method.takes_scalar_inflow() {
             return file.refuse(
                 "solver.propagator.method",
                 "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \
@@ -168,7 +168,7 @@ impl Case {
             );
         }
         let modes = self.method == Method::Schrodingerized;
-        if modes && self.propagator.method != PropagatorMethod::Chebyshev {
+        if modes && !self.propagator.method.takes_varying_inflow() {
             return file.refuse(
                 "solver.propagator.method",
                 format!(

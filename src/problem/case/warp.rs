@@ -9,6 +9,7 @@ use crate::problem::limits::{
     BETAS, CS, LARGEST_NUMBER, LARGEST_SHIFT, MOST_MODES, MOST_ORDER, SIGMAS,
 };
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Default of `solver.warp.order`.
 pub const DEFAULT_ORDER: usize = 8;
@@ -50,6 +51,33 @@ pub enum ProfileChoice {
         /// `β` in [`BETAS`](crate::problem::limits::BETAS).
         beta: f64,
     },
+}
+
+impl ProfileChoice {
+    /// Whether it is a series that is known on its domain only, and no function on the whole line.
+    pub fn is_series(&self) -> bool {
+        matches!(self, Self::Designed)
+    }
+}
+
+impl fmt::Display for ProfileChoice {
+    /// Name and parameter.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Planned => f.write_str("planned"),
+            Self::Designed => f.write_str("designed"),
+            Self::Gaussian { sigma: None } => f.write_str("gaussian, planned sigma"),
+            Self::Gaussian { sigma: Some(sigma) } => write!(f, "gaussian, sigma {sigma:.4}"),
+            Self::Exponential { alpha: Alpha::Constant(alpha) } if *alpha >= 10.0 => {
+                write!(f, "exponential, alpha {alpha:.2}")
+            }
+            Self::Exponential { alpha } => write!(f, "exponential, alpha {alpha:.4}"),
+            Self::Smooth { order } => write!(f, "smooth, order {order}"),
+            Self::LowSomma { c: None } => f.write_str("low-somma, planned c"),
+            Self::LowSomma { c: Some(c) } => write!(f, "low-somma, c {c:.4}"),
+            Self::Acl { beta } => write!(f, "acl, beta {beta:.4}"),
+        }
+    }
 }
 
 /// The source of the Fourier coefficients.
@@ -279,7 +307,7 @@ impl WarpTable {
             share: self.share(file)?,
         };
         match warp.by_hand() {
-            Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
+            Some(key) if warp.profile.is_series() => file.refuse(
                 &format!("solver.warp.{key}"),
                 "needs a profile that is a function on the whole line, and solver.warp.profile = \
                  \"designed\" is a series that is known on its domain only; choose \"gaussian\" or \

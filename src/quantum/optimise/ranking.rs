@@ -2,7 +2,7 @@
 
 use crate::base::table::{Column, ColumnValues, in_pieces};
 use crate::base::text::shortened;
-use crate::problem::case::{Alpha, Delta, ProfileChoice};
+use crate::problem::case::{Delta, ProfileChoice};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::CostedChoice;
 use serde::Serialize;
@@ -173,16 +173,6 @@ fn name_of(choice: &CostedChoice) -> String {
 pub fn profile_text(profile: &ProfileChoice) -> String {
     match profile {
         ProfileChoice::Planned => "one mode, S = 0".to_owned(),
-        ProfileChoice::Designed => "designed".to_owned(),
-        ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),
-        ProfileChoice::Gaussian { sigma: Some(sigma) } => format!("gaussian, sigma {sigma:.4}"),
-        ProfileChoice::Exponential { alpha: Alpha::Constant(alpha) } if *alpha >= 10.0 => {
-            format!("exponential, alpha {alpha:.2}")
-        }
-        ProfileChoice::Exponential { alpha } => format!("exponential, alpha {alpha:.4}"),
-        ProfileChoice::Smooth { order } => format!("smooth, order {order}"),
-        ProfileChoice::LowSomma { c: None } => "low-somma, planned c".to_owned(),
-        ProfileChoice::LowSomma { c: Some(c) } => format!("low-somma, c {c:.4}"),
-        ProfileChoice::Acl { beta } => format!("acl, beta {beta:.4}"),
+        given => given.to_string(),
     }
 }

@@ -1,7 +1,7 @@
 //! A set-up as settings of the case, which make it the case's own.
 
 use crate::base::text::word;
-use crate::problem::case::{Case, Delta, Embedding, ProfileChoice, Shift};
+use crate::problem::case::{Case, Delta, Embedding, Shift};
 use serde::Serialize;
 use serde_json::Value;
 use std::fmt;
@@ -40,7 +40,7 @@ impl SetUpSettings {
         }
         set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
         // A profile that is a series has an interval of its own.
-        if points > 1 && case.warp.profile != ProfileChoice::Designed {
+        if points > 1 && !case.warp.profile.is_series() {
             // Only the length matters; both halves are exact.
             let half = 0.5 * period;
             set.push(format!("solver.warp.interval=[{},{half}]", -half));
@@ -74,7 +74,7 @@ fn of_warp(case: &Case, planned: &PlannedSetUp) -> Vec<String> {
             let key = if key == "kind" { "profile" } else { key };
             entries.push(format!("{key}={}", literal(value)));
         }
-        if warp.profile != ProfileChoice::Designed {
+        if !warp.profile.is_series() {
             let shift = match warp.shift {
                 Shift::Given(shift) => shift * case.duration(),
                 Shift::Growth => 0.0,

@@ -4,7 +4,7 @@
 //! its one mode, read at `p◇ = 0`, is the solution.
 
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::{Planned, ProfileForm};
+use crate::schrodingerization::profile::shape::{EstimatorQuality, Planned, ProfileForm};
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -38,5 +38,9 @@ impl Planned for Constant {
     fn description(&self) -> String {
         "constant, as S = 0: the flow is unitary by itself, and its one mode is the solution"
             .to_owned()
+    }
+
+    fn estimate_doubt(&self, _quality: &EstimatorQuality) -> Option<&'static str> {
+        None
     }
 }

@@ -37,13 +37,15 @@ pub mod least_squares;
 use crate::schrodingerization::profile::designed::circle::{Circle, TURN};
 use crate::schrodingerization::profile::designed::least_squares::minimiser;
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::shape::{Planned, ProfileForm};
+use crate::schrodingerization::profile::shape::{EstimatorQuality, Planned, ProfileForm};
 use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
+/// With fewer modes, the profile may have the same error at both readings.
+const FEWEST_MODES_TO_TELL: usize = 10;
 /// The largest ratio of `Σ|c_l|` to the error in double precision, `ln(1/(20 ε_machine))`.
-const ROOM: f64 = 33.05;
+const MOST_CANCELLATION: f64 = 33.05;
 /// Least `ε e^{−Λ⁺}` of a design. A tenth of it would take twice the modes.
 const SMALLEST: f64 = 1e-13;
 /// A shorter domain, which may be a point, has the gap of this length.
@@ -85,7 +87,7 @@ impl Designed {
         let circle = Circle::new();
         // Longer gaps for long domains and for few digits.
         let length = (demand.growth + demand.reach + demand.decay).max(SHORTEST);
-        let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
+        let planned = 5.0 * (MOST_CANCELLATION - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
         let mut best = with_gap(&circle, demand, planned, f64::INFINITY)?;
         // With few modes, one batch more or less matters: other gaps are tried.
@@ -138,6 +140,13 @@ impl Planned for Designed {
     fn description(&self) -> String {
         format!("designed: error {:.1e}", self.error)
     }
+
+    fn estimate_doubt(&self, quality: &EstimatorQuality) -> Option<&'static str> {
+        match quality.modes < FEWEST_MODES_TO_TELL {
+            true => Some("so few modes may err alike at both recovery points"),
+            false => quality.doubt_of_oscillation(),
+        }
+    }
 }
 
 /// The rounding error of modes as a multiple of that of double precision.
@@ -165,7 +174,7 @@ fn with_gap(
 ) -> Option<Polynomial> {
     let [lower, upper] = domain(demand);
     let (tolerance, digits) = (demand.tolerance, digits(demand));
-    let cutoff = libm::tan(FRAC_PI_2 * digits / ROOM);
+    let cutoff = libm::tan(FRAC_PI_2 * digits / MOST_CANCELLATION);
     // Near the limit of double precision, round-off needs a larger penalty.
     let eta = 5e-15 * coarser(demand) * libm::exp(0.12 * (digits - 20.7).max(0.0));
     let design = |upper: f64, share: f64, digits: f64| {

@@ -10,7 +10,9 @@
 
 use crate::base::bisect::bisect;
 use crate::problem::limits::SIGMAS;
-use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+use crate::schrodingerization::profile::shape::{
+    EstimatorQuality, Planned, ProfileForm, ProfileShape,
+};
 use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{PI, SQRT_2};
@@ -101,6 +103,10 @@ impl Planned for Gaussian {
 
     fn description(&self) -> String {
         format!("gaussian: sigma {:.4}, offset {:.4}", self.sigma, self.offset)
+    }
+
+    fn estimate_doubt(&self, quality: &EstimatorQuality) -> Option<&'static str> {
+        quality.doubt_of_oscillation()
     }
 }
 

@@ -27,6 +27,31 @@ pub enum ProfileForm<'a> {
     Series(&'a Series),
 }
 
+/// How well the distance of two readings shows the error of the series.
+#[derive(Clone, Copy, Debug)]
+pub struct EstimatorQuality {
+    /// Number of modes that are propagated.
+    pub modes: usize,
+    /// The part of the error that the distance shows.
+    pub efficiency: f64,
+    /// Bound on the factor by which that part depends on the state.
+    pub doubt: f64,
+}
+
+impl EstimatorQuality {
+    /// If the distance shows a smaller part of the error than this, it may consist mostly of other
+    /// differences between the readings (round-off, truncated series).
+    const LEAST_EFFICIENCY: f64 = 0.35;
+    /// Largest factor by which the visible part of the error may depend on the state.
+    const LARGEST_DOUBT: f64 = 3.0;
+
+    /// The doubt of a profile whose error oscillates in `p`, so that its visible part is known.
+    pub fn doubt_of_oscillation(&self) -> Option<&'static str> {
+        (self.efficiency < Self::LEAST_EFFICIENCY || self.doubt > Self::LARGEST_DOUBT)
+            .then_some("both recovery points share most of the error")
+    }
+}
+
 /// A profile whose parameters are planned.
 pub trait Planned {
     /// The form in which it is known.
@@ -34,4 +59,15 @@ pub trait Planned {
 
     /// Kind and parameters of the profile, in words.
     fn description(&self) -> String;
+
+    /// The reason why the distance of two readings may not estimate the error; `None` if it does.
+    fn estimate_doubt(&self, _quality: &EstimatorQuality) -> Option<&'static str> {
+        Some("the modes that this profile omits may cancel at both recovery points")
+    }
+
+    /// Whether `solver.warp.points` can be given. A series has its own `N_p`, as it is no function
+    /// on the whole line.
+    fn takes_points(&self) -> bool {
+        matches!(self.form(), ProfileForm::Transform(_))
+    }
 }

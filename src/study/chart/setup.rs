@@ -165,7 +165,7 @@ pub fn refused(case: &Case) -> Option<&'static str> {
         return Some("partial reflection is no isometry");
     }
     let modes = case.method == Method::Schrodingerized;
-    let other = case.propagator.method != PropagatorMethod::Chebyshev;
+    let propagator = case.propagator.method;
     if case.is_galerkin() && case.limiter != Limiter::None {
         return Some(
             "slopes are those of the upwind scheme of degree 0 without partial reflection",
@@ -174,10 +174,11 @@ pub fn refused(case: &Case) -> Option<&'static str> {
     if case.varies() && case.limiter != Limiter::None {
         return Some("slopes take the inflow at time 0, and it depends on t");
     }
-    if case.varies() && modes && other {
+    if case.varies() && modes && !propagator.takes_varying_inflow() {
         return Some("the inflow depends on t; only chebyshev is stepped");
     }
-    if modes && other && case.enters() && case.warp.inflow == Embedding::Scalar {
+    let is_scalar = case.enters() && case.warp.inflow == Embedding::Scalar;
+    if modes && is_scalar && !propagator.takes_scalar_inflow() {
         return Some(
             "solver.warp.inflow = \"scalar\" couples one unknown to all rows, \
              which only chebyshev applies",

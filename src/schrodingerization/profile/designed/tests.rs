@@ -131,7 +131,7 @@ fn cut_off_is_near_the_optimum() {
         let demand = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
         let (_, window) = Designed::meeting(&demand).expect("possible");
         let least = (FRAC_PI_2 * crate::schrodingerization::profile::designed::digits(&demand)
-            / ROOM)
+            / MOST_CANCELLATION)
             .tan();
         let ratio = window.cutoff / least;
         assert!((0.9..1.1).contains(&ratio), "1e-{digits}: {ratio}");
