@@ -5,12 +5,13 @@ use crate::base::text::{
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
+use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::axis_names;
 
 /// The case in lines: axes, formulas, method, reductions, number of unknowns and rates.
 pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     let mut text = format!("{}\n", case.title);
-    text += &axes(case);
+    text += &axes(&case.space);
     text += &formulas(case);
     text += &method(case, bounds);
     text += &errors(case);
@@ -30,7 +31,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     };
     text += &format!(
         "{}; largest rate {}; growth of S {growth}{}\n",
-        unknowns(case),
+        unknowns(&case.space),
         short(bounds.rate),
         if bounds.weighted { " with dissipative weights" } else { "" }
     );
@@ -38,9 +39,9 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
 }
 
 /// The number of cells, or of unknowns of elements.
-fn unknowns(case: &Case) -> String {
-    let what = if case.space.degree() == 0 { "cells" } else { "unknowns" };
-    format!("{} {what}", case.space.cells())
+fn unknowns(space: &PhaseSpace) -> String {
+    let what = if space.degree() == 0 { "cells" } else { "unknowns" };
+    format!("{} {what}", space.cells())
 }
 
 /// A number with all its digits, in scientific form where it is very small or large.
@@ -52,14 +53,14 @@ fn plain(value: f64) -> String {
 }
 
 /// One line per axis.
-fn axes(case: &Case) -> String {
-    let dimension = case.space.dimension();
+fn axes(space: &PhaseSpace) -> String {
+    let dimension = space.dimension();
     // Velocity axes are never periodic.
-    let periodic = case.space.periodic.iter().take(dimension).copied();
+    let periodic = space.periodic.iter().take(dimension).copied();
     let periodic = periodic.chain(std::iter::repeat(false));
     let names = axis_names(dimension);
     let mut text = String::new();
-    for ((name, axis), periodic) in names.iter().zip(case.space.whole().axes()).zip(periodic) {
+    for ((name, axis), periodic) in names.iter().zip(space.whole().axes()).zip(periodic) {
         let nodes = match axis.nodes.degree {
             0 => String::new(),
             degree => format!(" and degree {degree} ({} nodes)", axis.cells),

@@ -49,12 +49,12 @@ impl SpaceCell {
     }
 
     /// The numbers that determine its rows.
-    fn kind(&self, case: &Case, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
+    fn kind(&self, space: &PhaseSpace, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
         let potential = scheme.potential();
-        let first = case.space.index(&self.index);
+        let first = space.index(&self.index);
         let local = self.number * block.velocity_cells;
         let mut kind = Vec::new();
-        for a in 0..case.space.dimension() {
+        for a in 0..space.dimension() {
             let slope = potential.slope(&self.index, a);
             let jumps =
                 [potential.jump_below(&self.index, a), potential.jump_above(&self.index, a)];
@@ -108,7 +108,7 @@ impl AlikeCells {
         for_each_cell(&block.ranges, |i| {
             let cell = SpaceCell::new(&case.space, number, &i[..case.space.dimension()]);
             let like = *kinds
-                .entry(cell.kind(case, scheme, block))
+                .entry(cell.kind(&case.space, scheme, block))
                 .or_insert_with(|| (!draws(&cell.index)).then_some(number));
             this.first[number] = like.unwrap_or(number);
             if this.first[number] == number {

@@ -10,6 +10,7 @@ use crate::plan::balance;
 use crate::plan::balance::Batch;
 use crate::plan::memory::{arrays, memory_of_points};
 use crate::problem::case::{Case, Exact, Method};
+use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::MOST_MODES;
 use crate::propagate::descriptor;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -104,7 +105,7 @@ impl Layout {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if let Some(space) = &resources.ranks_x {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
-            return layout.within(case, bounds, warp, resources)?.numbered(case);
+            return layout.within(case, bounds, warp, resources)?.numbered(&case.space);
         }
         // The cheapest mesh that fits. Fewest blocks come first; more must be faster by a factor.
         let mut best: Option<(bool, f64, Self)> = None;
@@ -120,14 +121,16 @@ impl Layout {
             }
         }
         match best {
-            Some((_, _, layout)) => layout.within(case, bounds, warp, resources)?.numbered(case),
+            Some((_, _, layout)) => {
+                layout.within(case, bounds, warp, resources)?.numbered(&case.space)
+            }
             None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
         }
     }
 
     /// Refuses more cells on a rank than 32-bit column numbers can address.
-    fn numbered(self, case: &Case) -> Result<Self> {
-        let largest = self.mesh.fullest_block(&case.space);
+    fn numbered(self, space: &PhaseSpace) -> Result<Self> {
+        let largest = self.mesh.fullest_block(space);
         if 2 * largest.cells + largest.ghosts <= u32::MAX as usize {
             return Ok(self);
         }

@@ -141,7 +141,7 @@ impl<'a> FullestRank<'a> {
         // Before the matrix is assembled: all rows that may have inflow.
         let ends = match &bounds.assembled {
             Some(found) => (found.inflow_rows_per_cell * cells as f64).ceil() as u64,
-            None => inflow_rows(case, bounds, cells),
+            None => inflow_rows(&case.space, bounds, cells),
         };
         let (inflow_rows, auxiliary) = match (bounds.inflow, case.warp.inflow) {
             (false, _) => (0, 0),
@@ -436,16 +436,16 @@ impl<'a> FullestRank<'a> {
 }
 
 /// Rows with inflow of a block of `cells` cells, at most.
-fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
+fn inflow_rows(space: &PhaseSpace, bounds: &Bounds, cells: u64) -> u64 {
     // Half of the velocities at each of the two ends of an x-axis that is not periodic.
-    let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
+    let ends: u64 = (space.x.iter().zip(space.periodic))
         .filter(|(_, periodic)| !periodic)
         .map(|(a, _)| cells / a.cells as u64)
         .sum();
     // With elements and a force, all nodes of the elements at one end of a velocity axis have
     // inflow.
-    match bounds.forces && case.space.degree() > 0 {
-        true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
+    match bounds.forces && space.degree() > 0 {
+        true => ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
         false => ends,
     }
 }

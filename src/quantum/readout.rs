@@ -137,7 +137,7 @@ impl Readout {
             Observable::all(case.space.dimension()).into_iter().map(move |observable| ReadoutRow {
                 value: none(),
                 measured: Vec::new(),
-                ..ReadoutRow::at(case, cell, observable)
+                ..ReadoutRow::at(&case.space, cell, observable)
             })
         });
         Self {

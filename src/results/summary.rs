@@ -7,6 +7,7 @@ use crate::base::log::report;
 use crate::base::text::{OF_ALGORITHM, OF_GRID, one_digit, percent, quoted, rounded_down, short};
 use crate::problem::case::{Case, Data, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
+use crate::problem::grid::PhaseSpace;
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
@@ -176,7 +177,7 @@ impl Accuracy {
 
     /// The remedy for a run of `case` whose grid's error is too large.
     fn advice(&self, case: &Case) -> String {
-        let degree = lowest_degree(case);
+        let degree = lowest_degree(&case.space);
         let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
         let is_large = missed.is_some() || self.is_coarse();
         let (ratio, wanted) = match missed {
@@ -226,8 +227,8 @@ fn largest_order(case: &Case, degree: usize) -> Option<f64> {
 }
 
 /// The lowest degree of the axes that have more than one cell.
-fn lowest_degree(case: &Case) -> usize {
-    let axes = case.space.axes().filter(|axis| axis.cells > 1);
+fn lowest_degree(space: &PhaseSpace) -> usize {
+    let axes = space.axes().filter(|axis| axis.cells > 1);
     axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
 }
 

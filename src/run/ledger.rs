@@ -76,7 +76,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
     }
     let potential = Potential::whole(case)?;
     ledger.regions = regions(case);
-    ledger.jumps = jumps(case, &potential);
+    ledger.jumps = jumps(&case.space, &potential);
     if case.start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
     } else if let Some(start) = &case.start_field {
@@ -107,12 +107,12 @@ fn regions(case: &Case) -> Vec<NarrowRegion> {
 }
 
 /// The jumps along each axis.
-fn jumps(case: &Case, potential: &Potential) -> Vec<AxisJumps> {
-    let n = case.space.dimension();
+fn jumps(space: &PhaseSpace, potential: &Potential) -> Vec<AxisJumps> {
+    let n = space.dimension();
     let names = axis_names(n);
     let along = |a: usize| {
         let sizes = || potential.jump_kinds(a).map(|kind| kind.jump().abs());
-        let v = &case.space.v[a];
+        let v = &space.v[a];
         let fastest = v.lower.abs().max(v.upper.abs());
         let largest = sizes().fold(0.0, f64::max);
         (largest > 0.0).then(|| AxisJumps {
@@ -145,7 +145,7 @@ impl Sources {
         let case = drawer.case;
         let initial = replicated(world, drawer, flight, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
-        let entering = open_ends(case).into_iter();
+        let entering = open_ends(&case.space).into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
@@ -187,9 +187,9 @@ impl Sources {
 }
 
 /// The open ends of the box.
-fn open_ends(case: &Case) -> Vec<AxisEnd> {
-    let n = case.space.dimension();
-    let axes = (0..2 * n).filter(|&a| a >= n || !case.space.is_periodic(a));
+fn open_ends(space: &PhaseSpace) -> Vec<AxisEnd> {
+    let n = space.dimension();
+    let axes = (0..2 * n).filter(|&a| a >= n || !space.is_periodic(a));
     axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
 }
 
@@ -235,7 +235,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
 /// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
 fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
-    for end in open_ends(case) {
+    for end in open_ends(&case.space) {
         let at = end_index(end);
         ledger.ends.push(BoxEnd {
             axis: names[end.axis].to_owned(),

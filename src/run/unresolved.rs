@@ -49,15 +49,15 @@ fn between_points(case: &Case, found: &Unresolved) -> String {
          {} as written, and {} as the scheme takes it between its points; jumps need a region of \
          their own with where, narrow features more cells",
         potential_key(case, *region),
-        at_point(case, point),
+        at_point(&case.space, point),
         short(*written),
         short(*taken),
     )
 }
 
 /// A place in space, to a hundredth of a cell.
-fn at_point(case: &Case, point: &[f64; 6]) -> String {
-    let axes = case.space.x.iter().zip(["x", "y", "z"]).zip(point);
+fn at_point(space: &PhaseSpace, point: &[f64; 6]) -> String {
+    let axes = space.x.iter().zip(["x", "y", "z"]).zip(point);
     let text = |((axis, name), at): ((&Axis, &str), &f64)| {
         format!("{name} = {}", coordinate_text(*at, axis.width()))
     };
@@ -69,7 +69,7 @@ fn oblique_edge(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> Str
         "potential.{region}: its edge at {} is not along the axes; the grid replaces it by a \
          staircase of faces, which reflect and refract particles along the axes only. More cells \
          do not help",
-        at_point(case, point)
+        at_point(&case.space, point)
     )
 }
 

@@ -138,8 +138,8 @@ fn varies_along(case: &Case, slot: usize) -> Option<String> {
 }
 
 /// Whether no particle moves along space axis `a`.
-fn stands_still(case: &Case, a: usize) -> bool {
-    let v = &case.space.v[a];
+fn stands_still(space: &PhaseSpace, a: usize) -> bool {
+    let v = &space.v[a];
     (0..v.cells as i64).all(|j| velocity(v, j) == 0.0)
 }
 
@@ -148,7 +148,7 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     let n = case.space.dimension();
     let names = axis_names(n);
     for a in 0..n {
-        let (periodic, still) = (case.space.is_periodic(a), stands_still(case, a));
+        let (periodic, still) = (case.space.is_periodic(a), stands_still(&case.space, a));
         if !(periodic || still) || varies_along(case, a).is_some() {
             continue;
         }

@@ -4,6 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::problem::case::Case;
+use crate::problem::grid::PhaseSpace;
 use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
@@ -259,7 +260,7 @@ fn cheapest_legs(
     let joined = with_work(joined);
     let cost = |(legs, work): &(Vec<Leg>, Vec<Vec<usize>>)| -> f64 {
         let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
-            cost_of_passing(case, leg.passed.len()) * work.iter().sum::<usize>() as f64
+            cost_of_passing(&case.space, leg.passed.len()) * work.iter().sum::<usize>() as f64
         };
         legs.iter().zip(work).map(of_leg).sum()
     };
@@ -268,12 +269,12 @@ fn cheapest_legs(
 
 /// Relative cost of an application in a leg that passes `times` output times. Like the plan, it
 /// does not depend on ranks or processor.
-fn cost_of_passing(case: &Case, times: usize) -> f64 {
+fn cost_of_passing(space: &PhaseSpace, times: usize) -> f64 {
     if times == 0 {
         return 1.0;
     }
-    let moments = (case.space.dimension() + 2) as f64;
-    let each = moments / case.space.velocity_cells() as f64;
+    let moments = (space.dimension() + 2) as f64;
+    let each = moments / space.velocity_cells() as f64;
     READING + ADDING * each * times as f64
 }
 

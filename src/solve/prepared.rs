@@ -66,7 +66,7 @@ impl Prepared {
         max_weight_sweeps: usize,
     ) -> Result<Self> {
         let communicator = Communicator::new(world, &plan.layout.mesh);
-        let rank_cells = RankCells::new(case, &plan, &communicator);
+        let rank_cells = RankCells::new(&case.space, &plan, &communicator);
         // Modes exchange ghosts a batch at a time, the classical method real vectors.
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
         let limits = SystemLimits { ghost_width: width, max_weight_sweeps };

@@ -4,7 +4,7 @@ use crate::matrix::sampling::SampledCells;
 use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::partition::Block;
 use crate::plan::Plan;
-use crate::problem::case::Case;
+use crate::problem::grid::PhaseSpace;
 use std::ops::Range;
 
 /// This rank's part of the grid.
@@ -21,21 +21,21 @@ pub struct RankCells {
 
 impl RankCells {
     /// The part of this rank of `communicator` on the mesh of `plan`.
-    pub fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
+    pub fn new(space: &PhaseSpace, plan: &Plan, communicator: &Communicator) -> Self {
         let mesh = &plan.layout.mesh;
         let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());
-        let block = Block::new(&case.space, mesh, in_space);
+        let block = Block::new(space, mesh, in_space);
         let first = block.ranges[0].start;
         let layer = block.cells() / block.ranges[0].len();
         let ranges: Vec<Range<usize>> = (0..mesh.groups)
             .map(|g| {
-                let piece = &mesh.share(&case.space, in_space, g)[0];
+                let piece = &mesh.share(space, in_space, g)[0];
                 (piece.start - first) * layer..(piece.end - first) * layer
             })
             .collect();
         Self {
             mine: ranges[group].clone(),
-            share: mesh.share(&case.space, in_space, group),
+            share: mesh.share(space, in_space, group),
             ranges,
             block,
         }

@@ -176,8 +176,8 @@ impl ParticleBudget {
     /// Whether boxes of `case` that added `used` particles in all, each with the whole budget,
     /// would be halved in the same way with this one budget for all: it lasts until the last
     /// halving.
-    pub fn allows(self, case: &Case, used: usize) -> bool {
-        used == 0 || used - particles_of_halving(case.space.dimension()) < self.0
+    pub fn allows(self, space: &PhaseSpace, used: usize) -> bool {
+        used == 0 || used - particles_of_halving(space.dimension()) < self.0
     }
 
     /// The budget that is left after `used` particles.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::problem::case::Interface;
+use crate::problem::grid::PhaseSpace;
 use crate::scheme::interface::{Side, sources};
 
 /// A case with the same axes `(lower, upper, cells)` in each of `n` dimensions.
@@ -44,14 +45,14 @@ fn step_down(x_cells: usize, v_cells: usize) -> Case {
 }
 
 /// `count` points spread evenly over the middle `share` of the box.
-fn spread(case: &Case, count: usize, share: f64) -> Vec<[f64; 6]> {
+fn spread(space: &PhaseSpace, count: usize, share: f64) -> Vec<[f64; 6]> {
     // Additive recurrence with the powers of 1/g, g⁷ = g + 1, which is even in six dimensions.
     const STEP: [f64; 6] =
         [0.898_653_713, 0.807_578_495, 0.725_733_413, 0.652_183_026, 0.586_086_698, 0.526_688_987];
-    let n = case.space.dimension();
+    let n = space.dimension();
     let point = |k: usize| {
         let mut point = [0.0; 6];
-        for (slot, axis) in (0..n).chain(3..3 + n).zip(case.space.axes()) {
+        for (slot, axis) in (0..n).chain(3..3 + n).zip(space.axes()) {
             let fraction = (0.5 + k as f64 * STEP[slot]).fract();
             let middle = 0.5 * (axis.lower + axis.upper);
             point[slot] = middle + share * (fraction - 0.5) * (axis.upper - axis.lower);
@@ -163,7 +164,7 @@ fn for_each_foot(time: f64, mut check: impl FnMut(&Tracer<'_>, &[f64; 6], &Foot)
     for case in slopes_and_jumps() {
         let tracer = tracer(&case);
         let mut checked = 0;
-        for point in spread(&case, 3000, 0.8) {
+        for point in spread(&case.space, 3000, 0.8) {
             let foot = tracer.foot(&point, time);
             if foot.entry == 0.0 {
                 checked += 1;
@@ -205,7 +206,7 @@ fn many_reflections_in_a_well_unfold_to_a_straight_line() {
     let well = [("x > -0.5 && x < 0.5", "0"), ("", "1")];
     let case = case(1, (-1.0, 1.0, 40), (-1.4, 1.4, 20), &well, "0", "0");
     let (tracer, time) = (tracer(&case), 57.3);
-    for mut point in spread(&case, 1000, 1.0) {
+    for mut point in spread(&case.space, 1000, 1.0) {
         point[0] *= 0.5;
         let unfolded = (point[0] + 0.5 - point[3] * time).rem_euclid(2.0);
         let expected = if unfolded < 1.0 {
@@ -226,7 +227,7 @@ fn linear_potential_gives_the_parabola() {
     let case = case(1, (-3.0, 3.0, 70), (-2.0, 2.0, 20), &[("", "0.7*x")], "0", "0");
     let (tracer, time) = (tracer(&case), 1.1);
     let mut turned = 0;
-    for point in spread(&case, 1000, 0.5) {
+    for point in spread(&case.space, 1000, 0.5) {
         let (x, v) = (point[0], point[3]);
         // dv/dt = −0.7, back in time.
         let expected = [x - v * time - 0.35 * time * time, 0.0, 0.0, v + 0.7 * time, 0.0, 0.0];
@@ -246,7 +247,7 @@ fn harmonic_orders(chosen: impl Fn(f64, f64) -> bool) -> Vec<f64> {
         let case = case(1, (-2.0, 2.0, cells), (-2.0, 2.0, 9), &harmonic, "0", "0");
         let tracer = tracer(&case);
         let (mut sum, mut points) = (0.0, 0.0);
-        for point in spread(&case, 20_000, 0.6) {
+        for point in spread(&case.space, 20_000, 0.6) {
             let (x, v) = (point[0], point[3]);
             let rotated = [x * cos - v * sin, 0.0, 0.0, v * cos + x * sin, 0.0, 0.0];
             if chosen(v, rotated[3]) {
@@ -289,7 +290,7 @@ fn edges_inside_of_cells_are_not_moved() {
         for cells in cells {
             let coarse = on(cells);
             let coarse = Tracer::new(&coarse).unwrap();
-            for point in spread(&on(8), 400, 0.7) {
+            for point in spread(&on(8).space, 400, 0.7) {
                 let [foot, expected] = [&coarse, &exact].map(|tracer| tracer.foot(&point, 2.0));
                 let off = distance(&foot.point, &expected.point);
                 assert!(off < 1e-9, "{n}, {cells}: {point:?}: {foot:?}, {expected:?}");
@@ -309,7 +310,7 @@ fn a_curved_potential_is_traced_in_parts_of_cells() {
             let foot = tracer.foot(point, time).point;
             (foot[0] - exact[0]).hypot(foot[3] - exact[1])
         };
-        spread(&case, 300, 0.6).iter().map(off).fold(0.0, f64::max)
+        spread(&case.space, 300, 0.6).iter().map(off).fold(0.0, f64::max)
     };
     let [as_it_is, cut] = [tracer(&case), Tracer::new(&case).unwrap()].map(|t| worst(&t));
     assert!(as_it_is > 0.1 && cut < 3e-3, "{as_it_is} {cut}");
@@ -339,7 +340,7 @@ fn a_separable_problem_is_the_product_of_its_axes() {
     let both = case(2, x, v, &regions, &initial, "0");
     let (both, along_x, along_y) = (tracer(&both), tracer(&case_x), tracer(&case_y));
     let mut filled = 0;
-    for point in spread(both.case, 4000, 1.0) {
+    for point in spread(&both.case.space, 4000, 1.0) {
         let product = along_x.value(&[point[0], 0.0, 0.0, point[3], 0.0, 0.0], 1.7)
             * along_y.value(&[point[1], 0.0, 0.0, point[4], 0.0, 0.0], 1.7);
         let value = both.value(&point, 1.7);
@@ -361,7 +362,7 @@ fn paths_along_axes_are_whole_paths() {
         let tracer = Tracer::new(&case).expect("V is finite");
         assert_eq!(tracer.paths.is_some(), is_by_axes, "{bent}");
         let (mut inside, mut left) = (0, 0);
-        for point in spread(&case, 400, 1.0) {
+        for point in spread(&case.space, 400, 1.0) {
             let whole = tracer.follow(&point, 1.3);
             match tracer.end_by_axes(&point, 1.3) {
                 None => assert!(!is_by_axes),
@@ -388,7 +389,7 @@ fn blocks_are_crossed_as_cell_by_cell() {
         fast.lines.clear();
         let mut slow = fast.clone();
         slow.free.fill(0);
-        for point in spread(case, 2000, 1.0) {
+        for point in spread(&case.space, 2000, 1.0) {
             let (fast, slow) = (fast.foot(&point, 2.1), slow.foot(&point, 2.1));
             let error = distance(&fast.point, &slow.point).max((fast.entry - slow.entry).abs());
             assert!(error < 1e-10, "{point:?} {fast:?} {slow:?}");
@@ -426,7 +427,7 @@ fn lines_against_whole_paths(case: &Case) -> usize {
     whole.lines.clear();
     let mut by_line = 0;
     let centres = (0..case.space.cells()).map(|i| case.space.point(&case.space.cell(i)));
-    for point in spread(case, 3000, 1.0).into_iter().chain(centres) {
+    for point in spread(&case.space, 3000, 1.0).into_iter().chain(centres) {
         for time in [0.0, 0.3, 1.0, 2.7, 9.0] {
             let (foot, expected) = (tracer.foot(&point, time), whole.foot(&point, time));
             let off = distance(&foot.point, &expected.point);
@@ -648,7 +649,7 @@ fn around_a_periodic_axis_is_on_and_on() {
             [(tracer(&closed), tracer(&open)), (tracer(&closed).forward(), tracer(&open).forward())]
         {
             let (mut turned, mut left) = (0, 0);
-            for point in spread(closed.case, 2000, 0.99) {
+            for point in spread(&closed.case.space, 2000, 0.99) {
                 let (here, there) = (closed.follow(&point, TIME), open.follow(&point, TIME));
                 let mut unrolled = here.point;
                 unrolled[0] += 2.0 * f64::from(here.turns[0]);

@@ -142,8 +142,8 @@ fn unknown_grid(space: &PhaseSpace) -> Option<String> {
 }
 
 /// All space cells.
-fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
-    case.space.x.iter().map(|x| 0..x.cells).collect()
+fn ranges(space: &PhaseSpace) -> Vec<std::ops::Range<usize>> {
+    space.x.iter().map(|x| 0..x.cells).collect()
 }
 
 impl CircuitCase {
@@ -235,9 +235,9 @@ fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
     let mut found = Vec::new();
     for axis in 0..n {
         let mut speeds = vec![None; 1 << places.bits];
-        for_each_cell(&ranges(case), |i| {
+        for_each_cell(&ranges(&case.space), |i| {
             let speed = -potential.slopes(i)[axis] / space.v[axis].width();
-            speeds[number_of_others(case, n, i)] = Some(speed);
+            speeds[number_of_others(&case.space, n, i)] = Some(speed);
         });
         let table = RotationTable { name: &case.name, axis, bits: places.bits, speeds };
         found.extend(Force::new(&table, |wanted, free| boxes(wanted, free, places.bits))?);
@@ -254,8 +254,8 @@ struct Others {
 
 /// The number of `cell` in the bits of the space axes but `a`, if there is an axis `a`; the last
 /// axis lowest.
-fn number_of_others(case: &Case, a: usize, cell: &[usize]) -> usize {
-    let others = case.space.x.iter().zip(cell).enumerate().filter(|(b, _)| *b != a);
+fn number_of_others(space: &PhaseSpace, a: usize, cell: &[usize]) -> usize {
+    let others = space.x.iter().zip(cell).enumerate().filter(|(b, _)| *b != a);
     others.fold(0, |number, (_, (x, i))| number << bits_of(x.cells) | i)
 }
 
@@ -263,7 +263,7 @@ fn bits_of_others(case: &Case, a: usize) -> Others {
     let axes = case.space.x.iter().enumerate().filter(|(b, _)| *b != a);
     let bits: usize = axes.map(|(_, x)| bits_of(x.cells)).sum();
     let mut cells = vec![false; 1 << bits];
-    for_each_cell(&ranges(case), |i| cells[number_of_others(case, a, i)] = true);
+    for_each_cell(&ranges(&case.space), |i| cells[number_of_others(&case.space, a, i)] = true);
     Others { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
 }
 
@@ -271,7 +271,7 @@ fn bits_of_others(case: &Case, a: usize) -> Others {
 fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<JumpFaces> {
     let width = case.space.v[a].width();
     let mut found: BTreeMap<(usize, u64), JumpFaces> = BTreeMap::new();
-    for_each_cell(&ranges(case), |i| {
+    for_each_cell(&ranges(&case.space), |i| {
         let mut cell: Cell = [0; 2 * MAX_DIMENSION];
         cell[..MAX_DIMENSION].copy_from_slice(i);
         let rise = potential.jump_above(&cell, a);
@@ -279,7 +279,7 @@ fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<JumpFaces> {
             let height = Height { rise, levels: 2.0 * rise / (width * width) };
             let face = found.entry((i[a], rise.to_bits()));
             let face = face.or_insert(JumpFaces { below: i[a], height, places: Vec::new() });
-            face.places.push(number_of_others(case, a, i));
+            face.places.push(number_of_others(&case.space, a, i));
         }
     });
     found.into_values().collect()

@@ -147,7 +147,7 @@ impl ReadoutContext<'_> {
     pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<ReadoutRow> {
         let n = self.case.space.dimension();
         let volume = self.case.space.velocity_volume();
-        let row = |observable| ReadoutRow::at(self.case, cell, observable);
+        let row = |observable| ReadoutRow::at(&self.case.space, cell, observable);
         let linear: Vec<(ReadoutRow, Vec<MeasuredMoment>)> = (0..=n)
             .map(|k| {
                 let observable = match k {

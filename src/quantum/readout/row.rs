@@ -1,8 +1,8 @@
 //! A row of the readout: an observable at a cell, and what each estimator gives of it.
 
 use crate::base::text::short;
-use crate::problem::case::Case;
 use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::grid::PhaseSpace;
 use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
 
@@ -192,8 +192,8 @@ impl ReadoutRow {
     }
 
     /// An empty row.
-    pub(crate) fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
-        let axes = || case.space.x.iter().zip(cell);
+    pub(crate) fn at(space: &PhaseSpace, cell: &[usize], observable: Observable) -> Self {
+        let axes = || space.x.iter().zip(cell);
         Self {
             cell: cell.to_vec(),
             number: axes().fold(0, |number, (axis, i)| number * axis.cells + i),

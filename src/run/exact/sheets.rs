@@ -98,7 +98,7 @@ impl Round<'_> {
             let (mine, used) = sheets.follow_boxes(sheet, mine, budget).ok().unzip();
             let failed = group.sum_count(usize::from(mine.is_none()));
             let used = group.sum_count(used.unwrap_or(0));
-            if let Some(mine) = mine.filter(|_| failed == 0 && budget.allows(case, used)) {
+            if let Some(mine) = mine.filter(|_| failed == 0 && budget.allows(&case.space, used)) {
                 return Ok((self.exchanged(mine, owners), budget.less(used)));
             }
         }

@@ -162,9 +162,9 @@ fn points_of(panels: &[usize]) -> usize {
 }
 
 /// Points that all integrals of a run of `case` may take together.
-fn allowance(case: &Case) -> usize {
-    let least = EFFORTS[case.space.dimension() - 1].together;
-    case.space.cells().saturating_mul(POINTS_PER_CELL).max(least)
+fn allowance(space: &PhaseSpace) -> usize {
+    let least = EFFORTS[space.dimension() - 1].together;
+    space.cells().saturating_mul(POINTS_PER_CELL).max(least)
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
@@ -172,7 +172,7 @@ fn points_across(case: &Case) -> usize {
     let space = &case.space;
     let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
     let positions = space.space_cells().saturating_mul(ACROSS.pow(cells));
-    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
+    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(&case.space);
     if fits || space.dimension() == 1 { ACROSS } else { 1 }
 }
 
@@ -215,7 +215,7 @@ impl<'a> VelocityIntegrals<'a> {
             panels,
             weights,
             tolerance: 0.0,
-            most: least.max(allowance(case) / positions.max(1)),
+            most: least.max(allowance(&case.space) / positions.max(1)),
             grid_rule: None,
         };
         integrals.tolerance = effort.tolerance * integrals.largest(world, effort.positions);

@@ -4,6 +4,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Exact, Limiter};
+use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
@@ -141,7 +142,7 @@ impl<'a> Trials<'a> {
     /// cells than the budget has updates.
     fn updates(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
-        let cells = all_cells(&case);
+        let cells = all_cells(&case.space);
         match self.budget.holds(cells, 1.0) {
             true => Ok((self.cost.work(&case)? + UPDATES_TO_PREPARE) * cells),
             false => Ok(f64::INFINITY),
@@ -207,7 +208,8 @@ impl<'a> Trials<'a> {
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.degree_case(scheme).base, shape);
             let merged = self.merged(&case);
-            let mut updates = (self.cost.work(&merged)? + UPDATES_TO_PREPARE) * all_cells(&merged);
+            let mut updates =
+                (self.cost.work(&merged)? + UPDATES_TO_PREPARE) * all_cells(&merged.space);
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }
@@ -319,6 +321,6 @@ pub fn cells(shape: &[usize]) -> f64 {
     shape.iter().map(|&n| n as f64).product()
 }
 
-fn all_cells(case: &Case) -> f64 {
-    cells(&case.space.shape())
+fn all_cells(space: &PhaseSpace) -> f64 {
+    cells(&space.shape())
 }

@@ -222,7 +222,7 @@ impl<'a> Attempts<'a> {
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
-            if self.budget.decide(self.too_late(case, setup, least)) {
+            if self.budget.decide(self.too_late(&case.space, setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
         }
@@ -299,11 +299,11 @@ impl<'a> Attempts<'a> {
     }
 
     /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
-    fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
-        let seconds = self.reducing.seconds_per_cell * case.space.cells() as f64;
+    fn too_late(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
+        let seconds = self.reducing.seconds_per_cell * space.cells() as f64;
         // A grid no larger than those reduced so far is always reduced: else few methods are tried.
         let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();
-        let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
+        let larger = fewest.is_some_and(|fewest| space.cells() > fewest);
         let spent = larger && self.seconds_predicting + seconds > PREDICTING * self.budget.limit();
         self.has_results() && (spent || !self.fits(setup, least + seconds))
     }

@@ -120,7 +120,7 @@ impl DensityTask<'_> {
         let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
         let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
         let velocities = target.space.velocity_cells() as f64;
-        let prefactor = velocity_volume(&target) / velocities.sqrt() * norms.field * scale;
+        let prefactor = velocity_volume(&target.space) / velocities.sqrt() * norms.field * scale;
         let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
         let state = match bounds.is_skew() {
             true => StateOfMethod::of_one_mode(tolerance),
@@ -230,7 +230,7 @@ impl DensityTask<'_> {
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";
         const TRACED: &str = "the density and the largest f(0) by quadrature";
-        let mean = traced.density.abs() / (velocity_volume(case) * traced.largest);
+        let mean = traced.density.abs() / (velocity_volume(&case.space) * traced.largest);
         // A probability a is (1 + o)/2 of an overlap o.
         let wanted = 2.0 * self.accuracy * mean;
         let mut register = 2.0;

@@ -9,6 +9,7 @@
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::exact::Tracer;
+use crate::problem::grid::PhaseSpace;
 use crate::study::grids::on_grid;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -47,8 +48,8 @@ pub(super) struct TracedDensity {
 }
 
 /// Volume of the velocity box.
-pub(super) fn velocity_volume(case: &Case) -> f64 {
-    case.space.v.iter().map(|v| v.upper - v.lower).product()
+pub(super) fn velocity_volume(space: &PhaseSpace) -> f64 {
+    space.v.iter().map(|v| v.upper - v.lower).product()
 }
 
 /// Panels along an axis to begin with, in `n` dimensions; a panel has four steps.
@@ -201,7 +202,7 @@ impl DensityAtPoint<'_> {
             }
             integral = self.over_axes(&mut Vec::new(), 0.9 * tolerance, 0.0, &mut found);
         }
-        found.density = velocity_volume(self.case) * integral.value;
+        found.density = velocity_volume(&self.case.space) * integral.value;
         found.error = integral.error / integral.value.abs();
         found.seconds = started.elapsed().as_secs_f64();
         found
@@ -224,7 +225,7 @@ impl DensityAtPoint<'_> {
             let count = found.traces as f64;
             let mean = sum / count;
             let deviation = (squares / count - mean * mean).max(0.0).sqrt();
-            found.density = velocity_volume(self.case) * mean;
+            found.density = velocity_volume(&self.case.space) * mean;
             found.error = match mean == 0.0 {
                 true => f64::INFINITY,
                 false => 1.96 * deviation / count.sqrt() / mean.abs(),

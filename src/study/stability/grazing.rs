@@ -29,6 +29,7 @@ use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
+use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
@@ -73,8 +74,8 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
 }
 
 /// Heights of the jumps of `V` across axis `a`, each once.
-fn jumps_across(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
-    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+fn jumps_across(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<f64> {
+    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
     let mut jumps: Vec<f64> = Vec::new();
     for_each_cell(&ranges, |i| {
         let jump = potential.jump_below(i, a).abs();
@@ -88,7 +89,7 @@ fn jumps_across(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
 /// Heights of the jumps of `V` along each axis.
 fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     let potential = Potential::whole(case)?;
-    Ok((0..case.space.dimension()).map(|a| jumps_across(case, &potential, a)).collect())
+    Ok((0..case.space.dimension()).map(|a| jumps_across(&case.space, &potential, a)).collect())
 }
 
 /// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps; none if
