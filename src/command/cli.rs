@@ -44,18 +44,28 @@ pub enum Command {
     /// DIR/plots: a GIF, and a WebM if ffmpeg is installed
     Movie(MovieArgs),
     /// Write a report of a finished run as one self-contained page, DIR/report.html
+    #[command(
+        mut_arg("output", |arg| arg.help("Directory to write report.html to; by default DIR")),
+        mut_arg("force", |arg| arg.help(
+            "Replace a report.html of another case or of another program; write beside results of \
+             another run"
+        )),
+    )]
     Report(PlotArgs),
     /// Measure accuracy against cost, method by method; writes chart.csv, chart.json, chart.svg and
     /// chart.png
     Chart(ChartArgs),
     /// Export states, Hamiltonian and circuits of a tiny case (at most 12 qubits) for a quantum
     /// simulator
+    #[command(mut_arg("output", |arg| arg.help(default_export("quantum"))))]
     ExportQuantum(QuantumArgs),
     /// Export the matrices A, S and K of a case (Matrix Market), with b, the weights and f(0)
     /// (NumPy)
+    #[command(mut_arg("output", |arg| arg.help(default_export("matrix"))))]
     ExportMatrix(ExportArgs),
     /// Export the block encoding of H as gates (OpenQASM 3) with their counts, for degree 0 and the
     /// conservative interface
+    #[command(mut_arg("output", |arg| arg.help(default_export("circuit"))))]
     ExportCircuit(CircuitArgs),
     /// Count what a case takes on a quantum computer: sparsity, queries, qubits; only --accuracy
     /// solves anything
@@ -85,6 +95,11 @@ impl Command {
             _ => false,
         }
     }
+}
+
+/// The help text of the directory of an export.
+fn default_export(folder: &str) -> String {
+    format!("Directory to write to; by default results/NAME/{folder}")
 }
 
 /// The case file and changes to it.
@@ -325,7 +340,7 @@ pub struct PlotArgs {
     /// Directory with the results of a run
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
-    /// Directory to write to; by default DIR/plots for pictures, DIR for a report
+    /// Directory to write to; by default DIR/plots
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// In more than one dimension: the position at which pictures cut the axes they do not show,
@@ -402,7 +417,7 @@ pub struct ExportArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory to write to; by default quantum, matrix or circuit in results/NAME
+    /// Directory to write to
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Replace the export of another case in DIR, and files there that no export wrote
