@@ -32,7 +32,7 @@
 //! | room | what it holds |
 //! |---|---|
 //! | `command` | the command line: one function a subcommand |
-//! | `study` | trials: `advise`, `chart`, `stability`, `sweep`, `calibrate`, `ranks`, `end_to_end` |
+//! | `study` | many trials: advice, chart, stability, sweep, calibration, ranks, end to end |
 //! | `run` | the driver of one run |
 //! | `results` | result files, written, read back, drawn, reported |
 //! | `quantum` | oracles, sparsity, resources, readout and circuits of a quantum computer |
