@@ -1,4 +1,9 @@
 //! Tables on a terminal, as CSV and in LaTeX.
+//!
+//! It is our own, because users would lose by a library. A table that is too wide for a terminal is
+//! cut into pieces that repeat the first column, where libraries wrap or cut cells: a number stays
+//! whole and can be copied. And the label of each number goes with it, as a column of CSV and as a
+//! mark in LaTeX.
 
 use crate::base::text::{COLUMNS, csv_field, plain, short};
 use serde_json::Value;
