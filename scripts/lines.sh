@@ -1,66 +1,72 @@
 #!/usr/bin/env bash
-# Lines of code by room: without blank lines, comments and unit tests, which are counted apart.
+# Lines of code by room of src/, and tests and checks by folder, at a commit.
 #
-#   scripts/lines.sh [REVISION]     the files that git tracks, as they are, or as of a commit
+#   scripts/lines.sh [COMMIT]    default: HEAD
+#
+# Code is lines of src/ that are neither blank nor comments, without the unit tests: files
+# `tests.rs`, folders `tests`, and modules behind `#[cfg(test)]`. A check is a line that calls
+# assert…!, or require…, is_refused…, all_refused, check_all or refused_by…, in Python assert; a
+# table of cases counts as the one check that reads it.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+commit=${1:-HEAD}
+checks='(assert[a-z_]*!\(|\.?(require|is_refused|all_refused|check_all|refused_by)[a-z_]*\()'
 
-files=$(git ls-files -- '*.rs' '*.py' '*.sh' Makefile)
-root=.
-if [ $# -gt 0 ]; then
-    root=$(mktemp -d)
-    trap 'rm -rf "$root"' EXIT
-    git archive "$1" | tar -x -C "$root"
-    files=$(cd "$root" && find . -name '*.rs' -o -name '*.py' -o -name '*.sh' -o -name Makefile |
-        sed 's|^\./||' | sort)
-fi
+# Files of a folder whose name matches.
+files() { git ls-tree -r --name-only "$commit" -- "$1" | { grep -E "$2" || true; }; }
 
-cd "$root"
-# shellcheck disable=SC2086 # no name has a space
-awk '
-    # The room of a file: src/ROOM, or its first folder.
-    function room(path,  parts, n) {
-        n = split(path, parts, "/")
-        if (n == 1) return "(root)"
-        if (parts[1] != "src") return parts[1]
-        sub(/\.rs$/, "", parts[2])
-        return "src/" (n == 2 && parts[2] ~ /^(lib|main)$/ ? "(root)" : parts[2])
-    }
-    FNR == 1 {
-        where = room(FILENAME)
-        rooms[where] = 1
-        # Docs of Python are comments.
-        rust = FILENAME ~ /\.rs$/; python = FILENAME ~ /\.py$/
-        test = rust && FILENAME ~ /^src\/.*\/tests(\/|\.rs$)/
-        marked = module = quoted = 0
-    }
-    /^[ \t]*$/ { next }
-    rust && /^[ \t]*\/\// { next }
-    !rust && /^[ \t]*#/ { next }
-    python {
-        marks = gsub(/"""/, "\"\"\"")
-        if (quoted) { if (marks) quoted = 0; next }
-        if ($0 ~ /^[ \t]*r?"""/) { quoted = marks == 1; next }
-    }
-    # A module of tests ends with the brace in the first column.
-    rust && /^#\[cfg\(test\)\]/ { marked = 1; tests[where]++; next }
-    marked && /^(pub(\([a-z]*\))? )?mod [a-z_]+ \{/ { module = 1 }
-    marked && !module && /^[^#].*[;}]$/ { tests[where]++; marked = 0; next }
-    module { tests[where]++; if (/^}/) module = marked = 0; next }
-    marked || test { tests[where]++; next }
-    { code[where]++ }
+# All lines of a file of src/ without its unit tests; code, those that are neither blank nor comment.
+counts() {
+    git show "$commit:$1" | awk '
+        over { next }
+        /^#\[cfg\(test\)\]$/ { held = 1; next }
+        held && /^mod .*\{$/ { over = 1; next }
+        { lines += 1 + held; held = 0 }
+        !/^ *(\/\/|$)/ { code++ }
+        END { print lines + 0, code + 0 }'
+}
+
+echo "| room | lines | code |"
+echo "|---|---|---|"
+files src '\.rs$' | { grep -vE '/tests(\.rs$|/)' || true; } | while read -r file; do
+    room=${file#src/}
+    room=${room%%/*}
+    echo "${room%.rs} $(counts "$file")"
+done | awk '
+    { lines[$1] += $2; code[$1] += $3; of_all += $2; all += $3 }
     END {
-        for (r in rooms) printf "%s %d %d\n", r, code[r], tests[r]
-    }
-' $files | sort -k1,1 | awk '
-    function row(name, code, tests) { printf "%-24s %7d %11d\n", name, code, tests }
-    function total(name, code, tests) { row(name, code, tests); print "" }
-    BEGIN { printf "%-24s %7s %11s\n", "", "code", "unit tests" }
-    # src first: its rooms, then the rest.
-    $1 ~ /^src\// { row($1, $2, $3); code += $2; tests += $3; next }
-    { others[++n] = $0; all += $2 }
+        for (room in lines) print "| " room " | " lines[room] " | " code[room] " |" | "sort"
+        close("sort")
+        print "| all | " of_all " | " all " |"
+    }'
+echo
+echo "| folder | lines | tests | checks |"
+echo "|---|---|---|---|"
+{
+    files src '\.rs$'
+    files tests '\.(rs|py)$'
+    files python/tests '\.py$'
+    files benches '\.rs$'
+    files scripts .
+} | while read -r file; do
+    read -r lines tests found < <(git show "$commit:$file" | awk -v checks="$checks" '
+        /^ *(#\[test\]|def test_)/ { tests++ }
+        $0 ~ checks || /^ *assert / { found++ }
+        END { print NR, tests + 0, found + 0 }')
+    folder=${file%/*}
+    case $file in
+    src/*/tests.rs | src/*/tests/*) folder="unit tests in src" ;;
+    src/*)
+        read -r own _ < <(counts "$file")
+        folder="unit tests in src" lines=$((lines - own))
+        ;;
+    tests/*/*) folder=$(cut -d/ -f1-2 <<<"$file") ;;
+    tests/*) folder=$file ;;
+    benches/* | scripts/*) folder=${file%%/*} ;;
+    esac
+    echo "$folder;$lines;$tests;$found"
+done | awk -F';' '
+    { lines[$1] += $2; tests[$1] += $3; checks[$1] += $4 }
     END {
-        total("src", code, tests)
-        for (k = 1; k <= n; k++) { split(others[k], o, " "); row(o[1], o[2], o[3]) }
-        row("all", code + all, tests)
+        for (k in lines) print "| " k " | " lines[k] " | " tests[k] " | " checks[k] " |" | "sort"
     }'
