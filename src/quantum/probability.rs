@@ -32,6 +32,7 @@ use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
 use std::cell::RefCell;
+use std::f64::consts::PI;
 
 /// The error in a window, in units of the tolerance that the profile is planned for at `p◇`.
 pub const WINDOW: f64 = 10.0;
@@ -90,81 +91,140 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
+/// Kept between series: a chooser of profiles transforms at few lengths many times.
+struct Workspace {
+    planner: FftPlanner<f64>,
+    values: Vec<Complex64>,
+    scratch: Vec<Complex64>,
+}
+
 thread_local! {
-    /// Keeps the plans it made: a chooser of profiles transforms at few lengths many times.
-    static PLANNER: RefCell<FftPlanner<f64>> = RefCell::new(FftPlanner::new());
+    static WORKSPACE: RefCell<Workspace> = RefCell::new(Workspace {
+        planner: FftPlanner::new(),
+        values: Vec::new(),
+        scratch: Vec::new(),
+    });
+}
+
+impl Workspace {
+    /// Values of a series at `2 · pairs` points from `lower` on over its period: those of even
+    /// number are the real parts, those of odd number the imaginary parts. With `a_l` the series at
+    /// `lower` and `w` the first root of unity, the spectrum of these pairs is `½a_l(1 + iw^l)` and
+    /// `½ā_l(1 + iw^{−l})` at `−l`: no two modes meet where there are fewer than `pairs/2`.
+    fn pairs(&mut self, series: &Series, lower: f64, pairs: usize) -> &[Complex64] {
+        let Self { planner, values, scratch } = self;
+        values.clear();
+        values.resize(pairs, Complex64::ZERO);
+        for l in 0..series.modes() {
+            let half = 0.5 * series.factor(l) * Complex64::cis(series.wavenumber(l) * lower);
+            let turned = Complex64::I * Complex64::cis(PI * l as f64 / pairs as f64);
+            values[l] += half * (1.0 + turned);
+            values[(pairs - l) % pairs] += (half * (1.0 - turned)).conj();
+        }
+        let fft = planner.plan_fft_inverse(pairs);
+        scratch.resize(fft.get_inplace_scratch_len(), Complex64::ZERO);
+        fft.process_with_scratch(values, scratch);
+        values
+    }
+}
+
+/// `e^{−(start + k·step)}` for many `k`, with two exponentials for every few hundred of them.
+struct Exponentials {
+    fine: [f64; Self::FINE],
+    coarse: Vec<f64>,
+}
+
+impl Exponentials {
+    const FINE: usize = 256;
+
+    /// Those below `count`.
+    fn new(start: f64, step: f64, count: usize) -> Self {
+        let coarse = |block: usize| (-(start + (block * Self::FINE) as f64 * step)).exp();
+        Self {
+            fine: std::array::from_fn(|k| (-(k as f64 * step)).exp()),
+            coarse: (0..count.div_ceil(Self::FINE)).map(coarse).collect(),
+        }
+    }
+
+    fn at(&self, k: usize) -> f64 {
+        self.coarse[k / Self::FINE] * self.fine[k % Self::FINE]
+    }
 }
 
 /// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
-/// dependence of a reading.
+/// dependence of a reading, as far as a window may reach.
 pub struct Deviation {
+    /// `p◇`.
+    point: f64,
+    /// `Λ⁻`.
+    decay: f64,
     /// Where the samples begin: `p◇ − Λ⁺`.
     lower: f64,
-    /// Distance of two points.
+    /// Distance of two samples.
     step: f64,
-    /// `g(p)`.
-    values: Vec<f64>,
+    /// `|g(p) − e^{−p}|`.
+    sizes: Vec<f64>,
 }
 
 impl Deviation {
-    /// The deviation of `series` from `lower` on, over its period.
-    pub fn new(series: &Series, lower: f64) -> Self {
+    /// A longer window adds nothing visible to the probability.
+    const LONGEST: f64 = 12.0;
+
+    /// The deviation of `series` for a window that begins at `point`; `growth` and `decay` are
+    /// `Λ⁺` and `Λ⁻`.
+    pub fn new(series: &Series, point: f64, [growth, decay]: [f64; 2]) -> Self {
         /// Samples of the shortest wave, about.
         const SAMPLES: usize = 8;
-        let samples = (SAMPLES * series.modes()).next_power_of_two();
+        let (lower, samples) = (point - growth, (SAMPLES * series.modes()).next_power_of_two());
         let step = series.period / samples as f64;
-        let mut values = vec![Complex64::ZERO; samples];
-        for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
-            *value = series.factor(l) * Complex64::cis(series.wavenumber(l) * lower);
-        }
-        PLANNER.with_borrow_mut(|planner| planner.plan_fft_inverse(samples)).process(&mut values);
-        Self { lower, step, values: values.iter().map(|value| value.re).collect() }
+        let reach = ((growth + Self::LONGEST + decay) / step).ceil() as usize + 2;
+        let count = samples.min(reach);
+        let decayed = Exponentials::new(lower, step, count);
+        let sizes = WORKSPACE.with_borrow_mut(|workspace| {
+            let pairs = workspace.pairs(series, lower, samples / 2);
+            let values = pairs.iter().flat_map(|pair| [pair.re, pair.im]);
+            values.take(count).enumerate().map(|(k, value)| (value - decayed.at(k)).abs()).collect()
+        });
+        Self { point, decay, lower, step, sizes }
     }
 
-    /// `|g(p) − e^{−p}|` at sample `k`; few samples are needed, and each takes an exponential.
-    fn size(&self, k: usize) -> f64 {
-        (self.values[k] - (-(self.lower + k as f64 * self.step)).exp()).abs()
-    }
-
-    /// The end of the window that begins at `point`: with `Λ⁻ = decay`, the field is read within
-    /// `tolerance` from every `p` in it. `None` where not even `point` is such a place.
-    pub fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
-        /// A longer window adds nothing visible to the probability.
-        const LONGEST: f64 = 12.0;
-        let Self { lower, step, values } = self;
+    /// The end of the window: the field is read within `tolerance` from every `p` in it. `None`
+    /// where not even its first point is such a place.
+    pub fn window_end(&self, tolerance: f64) -> Option<f64> {
+        let Self { point, decay, lower, step, sizes } = self;
         // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
-        let good = |k: usize| {
-            let p = (lower + k as f64 * step - decay).max(point);
-            self.size(k) <= tolerance * (-p).exp()
-        };
-        let first = (0..values.len()).find(|&k| !good(k));
-        let end = lower + first.unwrap_or(values.len()) as f64 * step - step - decay;
-        (end > point).then_some(end.min(point + LONGEST))
+        let (highest, limit) = (tolerance * (-point).exp(), tolerance * decay.exp());
+        let decayed = Exponentials::new(*lower, *step, sizes.len());
+        let bad = |k: usize| sizes[k] > highest.min(limit * decayed.at(k));
+        let first = (0..sizes.len()).find(|&k| bad(k)).unwrap_or(sizes.len());
+        let end = lower + first as f64 * step - step - decay;
+        (end > *point).then_some(end.min(point + Self::LONGEST))
     }
 
-    /// The end of the window `[point, end)`, or an earlier one from which on the field that is read
+    /// The end of the window up to `end`, or an earlier one from which on the field that is read
     /// from all of it would not be within `limit`, and the bound on its error: with `M(p)` the
     /// largest deviation of the series up to `p + Λ⁻`, which is where `p` is read from at most,
     /// `√(∫M² dp/∫e^{−2p} dp)`.
-    fn within(&self, [point, end]: [f64; 2], decay: f64, limit: f64) -> [f64; 2] {
-        let Self { lower, step, values } = self;
+    fn within(&self, end: f64, limit: f64) -> [f64; 2] {
+        let Self { point, decay, lower, step, sizes } = self;
         let (mut most, mut seen) = (0.0f64, 0);
-        let (mut above, mut below) = (0.0f64, 0.0f64);
-        let mut error = 0.0;
+        let (mut above, mut below, mut error) = (0.0f64, 0.0f64, 0.0);
+        let (mut square, ratio) = ((-2.0 * point).exp(), (-2.0 * step).exp());
         for k in 0..=((end - point) / step) as usize {
             let p = point + k as f64 * step;
-            let upto = (((p + decay - lower) / step).ceil() as usize).min(values.len() - 1);
-            most = (seen.min(upto)..=upto).map(|k| self.size(k)).fold(most, f64::max);
+            let upto = (((p + decay - lower) / step).ceil() as usize).min(sizes.len() - 1);
+            most = sizes[seen.min(upto)..=upto].iter().copied().fold(most, f64::max);
             seen = upto;
             above += most * most;
-            below += (-2.0 * p).exp();
-            let next = (above / below).sqrt();
-            if next > limit && k > 0 {
-                return [p - step, error];
+            below += square;
+            square *= ratio;
+            let next = above / below;
+            if next > limit * limit && k > 0 {
+                return [p - step, f64::sqrt(error)];
             }
             error = next;
         }
-        [end, error]
+        [end, error.sqrt()]
     }
 }
 
@@ -335,10 +395,9 @@ impl Probabilities {
         }
         // The grid of points is taken to have one at p◇: its origin is free.
         let lambda = [bounds.growth * time, bounds.decay * time];
-        let deviation = Deviation::new(series, point - lambda[0]);
+        let deviation = Deviation::new(series, point, lambda);
         let limit = WINDOW * state_tolerance;
-        let found = deviation.window_end(point, lambda[1], limit);
-        let found = found.map(|end| deviation.within([point, end], lambda[1], limit));
+        let found = deviation.window_end(limit).map(|end| deviation.within(end, limit));
         let end = found.map(|[end, _]| end);
         let in_window = end.map(|end| {
             let slices = ((end - point) / planned.width()).floor() + 1.0;
@@ -392,11 +451,11 @@ mod tests {
         let series = Series::analytic(30.0, 60, transform);
         let [point, end] = [0.0, 3.0];
         let [growth, decay] = [0.1, 15.0];
-        let deviation = Deviation::new(&series, point - growth);
-        let [whole, bound] = deviation.within([point, end], decay, f64::INFINITY);
+        let deviation = Deviation::new(&series, point, [growth, decay]);
+        let [whole, bound] = deviation.within(end, f64::INFINITY);
         assert_eq!(whole, end);
         // A limit ends the window, and is kept.
-        let [shorter, error] = deviation.within([point, end], decay, 0.5 * bound);
+        let [shorter, error] = deviation.within(end, 0.5 * bound);
         assert!(shorter < end && error <= 0.5 * bound, "{shorter} {error:e} {bound:e}");
         let points = || (0..300).map(|k| f64::from(k) * 0.01);
         let of_rate = |rate: f64| {
@@ -409,6 +468,23 @@ mod tests {
         let worst = rates.map(of_rate).fold(0.0, f64::max);
         assert!(worst <= bound * 1.01, "{worst:e} {bound:e}");
         assert!(worst >= 0.03 * bound, "{worst:e} {bound:e}");
+    }
+
+    /// The samples are the values of the series, with and without a mode of wavenumber zero alone.
+    #[test]
+    fn deviations_are_those_of_the_values() {
+        let transform = |mu: f64| Complex64::new(1.0, 0.3 * mu) / (1.0 + mu * mu);
+        for modes in [1, 2, 7, 33] {
+            let series = Series::analytic(20.0, modes, transform);
+            let deviation = Deviation::new(&series, 0.7, [0.4, 2.5]);
+            let largest = (0..deviation.sizes.len()).map(|k| {
+                let p = deviation.lower + k as f64 * deviation.step;
+                let expected = (series.value(p) - (-p).exp()).abs();
+                (deviation.sizes[k] - expected).abs()
+            });
+            assert!(largest.fold(0.0, f64::max) < 1e-13, "{modes}");
+            assert!(deviation.sizes.len() as f64 * deviation.step > 14.9);
+        }
     }
 
     #[test]

@@ -14,6 +14,24 @@ use std::time::{Duration, Instant};
 /// of a small machine.
 pub const SLOTS: usize = 6;
 
+/// Environment variable: the program that starts a job of several ranks, `mpirun` by default.
+const MPIRUN: &str = "PHASEWARP_MPIRUN";
+
+/// Whether jobs are started by another launcher than Open MPI's, namely by MPICH's hydra.
+pub fn by_hydra() -> bool {
+    std::env::var_os(MPIRUN).is_some()
+}
+
+/// The launcher, and its options that bind no rank to a core and mark the output of each.
+fn launcher() -> Vec<String> {
+    let program = std::env::var(MPIRUN).unwrap_or_else(|_| "mpirun".to_owned());
+    let marks: &[&str] = match by_hydra() {
+        false => &["--bind-to", "none", "--tag-output"],
+        true => &["-bind-to", "none", "-prepend-pattern", "[0,%r]<stdout>:"],
+    };
+    std::iter::once(program).chain(marks.iter().map(|&word| word.to_owned())).collect()
+}
+
 /// Address space of mpirun and of each rank where a job is capped.
 const MEMORY_CAP: u64 = 8 << 30;
 
@@ -256,9 +274,8 @@ impl Job {
         let program = env!("CARGO_BIN_EXE_phasewarp");
         let mut words: Vec<String> = Vec::new();
         if let Some(ranks) = self.ranks {
-            words.extend(["mpirun", "-np"].map(str::to_owned));
-            words.push(ranks.to_string());
-            words.extend(["--bind-to", "none", "--tag-output"].map(str::to_owned));
+            words = launcher();
+            words.extend(["-np".to_owned(), ranks.to_string()]);
         }
         if self.reports_codes {
             let script = "\"$@\"; echo \"ended with $?\"";
@@ -278,12 +295,13 @@ impl Job {
         words.extend(self.arguments.iter().cloned());
         if let Some((first, others)) = self.apart.split_first() {
             // mpirun takes several programs, here one a rank.
-            let call = words.split_off(3);
-            words = ["mpirun", "-np", "1", "-wdir", first].map(str::to_owned).to_vec();
+            let call = words.split_off(launcher().len() + 2);
+            words.truncate(launcher().len());
+            words.extend(["-np", "1", "-wdir", first].map(str::to_owned));
             words.extend(call.iter().cloned());
             for directory in others {
                 words.extend([":", "-np", "1", "-wdir", directory].map(str::to_owned));
-                words.extend(call[3..].iter().cloned());
+                words.extend(call.iter().cloned());
             }
         }
         if self.capped {
