@@ -3,8 +3,8 @@
 
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory, names_in,
-    number_from_environment, on_results,
+    Job, Stored, by_hydra, case, check_all, datasets, differences, directory_on_disk as directory,
+    names_in, number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -152,26 +152,39 @@ fn trials() -> std::ops::Range<u64> {
     first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
-/// A fault and the exit codes that mpirun may have after it in a shell, except for 0 of a run that
-/// ended before the fault.
+/// A fault and the exit codes that the launcher may have after it in a shell, except for 0 of a run
+/// that ended before the fault.
 struct FaultKind {
     name: &'static str,
     fault: Fault,
+    /// Open MPI's `mpirun`.
     codes: &'static [i32],
+    /// MPICH's.
+    codes_of_hydra: &'static [i32],
+}
+
+/// A kind of fault, with the exit codes by Open MPI and by MPICH.
+const fn fault(
+    name: &'static str,
+    fault: Fault,
+    codes: &'static [i32],
+    codes_of_hydra: &'static [i32],
+) -> FaultKind {
+    FaultKind { name, fault, codes, codes_of_hydra }
 }
 
 const FAULTS: [FaultKind; 10] = [
-    FaultKind { name: "SIGKILL to mpirun", fault: Fault::Launcher, codes: &[137] },
-    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(0), codes: &[137] },
-    FaultKind { name: "SIGKILL to a rank", fault: Fault::Rank(1), codes: &[137] },
-    // For these signals mpirun has its own exit code or ends by the signal.
-    FaultKind { name: "SIGTERM to mpirun", fault: Fault::Terminate, codes: &[1, 143] },
-    FaultKind { name: "SIGINT to mpirun", fault: Fault::Interrupt, codes: &[1, 130] },
-    FaultKind { name: "SIGUSR1 to mpirun", fault: Fault::Signal, codes: &[75] },
-    FaultKind { name: "SIGTERM to a rank", fault: Fault::Send("-TERM", 1), codes: &[75] },
-    FaultKind { name: "SIGINT to a rank", fault: Fault::Send("-INT", 0), codes: &[75] },
-    FaultKind { name: "SIGUSR1 to a rank", fault: Fault::Send("-USR1", 1), codes: &[75] },
-    FaultKind { name: "SIGSTOP of a rank for half a second", fault: Fault::Pause(0), codes: &[] },
+    fault("SIGKILL to mpirun", Fault::Launcher, &[137], &[137]),
+    fault("SIGKILL to a rank", Fault::Rank(0), &[137], &[9]),
+    fault("SIGKILL to a rank", Fault::Rank(1), &[137], &[9]),
+    // For these signals mpirun has its own exit code or ends by the signal; MPICH's hands them on.
+    fault("SIGTERM to mpirun", Fault::Terminate, &[1, 143], &[75, 143]),
+    fault("SIGINT to mpirun", Fault::Interrupt, &[1, 130], &[75, 130]),
+    fault("SIGUSR1 to mpirun", Fault::Signal, &[75], &[75]),
+    fault("SIGTERM to a rank", Fault::Send("-TERM", 1), &[75], &[75]),
+    fault("SIGINT to a rank", Fault::Send("-INT", 0), &[75], &[75]),
+    fault("SIGUSR1 to a rank", Fault::Send("-USR1", 1), &[75], &[75]),
+    fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 
 /// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe.
@@ -182,6 +195,7 @@ impl FaultKind {
     /// have ended, this is counted but allowed.
     fn allows(&self, faulty: &Faulty) -> bool {
         let code = faulty.finished.shell_code;
+        let codes = if by_hydra() { self.codes_of_hydra } else { self.codes };
         // A rank that has not yet installed its signal handlers is ended by the signal.
         let by_default = match self.fault {
             Fault::Signal | Fault::Send("-USR1", _) => 128 + libc::SIGUSR1,
@@ -191,7 +205,7 @@ impl FaultKind {
         };
         code == 0
             || launcher_failed(faulty)
-            || (faulty.injected && self.codes.contains(&code))
+            || (faulty.injected && codes.contains(&code))
             || (!faulty.begun && code == by_default)
     }
 }

@@ -280,7 +280,7 @@ fn norm_of_series(series: &Series, name: &str) {
 /// points that the spectrum of `S T`, given by `lambda`, reaches. Beyond the window it deviates
 /// more.
 fn end_of_window(series: &Series, point: f64, lambda: [f64; 2], allowed: f64, name: &str) {
-    let end = Deviation::new(series, point - lambda[0]).window_end(point, lambda[1], allowed);
+    let end = Deviation::new(series, point, lambda).window_end(allowed);
     let end = end.unwrap_or_else(|| panic!("{name}: no window"));
     assert!(end > point && end <= point + 12.0, "{name}: {point} {end}");
     let good = |p: f64| {

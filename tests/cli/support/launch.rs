@@ -333,6 +333,10 @@ impl Job {
             // Nor does hwloc read the configuration of every device, which takes a fifth of a job.
             command.env("HWLOC_PLUGINS_PATH", "/nonexistent").env("HWLOC_COMPONENTS", "-linuxio");
         }
+        if self.blocks.is_some() {
+            // MPICH's ranks share memory by files, which are larger.
+            command.env("UCX_TLS", "tcp,self");
+        }
         if self.ranks.is_none() {
             command
                 .env("OMPI_MCA_ess_singleton_isolated", "1")
