@@ -136,10 +136,14 @@ mkdocs: ## install MkDocs into target/docs, for `make docs`
 browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubuntu)
 	@scripts/setup.sh --browser
 
-mpich: setup ## build with MPICH too, in target/mpich, and run the MPI tests with it
-	variables="$$(scripts/setup.sh --mpich)" && env $$variables PHASEWARP_MPIRUN=mpirun.mpich \
-	    CARGO_TARGET_DIR=$(or $(CARGO_TARGET_DIR),target)/mpich \
-	    cargo test --release --test parallel $(ARGS)
+# Ranks of MPICH keep their core while they wait: of tests/cli, faults and damage only.
+MPICH_TESTS = torture reliability checkpoint::stalled checkpoint::stopped::runs_killed
+
+mpich: setup ## with MPICH, built in target/mpich: the MPI tests, and faults (TRIALS=)
+	export PHASEWARP_MPIRUN=mpirun.mpich $$(scripts/setup.sh --mpich) \
+	    CARGO_TARGET_DIR=$(or $(CARGO_TARGET_DIR),target)/mpich PHASEWARP_TRIALS=$(TRIALS) && \
+	cargo test --release --test parallel $(ARGS) && \
+	cargo test --release --test cli -- --nocapture --test-threads=2 $(MPICH_TESTS)
 
 docs: $(if $(BUILT),,build) mkdocs ## build the documents as a site (BUILT=yes: no build)
 	scripts/docs.sh $(PROGRAM)
