@@ -23,13 +23,13 @@ use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// The oracles of a case.
+/// The oracles of sparse access to the `H` of a case.
 pub struct SparseAccess<'a> {
     scheme: Scheme<'a>,
     space: &'a PhaseSpace,
     /// `π` of the cells.
     pi: &'a [f64],
-    /// The auxiliary unknowns' couplings.
+    /// The couplings of the auxiliary unknowns.
     inflow: Couplings,
     /// `N_p`.
     points: usize,
@@ -37,7 +37,7 @@ pub struct SparseAccess<'a> {
     period: f64,
     /// `‖H‖_max`.
     largest: f64,
-    /// Nonzero entries of the fullest row.
+    /// Number of nonzero entries of the fullest row.
     sparsity: usize,
 }
 
@@ -45,7 +45,7 @@ pub struct SparseAccess<'a> {
 struct Couplings {
     /// `(row, κ)`, ascending in the row.
     rows: Vec<(usize, f64)>,
-    /// Whether one unknown serves all.
+    /// Whether a single auxiliary unknown serves all rows.
     shared: bool,
 }
 
@@ -182,14 +182,15 @@ impl<'a> SparseAccess<'a> {
         found.map_or(0.0, |place| row.entries[place].1)
     }
 
-    /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as the nearest whole multiples
-    /// of `‖H‖_max/(2^{m−1} − 1)`: `m` bits each, one of them the sign. `m` from 2 to 52.
+    /// `|H_jk⟩_m`: the real and imaginary part of [`value`](Self::value) as whole numbers of
+    /// [`unit`](Self::unit)s, rounded to the nearest. Each has `m` bits, one of them the sign, with
+    /// `m` from 2 to 52.
     pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
         let value = self.value(scratch, j, k);
         [value.re, value.im].map(|x| (x / self.unit(m)).round() as i64)
     }
 
-    /// The weight of the last of `m` bits.
+    /// The unit of `m`-bit values, the weight of their last bit: `‖H‖_max/(2^{m−1} − 1)`.
     pub fn unit(&self, m: u32) -> f64 {
         self.largest / ((1i64 << (m - 1)) - 1) as f64
     }
@@ -199,7 +200,7 @@ impl<'a> SparseAccess<'a> {
         (self.pi[i] / self.pi[j]).sqrt()
     }
 
-    /// Row `i` of `(S, K)` into `scratch.entries`.
+    /// Puts row `i` of `(S, K)` into `scratch.entries`.
     pub fn row(&self, scratch: &mut Scratch, i: usize) {
         let Scratch { row, candidates, entries } = scratch;
         entries.clear();
@@ -323,7 +324,7 @@ impl LargestEntries {
     }
 }
 
-/// Leaves out pairs that another exceeds in both.
+/// Leaves out pairs that another pair exceeds in both numbers.
 fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
     pairs.sort_by(|a, b| b[0].total_cmp(&a[0]).then(b[1].total_cmp(&a[1])));
     let mut most = f64::NEG_INFINITY;
@@ -334,8 +335,8 @@ fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
     });
 }
 
-/// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's
-/// rows.
+/// `‖H‖_max` for wavenumbers up to `highest`, and the number of nonzeros of the fullest row, both
+/// over this rank's rows.
 pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
     let (mut largest, mut fullest) = (0.0f64, 0);
     for i in 0..matrix.counted_rows() {

@@ -72,7 +72,7 @@ pub struct CircuitChoice {
     pub bin_bits: Option<usize>,
     /// The register of the levels.
     pub levels: Levels,
-    /// How modes have their wavenumbers.
+    /// The way in which the modes have their wavenumbers.
     pub mode_weights: ModeWeights,
     /// The wavenumber of the only mode; `None` for a circuit of all modes.
     pub wavenumber: Option<f64>,

@@ -39,7 +39,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::fmt;
 
-/// Rotations of a call for each mode of the register, where they weight the modes.
+/// Rotations of a call for each mode of the register, where rotations weight the modes.
 const ROTATIONS_OF_A_MODE: usize = 6;
 
 /// How a quantum computer accesses `H`.
@@ -116,7 +116,7 @@ impl Cost {
     }
 }
 
-/// Gates until the field is measured by both ways to have the weights of modes in a circuit.
+/// Gates until the field is measured, by both ways to weight the modes in a circuit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ModeWeightsCost {
     /// Gates with the weights as one sum of signs of bits.
@@ -154,7 +154,7 @@ pub struct EvolutionRequirements {
     pub points: usize,
     /// `P`.
     pub period: f64,
-    /// Error of the state that it may make.
+    /// The error of the state that the evolution may make.
     pub tolerance: LabelledNumber,
 }
 
@@ -215,7 +215,7 @@ pub struct Accesses {
     skew: bool,
     /// The case in whole numbers, for a circuit, or why there is no circuit.
     circuit: Result<CircuitCase, String>,
-    /// T gates of rotations.
+    /// The number of T gates that a rotation takes.
     synthesis: RotationSynthesis,
     /// Counts of circuits, controlled and not, by the qubits of `p`.
     counts: RefCell<HashMap<(usize, Access), [GateCounts; 2]>>,
@@ -241,7 +241,7 @@ impl Accesses {
         Self { time, entries, qubits, skew: bounds.is_skew(), circuit, synthesis, counts }
     }
 
-    /// T gates of rotations.
+    /// The number of T gates that a rotation takes.
     pub fn synthesis(&self) -> RotationSynthesis {
         self.synthesis
     }
@@ -275,7 +275,7 @@ impl Accesses {
         std::iter::once(sparse).chain(circuits).collect()
     }
 
-    /// The circuits of a case; none where no circuit is compiled.
+    /// The circuits of a case; empty where no circuit is compiled.
     fn circuits(&self) -> impl Iterator<Item = CircuitAccess<'_>> {
         // One mode has one weight.
         let weights = [ModeWeights::Sum, ModeWeights::Rotations];
@@ -287,7 +287,8 @@ impl Accesses {
         })
     }
 
-    /// The access that costs least.
+    /// The access that costs least. `evolutions` are those until the field is measured: repeated,
+    /// and by amplitude amplification.
     pub fn least(
         &self,
         demand: &EvolutionRequirements,
@@ -329,7 +330,7 @@ impl Accesses {
         repeated.min(amplified) * t / T_OF_TOFFOLI_STATE
     }
 
-    /// Sparse access.
+    /// The cost by sparse access.
     fn by_oracles(
         &self,
         demand: &EvolutionRequirements,
@@ -363,13 +364,13 @@ impl Accesses {
         LeastCost { cost, queries }
     }
 
-    /// A number of the grid: an estimate where the grid is.
+    /// A number that depends on the grid. It is an estimate where the entries are extrapolated.
     fn of_grid(&self, number: LabelledNumber) -> LabelledNumber {
         let Some(how) = self.entries.extrapolated else { return number };
         number.times(&LabelledNumber::estimate(1.0, how))
     }
 
-    /// A circuit, whose register of modes has all wavenumbers.
+    /// The cost by a circuit. Its register of modes has all wavenumbers.
     fn by_circuit(
         &self,
         circuit: &CircuitAccess<'_>,

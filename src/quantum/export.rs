@@ -90,9 +90,9 @@ pub struct ExportDescription {
     pub norm_of_state: f64,
     /// `C_f`.
     pub norm_of_field: f64,
-    /// `P_p`: of the p-register at `k◇`.
+    /// `P_p`: the probability that the p-register is `k◇`.
     pub probability_p: f64,
-    /// `P_f` given that: of the label at 0.
+    /// `P_f`: given that, the probability that the label is 0.
     pub probability_field_given_p: f64,
     /// Volume of a velocity cell.
     pub velocity_volume: f64,

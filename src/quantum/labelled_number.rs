@@ -11,7 +11,7 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trust {
-    /// Computed for this case, but for round-off.
+    /// Computed for this case; only round-off is in it.
     Exact,
     /// Exact, and counted in gates that were emitted.
     Emitted,
@@ -60,7 +60,7 @@ pub struct LabelledNumber {
 }
 
 impl LabelledNumber {
-    /// An exact number.
+    /// An exact number, `value`.
     pub fn exact(value: f64) -> Self {
         Self { label: Trust::Exact, value: Some(value), because: None }
     }
@@ -85,7 +85,7 @@ impl LabelledNumber {
         Self { label: Trust::Model, ..Self::estimate(value, because) }
     }
 
-    /// No number.
+    /// An unavailable number; `because` is the reason.
     pub fn unavailable(because: &str) -> Self {
         Self { label: Trust::Unavailable, value: None, because: Some(because.to_owned()) }
     }
@@ -95,7 +95,7 @@ impl LabelledNumber {
         Self { value: self.value.map(f64::sqrt), ..self.clone() }
     }
 
-    /// Another number with this one's label.
+    /// The number `number` with this one's label and reason; unavailable where this one is.
     pub fn with(&self, number: f64) -> Self {
         Self { value: self.value.map(|_| number), ..self.clone() }
     }

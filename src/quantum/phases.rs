@@ -32,7 +32,7 @@ use std::fmt;
 pub const MOST_STEPS: usize = 1 << 16;
 /// The largest number of points of the transforms.
 const MOST_POINTS: usize = 1 << 23;
-/// Least `t`; coefficients of the complement beyond its degree are below this.
+/// The least `t`. Coefficients of the complement beyond its degree are below this.
 const ROUND_OFF: f64 = 1e-15;
 
 /// The rotations of a sequence of `2K` steps.

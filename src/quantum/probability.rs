@@ -91,7 +91,8 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
-/// Kept between series: a chooser of profiles transforms at few lengths many times.
+/// Memory and plans that are kept between series. The choice of a profile transforms at few lengths
+/// many times.
 struct Workspace {
     planner: FftPlanner<f64>,
     values: Vec<Complex64>,
@@ -168,13 +169,13 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// A longer window adds nothing visible to the probability.
+    /// Longest window, in units of `p`. A longer one adds nothing visible to the probability.
     const LONGEST: f64 = 12.0;
 
     /// The deviation of `series` for a window that begins at `point`; `growth` and `decay` are
     /// `Λ⁺` and `Λ⁻`.
     pub fn new(series: &Series, point: f64, [growth, decay]: [f64; 2]) -> Self {
-        /// Samples of the shortest wave, about.
+        /// About this many samples lie in the shortest wave.
         const SAMPLES: usize = 8;
         let (lower, samples) = (point - growth, (SAMPLES * series.modes()).next_power_of_two());
         let step = series.period / samples as f64;
@@ -283,7 +284,7 @@ pub struct PlannedState<'a> {
     pub state_tolerance: f64,
     /// `T`.
     pub time: f64,
-    /// Points in `p`: of the plan, or of the register that holds them.
+    /// Number of points in `p`: of the plan, or of the register that holds them.
     pub points: usize,
 }
 
@@ -316,8 +317,8 @@ impl<'a> PlannedState<'a> {
         -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1()
     }
 
-    /// Upper bound of the probability of every window of this state; the series may have the first
-    /// of its modes only, since others add to the norm of the state.
+    /// Upper bound of the probability of every window of this state. The series may have the first
+    /// modes only, since others add to the norm of the state.
     pub fn most_probable(&self, norms: &StateNorms) -> f64 {
         let in_p = self.in_slice(norms) * self.in_slices(f64::INFINITY);
         let all = Chain::new(in_p, norms, &LabelledNumber::bound).all;
@@ -326,7 +327,7 @@ impl<'a> PlannedState<'a> {
 }
 
 impl Probabilities {
-    /// The window, or the slice where there is none.
+    /// The probabilities of the window, or of the slice where there is none.
     pub fn nearest(&self) -> &Chain {
         match self.window {
             Some(_) => &self.in_window,
@@ -368,8 +369,8 @@ impl Probabilities {
         }
     }
 
-    /// Probabilities of a planned state with these norms. `label` makes figures of numbers that
-    /// follow from the norms and are as accurate as they are.
+    /// The probabilities of a planned state with these norms. `label` makes labelled numbers of
+    /// those that follow from the norms and are as accurate as they are.
     pub fn new(
         planned: &PlannedState<'_>,
         norms: StateNorms,

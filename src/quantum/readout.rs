@@ -61,7 +61,7 @@ use std::f64::consts::TAU;
 /// The readout: estimates, bounds, and the evolutions that they take.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Readout {
-    /// Probability with which the bound of each measurement holds, at least.
+    /// The least probability with which the bound of each measurement holds.
     pub confidence: f64,
     /// `C_f`.
     pub norm_of_field: LabelledNumber,
@@ -69,18 +69,18 @@ pub struct Readout {
     pub probability: LabelledNumber,
     /// `1/P`.
     pub repetitions: LabelledNumber,
-    /// Rounds of exact amplitude amplification.
+    /// Number of rounds of exact amplitude amplification.
     pub amplification_rounds: LabelledNumber,
     /// `ε_F`.
     pub state_error: LabelledNumber,
-    /// By cell, the probability that a measurement of the x-register finds it: `Σ_j f_ij²/C_f²`.
+    /// Probability, for each cell, that a measurement of the x-register finds it: `Σ_j f_ij²/C_f²`.
     pub basis_probability: Vec<LabelledNumber>,
     /// The rows, cell by cell.
     pub rows: Vec<ReadoutRow>,
 }
 
 impl Readout {
-    /// A line with the first row, and how many more there are.
+    /// A line with the first row, and the number of further rows.
     pub fn line(&self) -> Option<String> {
         let first = self.rows.first()?.text();
         let more = match self.rows.len() - 1 {
@@ -116,7 +116,7 @@ pub fn smooth_delta(case: &Case) -> Option<String> {
     Some(format!("initial = {{ f = \"{f}\" }}, inflow.value = \"initial\""))
 }
 
-/// Why a case has no readout, if so.
+/// Why a case has no readout; `None` if it has one.
 pub fn refused(case: &Case) -> Option<&'static str> {
     match (&case.data, case.method) {
         (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
@@ -129,7 +129,8 @@ pub fn refused(case: &Case) -> Option<&'static str> {
 }
 
 impl Readout {
-    /// All cells and observables of `[readout]` in `case`, with every number unavailable.
+    /// The readout of all cells and observables of `[readout]` in `case`, with every number
+    /// unavailable; `why` is the reason.
     pub fn unavailable(case: &Case, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
         let cells = case.readout.as_ref().map_or(&[][..], |r| &r.cells);

@@ -42,7 +42,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use serde::Serialize;
 
-/// Registers, in qubits.
+/// Sizes of registers, in qubits.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterSizes {
     /// Qubits of each space axis, then of each velocity axis.
@@ -62,7 +62,7 @@ pub struct RegisterSizes {
     pub walk: WalkRegisters,
 }
 
-/// How a state is prepared and read, as far as a count depends on it.
+/// The preparation and reading of a state, as far as a count depends on them.
 pub struct Preparation {
     /// The profile as a series.
     pub series: Series,
@@ -89,7 +89,7 @@ impl Preparation {
     }
 }
 
-/// The choices that a count is for.
+/// The choices for which resources are counted.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CountSetup {
     /// The profile.
@@ -105,7 +105,7 @@ pub struct CountSetup {
 }
 
 impl CountSetup {
-    /// The choices of `case` with the `series` of its profile, which is `planned` so.
+    /// The choices of `case`. `series` is its profile, and `planned` names that profile in words.
     fn new(case: &Case, series: &Series, planned: String) -> Self {
         let modes = series.modes();
         Self {
@@ -122,7 +122,7 @@ impl CountSetup {
 /// a cell.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WeightsTable {
-    /// Entries of the table: the cells.
+    /// Number of entries of the table: one for each cell.
     pub entries: usize,
     /// Toffoli gates of a value query, for `√(π_i/π_j)`: two reads of `entries − 1` each (Babbush
     /// and others 2018).
@@ -209,8 +209,8 @@ pub struct Record {
     pub period: f64,
     /// Nonzeros, measured, against the paper's bounds.
     pub sparsity: Sparsity,
-    /// The evolution's part of `ε√P`, to which it is approximated: beside the field that is
-    /// measured in it, an error of the whole state is `1/√P` times as large.
+    /// The tolerance of the evolution: its part of `ε√P`. Relative to the field that is measured in
+    /// it, an error of the whole state is `1/√P` times as large.
     pub walk_tolerance: LabelledNumber,
     /// The errors of the field.
     pub error_budget: ErrorBudget,
@@ -237,7 +237,7 @@ pub struct Record {
     pub t_of_rotation: RotationSynthesis,
     /// The costs of every access to `H`.
     pub costs: Vec<Cost>,
-    /// The gates around its evolutions that are in none of them.
+    /// The gates around the evolutions that no cost of an evolution includes.
     pub around: GatesAround,
     /// Why no circuit is compiled; `None` where one is.
     pub no_circuit: Option<String>,
@@ -249,7 +249,7 @@ pub struct Record {
     pub weights_table: Option<WeightsTable>,
     /// Registers.
     pub qubits: RegisterSizes,
-    /// Forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
+    /// Operations of forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
     pub classical_operations: LabelledNumber,
     /// The probabilities of measuring the first field.
     pub probabilities: Probabilities,
@@ -294,7 +294,7 @@ pub struct Comparison {
     pub cheapest_settings: Option<SetUpSettings>,
     /// The set-up of the case file, or the one that is planned for emulation.
     pub own: Record,
-    /// The unitary scheme on the same grid, where there is one.
+    /// The cost of the unitary scheme on the same grid, where there is one.
     pub unitary: Option<Unitary>,
     /// Why there is no unitary scheme; `None` where there is one.
     pub not_unitary: Option<String>,
@@ -303,7 +303,7 @@ pub struct Comparison {
     /// Why the case's own set-up is not the cheapest although it takes fewer gates; `None` where it
     /// takes no fewer.
     pub own_not_taken: Option<String>,
-    /// Why choices are not among those that were compared: how many, and the reason of the first.
+    /// The number of choices that were not compared, and the reason of the first.
     pub not_compared: Option<String>,
 }
 
@@ -324,8 +324,8 @@ impl Unitary {
     }
 }
 
-/// The data on which the accesses to the `H` of `prepared` depend. Of the relative error of the
-/// field the rounding of jumps to levels may take as much as the rounding of values. Collective.
+/// The data on which the accesses to the `H` of `prepared` depend. The rounding of jumps to levels
+/// may change the field, relative to it, as much as the rounding of values may. Collective.
 pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -> Accesses {
     let Prepared { case, bounds, .. } = prepared;
     // A unitary flow keeps the norm; a rough solution does so to some digits. Of f = 0 no rounding
@@ -340,13 +340,13 @@ pub fn entries_of(prepared: &Prepared) -> LargestEntries {
     LargestEntries::of(&prepared.system.matrix, &prepared.communicator.space)
 }
 
-/// Qubits that number the unknowns of `case`.
+/// Number of qubits that number the unknowns of `case`.
 pub fn qubits_of(case: &Case) -> usize {
     let unknowns = case.space.cells() + usize::from(case.embeds());
     RegisterSizes::new(case, unknowns, 1, 0.0).total
 }
 
-/// Qubits that number `count` things.
+/// Number of qubits that number `count` things.
 fn qubits(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize
 }
@@ -456,7 +456,8 @@ impl Record {
 }
 
 impl GatesAround {
-    /// Around the evolutions of the least of `costs`, `system` qubits numbering the unknowns.
+    /// The gates around the evolutions of the least of `costs`. `system` is the number of qubits
+    /// that number the unknowns.
     fn new(costs: &[Cost], probabilities: &Probabilities, system: usize) -> Self {
         let none = || LabelledNumber::unavailable("no access has a cost");
         let Some(cost) = Cost::least_of(costs) else {

@@ -33,7 +33,7 @@ use serde::Serialize;
 /// The most nonzeros of a row, or of a column, and where they are.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Count {
-    /// The number.
+    /// The number of nonzeros.
     pub most: usize,
     /// The first such row (column): its cell, or the number of the auxiliary unknown.
     #[serde(rename = "place")]
@@ -70,7 +70,7 @@ pub struct Sparsity {
     pub our_bound: Option<usize>,
     /// Nonzeros of `A` in all.
     pub entries: usize,
-    /// Matrix by matrix.
+    /// The counts of each matrix.
     pub counts: Vec<NonzeroCounts>,
 }
 
@@ -87,11 +87,11 @@ pub fn q(dv: f64, jump: f64) -> usize {
     2 * ((1.25 + 2.0 / dv * root).sqrt() - 0.5).ceil() as usize + 2
 }
 
-/// The fullest so far: how many, and the global number of the unknown.
+/// The fullest row or column so far: its number of nonzeros, and the global number of its unknown.
 #[derive(Clone, Copy)]
 struct Fullest(usize, usize);
 
-/// The number of no unknown.
+/// A number that no unknown has.
 const NOWHERE: usize = i64::MAX as usize;
 
 impl Fullest {

@@ -23,7 +23,7 @@ const ERROR: f64 = 0.1;
 /// Probability that the computation fails.
 const FAILURE: f64 = 0.01;
 const FACTORIES: f64 = 4.0;
-/// Cycles in which a factory makes a state, by the distance.
+/// Cycles in which a factory makes a state, for each unit of the code distance.
 const CYCLES: f64 = 5.5;
 /// Seconds of a cycle.
 const CYCLE: f64 = 1e-6;

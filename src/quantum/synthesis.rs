@@ -12,7 +12,7 @@ use crate::quantum::walk::OF_ROTATIONS;
 use serde::Serialize;
 use std::fmt;
 
-/// T gates that count as a Toffoli gate.
+/// Number of T gates that count as a Toffoli gate.
 pub const T_OF_TOFFOLI_STATE: f64 = 4.0;
 
 /// T gates of a rotation to accuracy `ε`: `factor log₂ 1/ε + constant`.

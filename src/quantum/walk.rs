@@ -52,13 +52,14 @@ pub const LOCATION_CALLS: f64 = 2.0;
 pub const VALUE_CALLS: f64 = 4.0;
 /// Part of the tolerance of the field that the profile may take, in the window or at the point.
 pub const OF_PROFILE: f64 = 0.5;
-/// Part of it that the evolution may take, relative to the state.
+/// Part of the tolerance of the field that the evolution may take, relative to the state.
 pub const OF_EVOLUTION: f64 = 0.5;
 /// Part of the evolution's tolerance that the cut series may take.
 pub const OF_SERIES: f64 = 0.5;
-/// Part of it for what is rounded: values, or jumps of `V` to levels.
+/// Part of the evolution's tolerance that rounding may take, of values or of jumps of `V` to
+/// levels.
 pub const OF_ROUNDING: f64 = 0.25;
-/// Part of it for the synthesis of rotations.
+/// Part of the evolution's tolerance that the synthesis of rotations may take.
 pub const OF_ROTATIONS: f64 = 0.25;
 
 /// The cost of `e^{−iHT}`.
@@ -76,7 +77,8 @@ impl WalkCost {
     /// The cost for `τ`, within `tolerance` relative to the norm of the state. Each number has the
     /// weaker label of the two.
     pub fn new(tau: &LabelledNumber, tolerance: &LabelledNumber) -> Self {
-        /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
+        /// The largest `τ` for which the series is summed. Beyond it the series is bounded (see
+        /// [`degree`]).
         const SUMMED: f64 = 1e4;
         let both = tau.times(tolerance);
         let (Some(tau), Some(tolerance)) = (tau.value(), tolerance.value()) else {

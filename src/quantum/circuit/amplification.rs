@@ -52,7 +52,7 @@ impl AmplifiedRegisters {
     }
 }
 
-/// `flag ^= [number < limit]`, a limit of up to `2^number.len()`.
+/// Flips `flag` where `number < limit`; `limit` is at most `2^number.len()`.
 fn below(c: &mut Circuit, number: &[Qubit], limit: usize, flag: Qubit) {
     let zero = c.take(1);
     let constant = c.take(number.len() + 1);

@@ -304,8 +304,8 @@ impl Circuit {
     }
 }
 
-/// Angles of the rotations of bit `bit`, counted from the first. Each value of the bits before it
-/// selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
+/// The angles of the rotations of bit `bit`, counted from the first. Each value of the bits before
+/// it selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
 /// `2 atan(b/a)`. For the last bit `a` and `b` are the numbers themselves, with their signs.
 fn halves(values: &[f64], bit: usize) -> Vec<f64> {
     let size = values.len() >> bit;

@@ -8,7 +8,7 @@ use crate::quantum::walk;
 use serde::Serialize;
 use std::fmt;
 
-/// Sparse access to the same `H`, with the same modes.
+/// The cost of sparse access to the same `H`, with the same modes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Sparse {
     /// `d`.
@@ -46,11 +46,11 @@ pub struct EvolutionDescription {
 pub struct Check {
     /// Number of columns that were compared.
     pub columns: usize,
-    /// Largest difference of an entry from `H/α`.
+    /// Largest difference between an entry of these columns and `H/α`.
     pub difference: f64,
 }
 
-/// The rotations of the evolution.
+/// The error of the rotations of the evolution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RotationSequence {
     /// Bound on the distance of the sequence from `e^{−iHT}` in norm.

@@ -26,15 +26,15 @@ pub enum Gate {
     Ry(f64, Qubit),
     /// Rotation about z by an angle: `diag(e^{−iθ/2}, e^{iθ/2})`.
     Rz(f64, Qubit),
-    /// NOT of the second qubit if the first is 1.
+    /// Controlled not: flips the second qubit where the first is 1.
     Cx(Qubit, Qubit),
-    /// Sign where both are 1.
+    /// Controlled Z: changes the sign where both qubits are 1.
     Cz(Qubit, Qubit),
-    /// Phase `e^{iθ}` where both are 1.
+    /// Controlled phase: multiplies by `e^{iθ}` where both qubits are 1.
     Cp(f64, Qubit, Qubit),
-    /// Exchange.
+    /// Exchange of two qubits.
     Swap(Qubit, Qubit),
-    /// Toffoli: not of the third where the first two are 1.
+    /// Toffoli: flips the third qubit where the first two are 1.
     Ccx(Qubit, Qubit, Qubit),
 }
 
@@ -70,7 +70,7 @@ impl Gate {
         GateParts { name, angle, qubits }
     }
 
-    /// The gate that undoes it.
+    /// The inverse of the gate.
     pub fn inverse(self) -> Self {
         match self {
             Self::S(q) => Self::Sdg(q),
@@ -102,15 +102,16 @@ impl Serialize for Gate {
 pub enum RegisterRole {
     /// A register that the operator acts on.
     System,
-    /// Zero before. The encoded block are the amplitudes for which it is zero after.
+    /// A register that is zero before. The encoded block has the amplitudes for which it is zero
+    /// after.
     Block,
-    /// Zero before and after.
+    /// A register that is zero before and after.
     Scratch,
-    /// Zero before, and read after.
+    /// A register that is zero before, and read after.
     Readout,
 }
 
-/// Neighbouring qubits, the lowest bit first.
+/// A register: neighbouring qubits, the lowest bit first.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Register {
     /// The name of the register in the OpenQASM program.
@@ -123,7 +124,8 @@ pub struct Register {
     pub role: RegisterRole,
 }
 
-/// Gates in their order, on registers. Scratch qubits are taken as needed and given back clean.
+/// A circuit: gates in their order, on registers. Scratch qubits are taken as needed and given back
+/// clean.
 #[derive(Clone, Debug, Default)]
 pub struct Circuit {
     /// The registers. Scratch qubits are among them only after [`finish`](Self::finish).
@@ -132,7 +134,7 @@ pub struct Circuit {
     pub gates: Vec<Gate>,
     /// The first gate of each part, by number, and the purpose of the part.
     pub comments: Vec<(usize, &'static str)>,
-    /// Qubits of the registers.
+    /// Number of qubits of the registers.
     named: usize,
     /// Scratch qubits that are in use, and the most that ever were.
     scratch: [usize; 2],
@@ -151,8 +153,8 @@ impl Circuit {
         (first..self.named).collect()
     }
 
-    /// `count` clean qubits, to be given back clean by [`give_back`](Self::give_back), the last
-    /// taken first.
+    /// Takes `count` clean qubits. They must be given back clean by [`give_back`](Self::give_back),
+    /// the last taken first.
     pub fn take(&mut self, count: usize) -> Vec<Qubit> {
         let first = self.named + self.scratch[0];
         self.scratch[0] += count;
@@ -183,22 +185,22 @@ impl Circuit {
         self.register("scratch", size, RegisterRole::Scratch);
     }
 
-    /// All qubits.
+    /// Number of all qubits.
     pub fn qubits(&self) -> usize {
         self.named + self.scratch[1]
     }
 
-    /// Adds a gate.
+    /// Appends a gate.
     pub fn push(&mut self, gate: Gate) {
         self.gates.push(gate);
     }
 
-    /// NOT of each of `qubits`.
+    /// Flips each of `qubits`.
     pub fn flip(&mut self, qubits: &[Qubit]) {
         self.gates.extend(qubits.iter().map(|&q| Gate::X(q)));
     }
 
-    /// NOT of each of `qubits` if `control` is 1.
+    /// Flips each of `qubits` where `control` is 1.
     pub fn flip_if(&mut self, control: Qubit, qubits: &[Qubit]) {
         self.gates.extend(qubits.iter().map(|&q| Gate::Cx(control, q)));
     }
@@ -208,7 +210,7 @@ impl Circuit {
         self.comments.push((self.gates.len(), what));
     }
 
-    /// The inverse of what `part` adds.
+    /// Appends the inverse of what `part` appends.
     pub fn inverse_of(&mut self, part: impl FnOnce(&mut Self)) {
         let first = self.gates.len();
         part(self);
@@ -216,7 +218,7 @@ impl Circuit {
         self.gates[first..].iter_mut().for_each(|gate| *gate = gate.inverse());
     }
 
-    /// `body` between `around` and its inverse.
+    /// Appends `body` between `around` and its inverse.
     pub fn within(&mut self, around: impl Fn(&mut Self), body: impl FnOnce(&mut Self)) {
         around(self);
         body(self);
@@ -263,8 +265,8 @@ impl Circuit {
 }
 
 impl GateCounts {
-    /// Toffoli gates of a step of the walk by this controlled circuit: with a reflection about the
-    /// zeros of the block's qubits, controlled as well.
+    /// Toffoli gates of a step of the walk by this controlled circuit. A step includes a controlled
+    /// reflection about the zeros of the block's qubits.
     pub fn toffoli_a_step(&self) -> usize {
         self.toffoli + self.toffoli_of_reflection()
     }
@@ -275,8 +277,9 @@ impl GateCounts {
         self.rotations + 1
     }
 
-    /// Toffoli gates of `steps` forward or back by this circuit, and of two of the `controlled`
-    /// one. Each call is between two reflections; neighbours share the qubit that marks the zeros.
+    /// Toffoli gates of `steps` calls of this circuit, forward or back, and of two calls of the
+    /// `controlled` one. Each call is between two reflections. Neighbouring reflections share the
+    /// qubit that marks the zeros.
     pub fn toffoli_both_ways(&self, controlled: &Self, steps: f64) -> f64 {
         let reflection = self.toffoli_of_reflection();
         let ends = 2 * controlled.toffoli_a_step() + reflection;
@@ -291,7 +294,7 @@ impl GateCounts {
         self.qubits - self.scratch_qubits + self.ancillas_of_sequence()
     }
 
-    /// Ancillas among them, which are zero before and after a step.
+    /// Number of ancillas among these qubits, which are zero before and after a step.
     pub fn ancillas_of_sequence(&self) -> usize {
         self.scratch_qubits.max(self.block_qubits.saturating_sub(1))
     }

@@ -47,7 +47,7 @@ use crate::quantum::circuit::transport::{
 use crate::quantum::circuit::wires::{Along, Wires};
 
 impl CaseTransport {
-    /// Velocity cells of either sign, of the axis with most.
+    /// The largest number of velocity cells of either sign, over the axes.
     fn speeds(&self) -> usize {
         self.axes.iter().map(|axis| axis.speeds).max().unwrap_or(1)
     }
@@ -130,7 +130,8 @@ impl CaseTransport {
 }
 
 impl AxisTransport {
-    /// The term of this axis, where it is chosen: `T` or `T†` where `moving` holds, else `D`.
+    /// Appends the term of this axis, where it is chosen: `T` or `T†` where `moving` holds, else
+    /// `D`.
     fn apply(&self, c: &mut Circuit, wires: &Wires, along: &Along, moving: Literal) {
         c.comment("speed and level to energy");
         let (sign, low) = (along.sign(), along.speed());
@@ -154,7 +155,8 @@ impl AxisTransport {
         c.flip_if(sign, low);
     }
 
-    /// `U`, where `moved` holds: to the face, across it or back, into the cell behind it.
+    /// Appends `U` where `moved` holds: a particle moves to the face, across it or back, and into
+    /// the cell behind it.
     fn move_particles(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
         let (x, sign) = (&along.space, along.sign());
         let last = (1 << x.len()) - 1;

@@ -14,10 +14,10 @@ use std::collections::{BTreeMap, HashMap};
 
 /// The largest number of bits that number the bins of a level.
 pub const MOST_BIN_BITS: usize = 20;
-/// Largest number of bits of bins that are chosen by the change of the jumps; beyond it a jump has
-/// no further digits.
+/// The largest number of bits of bins that is chosen by the change of the jumps. Beyond it a jump
+/// has no further digits.
 pub const MOST_ROUNDED_BITS: usize = 32;
-/// Distance from a whole number that is round-off, relative.
+/// Relative distance from a whole number that counts as round-off.
 const WHOLE: f64 = 1e-12;
 
 /// A case as the circuit has it.
@@ -34,11 +34,11 @@ pub struct CircuitCase {
 /// The number of bins into which each level is divided, `2^b`.
 #[derive(Clone, Copy, Debug)]
 pub enum Bins {
-    /// The fewest that make all jumps whole.
+    /// The fewest bins that make all jumps whole.
     Whole,
     /// A given number of bits `b`. Jumps are rounded to these bins.
     Given(usize),
-    /// The fewest that change `A` by at most this in norm.
+    /// The fewest bins that change `A` by at most this in norm.
     Within(f64),
 }
 
@@ -64,7 +64,7 @@ impl Height {
 struct JumpFaces {
     below: usize,
     height: Height,
-    /// The cells along the other axes where that is, as numbers of their bits.
+    /// The places along the other axes that have this jump, as numbers of the bits of their cells.
     places: Vec<usize>,
 }
 
@@ -87,7 +87,7 @@ pub fn refuse(case: &Case) -> Result<()> {
     }
 }
 
-/// Whether the flow of a case with the central flux is unitary: with closed ends, and where nothing
+/// Whether the flow of a case with the central flux is unitary: its ends are closed, or nothing
 /// leaves through open ones (a ring without a force).
 ///
 /// # Errors
@@ -96,7 +96,8 @@ fn has_skew_flow(case: &Case) -> Result<bool> {
     Ok(case.flux == 0.0 && (case.is_closed() || Bounds::new(case)?.is_skew()))
 }
 
-/// The first choice of the case that the circuit does not have but the flux, and what would do.
+/// The first choice of the case, other than the flux, that the circuit does not have, and what
+/// would do instead.
 fn unknown_choice(case: &Case) -> Option<String> {
     let degree = case.space.degree();
     if degree > 0 {

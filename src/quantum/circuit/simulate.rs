@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
 
 /// The largest number of qubits of a simulated circuit.
 pub const MOST_QUBITS: usize = 128;
-/// Amplitudes below this are round-off of zeros.
+/// Amplitudes below this count as zero.
 const ROUND_OFF: f64 = 1e-18;
 
 /// A sum of basis states, each with its amplitude; a basis state is a number whose bits are the
@@ -66,12 +66,12 @@ impl SparseState {
         }
     }
 
-    /// A phase where `on` is 1.
+    /// Multiplies the amplitudes of the states at which `on` is 1 by `phase`.
     fn turn(&mut self, on: impl Fn(u128) -> u128, phase: Complex64) {
         self.terms.iter_mut().filter(|(s, _)| on(*s) == 1).for_each(|(_, a)| *a *= phase);
     }
 
-    /// A real matrix on a qubit.
+    /// Applies the real `matrix` to qubit `q`.
     fn mix(&mut self, q: usize, matrix: [[f64; 2]; 2]) {
         let one = 1u128 << q;
         self.terms.sort_unstable_by_key(|(s, _)| (s & !one, s & one));

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 /// The largest number of bits on which a table of coefficients may depend.
 pub const MOST_TABLE_BITS: usize = 12;
-/// Relative differences of coefficients that are round-off: slopes are differences of `V`.
+/// Relative differences of coefficients below this are round-off: slopes are differences of `V`.
 const ROUND_OFF: f64 = 1e-13;
 
 /// A jump of `V`.
@@ -25,11 +25,11 @@ pub struct PotentialJump {
 /// The transport along an axis, in whole numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisTransport {
-    /// Cells in space.
+    /// Number of cells in space.
     pub cells: usize,
-    /// Whether the last cell is before the first.
+    /// Whether the axis is periodic: the last cell is before the first.
     pub periodic: bool,
-    /// Velocity cells of either sign, `j_max + 1`.
+    /// Number of velocity cells of either sign, `j_max + 1`.
     pub speeds: usize,
     /// Jumps of `V`.
     pub jumps: Vec<PotentialJump>,
@@ -183,7 +183,7 @@ impl CircuitModes {
         }
     }
 
-    /// Qubits of the register of modes.
+    /// Number of qubits of the register of modes.
     pub fn qubits(self) -> usize {
         match self {
             Self::Register { qubits, .. } | Self::Rotated { qubits, .. } => qubits,
@@ -226,7 +226,7 @@ pub enum ModeWeights {
     Rotations,
 }
 
-/// Bits that number `count` things.
+/// Number of bits that number `count` things.
 pub fn bits_of(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize
 }

@@ -10,16 +10,16 @@ use crate::quantum::circuit::transport::{
 enum WeightedSum {
     /// Weights for a register of modes.
     Register {
-        /// 1 for the part of `T` and `T†` without `D_μ`.
+        /// A qubit that is 1 for the part of `T` and `T†` without `D_μ`.
         unit: Qubit,
-        /// 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
+        /// A qubit that is 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
         half: Qubit,
         /// A register whose first 1 chooses a bit of the mode.
         first: Vec<Qubit>,
     },
-    /// Weights for each mode of a register: 1 for `T` and `T†`, 0 for `D`.
+    /// Weights for each mode of a register, by a qubit that is 1 for `T` and `T†`, 0 for `D`.
     Each(Qubit),
-    /// Weights for one mode: the same.
+    /// Weights for one mode, by a qubit that is 1 for `T` and `T†`, 0 for `D`.
     One(Qubit),
 }
 
@@ -43,9 +43,9 @@ impl WeightedSum {
 pub(in crate::quantum) struct Along {
     /// The speed, and the sign above it: the number of the velocity cell.
     pub velocity: Vec<Qubit>,
-    /// Velocity cells of either sign.
+    /// Number of velocity cells of either sign.
     pub speeds: usize,
-    /// The cell.
+    /// The number of the space cell.
     pub space: Vec<Qubit>,
     /// The cells along the other space axes, the last one lowest.
     pub others: Vec<Qubit>,
@@ -59,7 +59,7 @@ pub(in crate::quantum) struct Along {
     pub chosen: Vec<Literal>,
 }
 
-/// Registers of which each axis has its part.
+/// The registers of which each axis has a part.
 struct Common<'a> {
     spaces: &'a [Vec<Qubit>],
     bins: &'a [Qubit],
@@ -87,7 +87,7 @@ impl Along {
         }
     }
 
-    /// 1 for velocities above 0.
+    /// The qubit of the sign, which is 1 for velocities above 0.
     pub fn sign(&self) -> Qubit {
         self.velocity[self.velocity.len() - 1]
     }
@@ -109,7 +109,7 @@ impl Terms {
         own.into_iter().chain(self.0[term..].iter().map(|&q| (q, false))).collect()
     }
 
-    /// Weights of the terms.
+    /// Prepares the weights `rates` of the terms.
     pub fn choose(&self, c: &mut Circuit, rates: &[f64]) {
         for (a, &q) in self.0.iter().enumerate() {
             let before: f64 = rates[..=a].iter().sum();
@@ -126,9 +126,9 @@ pub(in crate::quantum) struct Wires {
     modes: Vec<Qubit>,
     /// The registers of each axis.
     pub along: Vec<Along>,
-    /// Bins of a level.
+    /// The register of the bins of a level.
     pub bins: Vec<Qubit>,
-    /// Levels of a cell.
+    /// The register of the levels of a cell.
     level: Vec<Qubit>,
     /// A qubit that is 1 where there is no such level.
     pub no_level: Qubit,
@@ -222,7 +222,7 @@ impl Wires {
         }
     }
 
-    /// Weights of the sum, and levels.
+    /// Prepares the weights of the sum, and the levels.
     pub fn prepare(&self, c: &mut Circuit, modes: CircuitModes, values: usize) {
         let [diagonal, moved] = modes.weights();
         match &self.sum {
@@ -264,7 +264,7 @@ impl Wires {
         c.rotate(Gate::Rz, &controls, self.reversed, &phases.concat());
     }
 
-    /// The factors of the sum that act on the modes, and its phases.
+    /// Appends the factors of the sum that act on the modes, and its phases.
     pub fn phases(&self, c: &mut Circuit, modes: CircuitModes) {
         match (&self.sum, modes) {
             (WeightedSum::One(moved), CircuitModes::One(0.0)) => self.opposite_phases(c, *moved),
@@ -290,7 +290,7 @@ impl Wires {
         }
     }
 
-    /// `i` of `T` and `−i` of its inverse, where `wanted` is 1.
+    /// Appends the factor `i` of `T` and `−i` of its inverse, where `wanted` is 1.
     fn opposite_phases(&self, c: &mut Circuit, wanted: Qubit) {
         c.comment("phases: i of T, -i of its inverse");
         c.where_all(&self.given(&[(wanted, true)]), |c, q| {
@@ -299,7 +299,7 @@ impl Wires {
         });
     }
 
-    /// `Z` on the bit of the mode at which `first` has its first 1, where `wanted` is 1.
+    /// Appends `Z` on the bit of the mode at which `first` has its first 1, where `wanted` is 1.
     fn signs(&self, c: &mut Circuit, wanted: Qubit, first: &[Qubit]) {
         let none = c.take(first.len());
         // None of the bits from this one up.
@@ -324,7 +324,7 @@ impl Wires {
         literals.iter().copied().chain(self.control.map(|q| (q, true))).collect()
     }
 
-    /// `body` with the literal that selects `T` or `T†`, not `D`.
+    /// Appends `body` with the literal that selects `T` or `T†`, not `D`.
     pub fn where_moving(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Literal)) {
         match self.sum {
             WeightedSum::One(q) | WeightedSum::Each(q) => body(c, (q, true)),

@@ -14,7 +14,7 @@ pub struct SequenceCost {
     pub steps: LabelledNumber,
     /// Toffoli gates of a call and its reflection.
     pub toffoli_a_step: LabelledNumber,
-    /// Rotations of a call, and of the sequence for it.
+    /// Rotations of a call, and of the sequence in that step.
     pub rotations_a_step: LabelledNumber,
     /// Toffoli gates of an evolution.
     pub toffoli: LabelledNumber,
@@ -39,7 +39,7 @@ pub struct SequenceCost {
     pub ancillas: LabelledNumber,
 }
 
-/// Counts of a sequence.
+/// The counts of a sequence.
 pub(super) struct SequenceCounts {
     steps: LabelledNumber,
     toffoli_a_step: LabelledNumber,
@@ -113,7 +113,7 @@ const CALLS_AT_ENDS: f64 = 2.0;
 const ROTATIONS_BOTH_WAYS: usize = 2;
 
 impl SequenceCounts {
-    /// `2K` calls of a `controlled` circuit, whose counts have the label of `a_gate`.
+    /// The counts of `2K` calls of a `controlled` circuit, whose counts have the label of `a_gate`.
     pub(super) fn whole(
         evolution: &WalkCost,
         controlled: &GateCounts,
@@ -135,7 +135,7 @@ impl SequenceCounts {
         }
     }
 
-    /// `d` calls of a circuit between two reflections, and two controlled ones.
+    /// The counts of `d` calls of a circuit between two reflections, and of two controlled calls.
     pub(super) fn both_ways(
         evolution: &WalkCost,
         tau: f64,

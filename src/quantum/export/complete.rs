@@ -67,7 +67,7 @@ pub struct CircuitStage {
 /// The description of the circuit, and its expected results.
 #[derive(Clone, Debug, Serialize)]
 pub struct About {
-    /// The block is `H/α`.
+    /// `α`: the block is `H/α`.
     pub alpha: f64,
     /// `αT`.
     pub tau: f64,
@@ -79,7 +79,8 @@ pub struct About {
     pub bound: f64,
     /// `s`.
     pub probability_start: f64,
-    /// The field at a cell is this times the amplitude there, over `√s`: `C_w e^{p◇}`.
+    /// Factor between amplitude and field: the field at a cell is `scale` times the amplitude
+    /// there, over `√s`. It is `C_w e^{p◇}`.
     pub scale: f64,
     /// Bound on the error of the field, in the norm of its vector.
     pub field_bound: f64,
@@ -87,7 +88,8 @@ pub struct About {
     pub cell: Vec<usize>,
     /// `a` as this program finds it: real and imaginary part.
     pub amplitude: [f64; 2],
-    /// The density there is this times `a`, over `√s`.
+    /// Factor between `a` and the density at that cell: the density is `moment_scale` times `a`,
+    /// over `√s`.
     pub moment_scale: f64,
     /// Bound on the error of the density.
     pub moment_bound: f64,
@@ -225,7 +227,7 @@ impl CompleteCircuitInput<'_> {
     }
 }
 
-/// How `f(0)` is prepared.
+/// The preparation of `f(0)`.
 enum StatePreparation {
     /// A product of vectors, one for each axis, `(x1..xn, v1..vn)`.
     Product(Vec<Vec<f64>>),
@@ -306,7 +308,7 @@ struct CircuitBuilder {
     warped: Vec<Qubit>,
     /// The qubits of each axis, `(x1..xn, v1..vn)`.
     axes: Vec<Vec<Qubit>>,
-    /// 1 where comparators found no part of the start.
+    /// A qubit that is 1 where comparators found no part of the start.
     outside: Option<Qubit>,
     estimate: Vec<Qubit>,
     stages: Vec<CircuitStage>,
@@ -424,7 +426,7 @@ impl CircuitBuilder {
         c.gates.extend(velocities.iter().flatten().map(|&q| Gate::H(q)));
     }
 
-    /// Amplitude estimation: `2^m − 1` times `Q`, each with two evolutions.
+    /// Appends amplitude estimation: `2^m − 1` times `Q`, each with two evolutions.
     fn estimate(&mut self) {
         let estimate = self.estimate.clone();
         let forward = self.circuit.gates.clone();

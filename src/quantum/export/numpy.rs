@@ -5,7 +5,7 @@ use num_complex::Complex64;
 /// The header of a vector of `length` elements of the type `kind`, and the bytes.
 fn file(kind: &str, length: usize, bytes: impl Iterator<Item = u8>) -> Vec<u8> {
     const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
-    /// Magic, length of the header and header together are a multiple of this.
+    /// The length of magic, length of the header and header together is a multiple of this.
     const ALIGNMENT: usize = 64;
     let mut header =
         format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({length},), }}");

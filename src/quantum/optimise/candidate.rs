@@ -34,7 +34,7 @@ pub struct CostedChoice {
     /// Whether the cheaper sequence is the one of half as many calls; `None` if the cost is not
     /// known.
     pub half_calls: Option<bool>,
-    /// Probability of slice and window, all conditions met.
+    /// Probabilities that all conditions are met, of the slice and of the window.
     pub probability: [LabelledNumber; 2],
     /// Gates, in Toffoli gates, until the field is measured in the window, or in the slice where
     /// there is none: repeated, and by amplitude amplification. The sequence is the cheaper one.
@@ -81,7 +81,7 @@ impl CostedChoice {
         }
     }
 
-    /// The unitary scheme with these accesses: one mode, which is the field. None without access.
+    /// The unitary scheme with these accesses: one mode, which is the field. `None` without access.
     pub fn unitary(costs: &[Cost]) -> Option<Self> {
         let one = || LabelledNumber::exact(1.0);
         let cost = Cost::least_of(costs)?;
@@ -122,12 +122,12 @@ impl CostedChoice {
         if self.half_calls == Some(true) { &self.half_calls_steps } else { &self.steps }
     }
 
-    /// The lower of both costs.
+    /// Gates until the field is measured, repeated or amplified, whichever is fewer.
     pub fn measured(&self) -> &LabelledNumber {
         LabelledNumber::lower_of(&self.cost)
     }
 
-    /// Why it cannot be planned, if so.
+    /// Why the choice cannot be planned; `None` if it can.
     pub fn why_not(&self) -> Option<&str> {
         match self.recovery.value() {
             None => self.recovery.because(),
@@ -135,12 +135,13 @@ impl CostedChoice {
         }
     }
 
-    /// The cheaper of both.
+    /// The cheaper choice of the two.
     pub(super) fn cheaper(self, other: Self) -> Self {
         if other.least_cost() < self.least_cost() { other } else { self }
     }
 
-    /// The lower of both costs; infinite where there is none.
+    /// Gates until the field is measured, repeated or amplified, whichever is fewer; infinite where
+    /// there is no number.
     pub fn least_cost(&self) -> f64 {
         self.cost.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
     }
@@ -157,26 +158,27 @@ impl CostedChoice {
 
 /// The properties of a system with some `δ` that the choice needs.
 pub struct System<'a> {
-    /// Ranks that share the work, if there are others.
+    /// The ranks that share the work, if there are others.
     pub world: Option<&'a Group>,
     /// The case with that `δ`.
     pub case: &'a Case,
     /// Bounds of the case.
     pub bounds: &'a Bounds,
-    /// `‖u(0)‖/‖f(T)‖` planned for.
+    /// The ratio `‖u(0)‖/‖f(T)‖` that is planned for.
     pub ratio: f64,
-    /// The norms the probabilities follow from.
+    /// The norms from which the probabilities follow.
     pub norms: StateNorms,
     /// The data from which the costs follow.
     pub accesses: &'a Accesses,
 }
 
-/// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
+/// A profile with its recovery point: how far the field is read beyond the first point where the
+/// profile is `e^{−p}`. `None` leaves that to the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ProfileCandidate {
     pub profile: ProfileChoice,
     pub further: Option<f64>,
-    /// The parameter as the scan has it; 0 of defaults.
+    /// The value of the parameter in the scan; 0 for defaults.
     pub value: f64,
 }
 

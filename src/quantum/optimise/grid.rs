@@ -8,7 +8,7 @@
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System};
 use crate::quantum::optimise::pricing::{PlannedCandidate, choice};
 
-/// Candidates, priced as far as was asked for.
+/// Candidates, with costs of those whose cost was asked for.
 pub(super) struct PricedGrid<'a> {
     system: &'a System<'a>,
     candidates: Vec<Priced>,

@@ -72,7 +72,7 @@ fn planned_within(case: &Case) -> Case {
     Case { tolerance: PLANNED * case.tolerance, ..case.clone() }
 }
 
-/// The state of a plan for this error of the field.
+/// The state of the plan `outline`, for an error `field_tolerance` of the field.
 fn of_outline(outline: &Outline, field_tolerance: f64, ratio: f64) -> Preparation {
     let state_tolerance = field_tolerance / ratio;
     let series = match outline.profile.form() {
@@ -125,7 +125,7 @@ impl PlannedCandidate {
     pub fn least_possible(&self, system: &System<'_>) -> f64 {
         /// Modes whose coefficients are computed: others add little to the norm.
         const FIRST: usize = 64;
-        /// Round-off of both numbers.
+        /// Round-off of the cost and of its bound.
         const ROUND_OFF: f64 = 1e-9;
         let Self { case, outline } = self;
         let ProfileForm::Transform(shape) = outline.profile.form() else { return 0.0 };
@@ -156,7 +156,7 @@ impl PlannedCandidate {
         (1.0 - ROUND_OFF) * least.cost.least()
     }
 
-    /// The cost.
+    /// The cost of the candidate.
     fn priced(&self, system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         let Self { case, outline } = self;
         let Preparation { series, point, state_tolerance, .. } =

@@ -27,7 +27,7 @@
 use crate::quantum::readout::random::Stream;
 use std::f64::consts::PI;
 
-/// Probability with which a bound of this file holds, at least.
+/// The least probability with which a bound of this file holds.
 pub const CONFIDENCE: f64 = 0.95;
 
 /// Runs of amplitude estimation whose median is taken: with fewer the median fails more often than

@@ -40,7 +40,7 @@ impl Stream {
         self.0.next_u64()
     }
 
-    /// Uniform in (0, 1).
+    /// A uniform number in (0, 1).
     pub fn uniform(&mut self) -> f64 {
         Open01.sample(&mut self.0)
     }
@@ -73,7 +73,7 @@ impl Stream {
         successes + rest.sample(&mut self.0)
     }
 
-    /// Gamma of a whole shape, at least 1.
+    /// A number of the gamma distribution of a whole shape, at least 1.
     fn gamma(&mut self, shape: u64) -> f64 {
         Gamma::new(shape as f64, 1.0).expect("a shape above 0").sample(&mut self.0)
     }

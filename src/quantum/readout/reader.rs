@@ -56,17 +56,17 @@ struct Overlap {
 /// The length of a measurement of an overlap and of `C_f`.
 #[derive(Clone, Copy, Debug)]
 struct Repetitions {
-    /// Shots, or runs of amplitude estimation.
+    /// Number of shots, or of runs of amplitude estimation.
     shots: f64,
-    /// Values of the register of amplitude estimation; 0 of other estimators.
+    /// Number of values of the register of amplitude estimation; 0 for other estimators.
     evaluations: f64,
-    /// Values of the register of amplitude estimation of `P`; 0 if `C_f` is not measured, or
-    /// follows from the number of shots that succeed.
+    /// Number of values of the register of amplitude estimation of `P`. 0 if `C_f` is not measured,
+    /// or follows from the number of shots that succeed.
     norm_evaluations: f64,
 }
 
-/// An observable at a cell by one estimator, with what the mean velocity needs of it: there `C_f`
-/// cancels.
+/// The measurement of an observable at a cell by one estimator. It has what the mean velocity
+/// needs, in which `C_f` cancels.
 struct MeasuredMoment {
     measured: Measured,
     /// The estimate if `C_f` is known exactly.
@@ -91,7 +91,7 @@ impl Repetitions {
     }
 }
 
-/// Values computed from the field at a cell; the same on all ranks.
+/// Sums over the field at a cell, equal on all ranks.
 pub(crate) struct CellSums {
     /// `Σ_j q_j f_j` for each of [`crate::matrix::observables::MOMENTS`] kinds of `q`.
     moments: [f64; MAX_DIMENSION + 1],
@@ -110,7 +110,8 @@ pub(crate) struct ReadoutContext<'a> {
 }
 
 impl ReadoutContext<'_> {
-    /// Sums over the velocities at `cell`, which is on one rank; on all. Collective over `world`.
+    /// Sums over the velocities at `cell`, on all ranks. The cell is on one of them. Collective
+    /// over `world`.
     pub(crate) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
         let mut sums = self.sums_here(cell);
         // The other ranks add zero bits.
@@ -303,7 +304,7 @@ impl ReadoutContext<'_> {
         self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
     }
 
-    /// Why `|overlap|²` does not give the observable, if so: its sign is not known.
+    /// Why `|overlap|²` does not give the observable: its sign is not known. `None` if it does.
     fn not_squared(&self, row: &ReadoutRow, sums: &CellSums) -> Option<&'static str> {
         if row.observable != Observable::Density {
             return Some("a momentum may have either sign, and |overlap|^2 has none");
@@ -381,7 +382,7 @@ impl ReadoutContext<'_> {
         }
     }
 
-    /// Shots and values of the register, or why there are none.
+    /// The shots and values of the register, or why there are none.
     fn repetitions(
         &self,
         estimator: OverlapEstimator,

@@ -46,25 +46,25 @@ impl Observable {
     }
 }
 
-/// How an overlap is measured.
+/// The measurement of an overlap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OverlapEstimator {
     /// Hadamard test with the postselected state.
     Hadamard,
-    /// Amplitude estimation of that.
+    /// Amplitude estimation with the postselected state.
     AmplitudeEstimation,
     /// The frequency of zeros after the inverse preparation of `χ`, which is `|⟨χ|F⟩|²`. It serves
     /// where `f ≥ 0`.
     AllZero,
     /// Hadamard test with the enlarged state.
     EnlargedHadamard,
-    /// Amplitude estimation of that.
+    /// Amplitude estimation with the enlarged state.
     EnlargedAmplitudeEstimation,
 }
 
 impl OverlapEstimator {
-    /// All, in the order of files.
+    /// The estimators, in the order of files.
     pub const ALL: [Self; 5] = [
         Self::Hadamard,
         Self::AmplitudeEstimation,
@@ -192,7 +192,7 @@ impl ReadoutRow {
         format!("{name} at ({at}) is {}, {measured}", short(value))
     }
 
-    /// An empty row.
+    /// A row without numbers.
     pub(crate) fn at(space: &PhaseSpace, cell: &[usize], observable: Observable) -> Self {
         let axes = || space.x.iter().zip(cell);
         Self {

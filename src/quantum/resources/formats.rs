@@ -7,11 +7,11 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::Record;
 use serde_json::{Map, Value, json};
 
-/// What the T gates of rotations are for.
+/// The use of the T gates of rotations.
 const T_OF_ROTATION: &str = "The estimator makes rotations of logicalCounts of T gates by a \
                              formula of its own. tOfRotation chose the set-up and the access; \
                              tOfRotations has the T gates that follow from it";
-/// Which counts have no rotations.
+/// The note that counts have no rotations.
 const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotations";
 
 impl Record {

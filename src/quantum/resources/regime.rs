@@ -17,15 +17,15 @@ use serde::Serialize;
 pub struct Regime {
     /// Where the solution is discontinuous, in words.
     pub discontinuities: String,
-    /// Cells an axis.
+    /// Number of cells for each axis.
     pub cells_per_axis: LabelledNumber,
-    /// `(Σ Q_a + n) n T/ε^{2 or 3} + log(1/ε)/log log(1/ε)`.
+    /// Number of queries: `(Σ Q_a + n) n T/ε^{2 or 3} + log(1/ε)/log log(1/ε)`.
     pub queries: LabelledNumber,
-    /// Factor of other gates.
+    /// Number of other gates for each query.
     pub gates_factor: LabelledNumber,
-    /// Qubits, `p` not growing.
+    /// Number of qubits, if `p` does not grow.
     pub qubits: LabelledNumber,
-    /// Qubits, `p` growing with the spectrum.
+    /// Number of qubits, if `p` grows with the spectrum.
     pub qubits_with_growth: LabelledNumber,
     /// Operations of forward Euler.
     pub classical_operations: LabelledNumber,

@@ -14,8 +14,8 @@ use std::fmt;
 const WIDTH: usize = 32;
 
 impl Comparison {
-    /// The costs of all set-ups; those that are one mode and cost what the unitary scheme does are
-    /// among them once, by its name.
+    /// Writes the costs of all set-ups. Those that are one mode and cost what the unitary scheme
+    /// does appear once, by its name.
     pub fn costs(&self) -> CostTable<'_> {
         let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.costs));
         let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
