@@ -46,7 +46,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
-/// As [`write`], with the contents that `fill` writes into the file.
+/// Writes a file as [`write`] does, with the contents that `fill` writes into it.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -65,7 +65,7 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -
     written.map_err(|e| failure(path, &e))
 }
 
-/// As [`write`], for a text, whose control characters are escaped.
+/// Writes a text as [`write`] does. Its control characters are escaped.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -73,7 +73,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<()> {
     write(path, visible(text).as_bytes())
 }
 
-/// As [`write_text`], for a long text in pieces, of which one at a time is in memory.
+/// Writes a long text in pieces as [`write_text`] does. One piece at a time is in memory.
 ///
 /// # Errors
 /// [`Error::Output`].

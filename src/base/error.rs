@@ -242,7 +242,7 @@ pub enum Error {
     Stopped {
         /// Why.
         why: String,
-        /// Where the checkpoints are.
+        /// The directory of the checkpoints.
         path: PathBuf,
         /// Modes finished.
         finished: usize,

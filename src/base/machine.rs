@@ -130,9 +130,9 @@ pub fn stop_flag() -> Arc<AtomicBool> {
 /// one.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StopMessages {
-    /// In [`RunPart::SetUp`].
+    /// The message of a signal in [`RunPart::SetUp`].
     pub set_up: &'static str,
-    /// In [`RunPart::Modes`], once.
+    /// The message of a signal in [`RunPart::Modes`], written once.
     pub modes: &'static str,
 }
 

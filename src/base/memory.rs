@@ -26,10 +26,11 @@ pub fn available() -> Available {
 /// Largest resident memory of a process so far, in bytes; 0 where the system does not say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Peak {
-    /// All of it.
+    /// Resident bytes of all pages.
     pub resident: u64,
-    /// Without pages of files (programs, libraries, mapped files). The kernel maps these as far as
-    /// its page cache has them, and drops them where memory is short, whatever the program does.
+    /// Resident bytes without pages of files (programs, libraries, mapped files). The kernel maps
+    /// these as far as its page cache has them, and drops them where memory is short, whatever the
+    /// program does.
     pub anonymous: u64,
 }
 
@@ -102,7 +103,7 @@ fn kilobytes(path: &Path, key: &str) -> Option<u64> {
     kilobytes_in(&std::fs::read_to_string(path).ok()?, key)
 }
 
-/// The same in the text of such a file.
+/// The value of `key` in the text of such a file, in bytes.
 fn kilobytes_in(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find(|l| l.starts_with(key))?;
     let number = line.split_whitespace().nth(1)?.parse::<u64>().ok()?;
@@ -136,7 +137,7 @@ struct ControlGroupFiles {
     limits: &'static [&'static str],
     /// Bytes in use.
     used: &'static str,
-    /// In `memory.stat`: file pages that the system drops when memory runs short.
+    /// The key in `memory.stat` of the file pages that the system drops when memory runs short.
     reclaimable: &'static str,
 }
 

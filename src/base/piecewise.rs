@@ -272,7 +272,7 @@ struct PiecewiseFit<'f> {
     rule: Vec<QuadraturePoint>,
     /// `P_n` at the nodes.
     values: Vec<Vec<f64>>,
-    /// Where a piece is compared: between nodes and close to its ends.
+    /// The points at which a piece is compared: between nodes and close to its ends.
     between: Vec<f64>,
 }
 

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 /// A node of a rule, and its weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuadraturePoint {
-    /// Where the integrand is evaluated.
+    /// The point at which the integrand is evaluated.
     pub node: f64,
     /// What its value is multiplied by.
     pub weight: f64,

@@ -35,7 +35,7 @@ pub(crate) fn word(choice: &impl Serialize) -> String {
     serde_json::to_value(choice).ok().and_then(|value| text(&value)).unwrap_or_default()
 }
 
-/// A text with at most so many characters, and `…` for the rest.
+/// `text` with at most `most` characters, and `…` for the rest.
 pub(crate) fn shortened(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         None => text.to_owned(),

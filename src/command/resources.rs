@@ -99,7 +99,7 @@ fn show<T: Serialize + Display>(
     }
 }
 
-/// Progress of a search, and of so many systems beside it.
+/// Progress of a search, and of `systems` systems beside it.
 fn progress(world: &World, case: &Case, systems: usize) -> Progress {
     let of_search = deltas(case, 0.0).len() * (OF_SYSTEM + UNITS);
     Progress::new(world.group().rank() == 0, "resources", of_search + systems * OF_SYSTEM)

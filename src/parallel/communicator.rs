@@ -321,8 +321,8 @@ impl Group {
         fixed.join(total)
     }
 
-    /// As [`sum`](Self::sum) for `N` sums at once, whose bounds are found first. NaN if a term is
-    /// not finite. Allocates nothing.
+    /// Sums `N` lists of terms at once, as [`sum`](Self::sum) does each. Their bounds are found
+    /// first. NaN if a term is not finite. Allocates nothing.
     pub fn sum_lanes<const N: usize>(
         &self,
         count: usize,

@@ -38,9 +38,9 @@ impl Deadline {
 }
 
 impl Group {
-    /// As [`agree`](Self::agree), for an outcome of what is collective within a library. If that
-    /// fails on some ranks only, the others may wait within it for ever: then the job ends with the
-    /// error.
+    /// Agrees on an outcome as [`agree`](Self::agree) does, for work that is collective within a
+    /// library. If that fails on some ranks only, the others may wait within it for ever: then the
+    /// job ends with the error.
     ///
     /// # Errors
     /// As [`agree`](Self::agree).

@@ -23,7 +23,7 @@ pub fn split(range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     at(part)..at(part + 1)
 }
 
-/// Cells of the largest of so many parts of `axis`, each of whole elements.
+/// Number of cells of the largest of `parts` parts of `axis`, each of whole elements.
 pub fn largest_part(axis: &Axis, parts: usize) -> usize {
     axis.elements().div_ceil(parts) * axis.nodes.count()
 }

@@ -140,7 +140,7 @@ pub(crate) struct Outline {
 }
 
 impl Outline {
-    /// That of `case`.
+    /// The outline of the plan of `case`.
     ///
     /// # Errors
     /// As [`plan_placement`], but for the number of modes.

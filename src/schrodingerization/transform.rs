@@ -60,7 +60,7 @@ impl Transform {
         }
     }
 
-    /// The same for modes that still lack the factors `phases`.
+    /// The transform of modes that still lack the factors `phases`.
     pub fn with_phases(mut self, phases: &[Complex64]) -> Self {
         for ((factor, inverse), phase) in
             (self.factors.iter_mut().zip(&mut self.inverse)).zip(phases)

@@ -55,7 +55,7 @@ pub struct WarpPlan {
     /// The legs of the run.
     #[serde(skip)]
     pub legs: Vec<Leg>,
-    /// The same by leg, then by mode.
+    /// The work by leg, then by mode.
     #[serde(skip)]
     pub leg_work: Vec<Vec<usize>>,
     /// Allowed relative error of each mode: its share of a tenth of the state's tolerance; if the

@@ -38,7 +38,7 @@ impl<'a> Transpose<'a> {
         Self::in_pieces(group, modes, cells, MOST_AT_ONCE)
     }
 
-    /// The same, with messages of at most `most` elements.
+    /// The transposition as [`new`](Self::new) makes it, with messages of at most `most` elements.
     pub fn in_pieces(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize, most: usize) -> Self {
         assert_eq!(modes.len(), group.size(), "a list of modes for each rank");
         let buffer = vec![Complex64::ZERO; buffer(&modes, cells)];
@@ -68,9 +68,10 @@ impl<'a> Transpose<'a> {
         self.group.rank()
     }
 
-    /// From modes to cells: `all[(i − cells[rank].start)·modes + l] = by_mode[k·stride + i]`, `l`
-    /// being the `k`-th mode of the rank that has it, for the cells `cells[rank]` of each rank.
-    /// Collective over the group; allocates nothing.
+    /// Transposes from modes to cells:
+    /// `all[(i − cells[rank].start)·modes + l] = by_mode[k·stride + i]`, `l` being the `k`-th mode
+    /// of the rank that has it, for the cells `cells[rank]` of each rank. Collective over the
+    /// group; allocates nothing.
     pub fn to_cells(
         &mut self,
         by_mode: &[Complex64],

@@ -16,11 +16,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, JoinHandle, park_timeout, sleep};
 use std::time::Duration;
 
-/// Variable of the environment: after so many seconds a stopped rank ends the job, with 0 never.
+/// Variable of the environment: the number of seconds after which a stopped rank ends the job; with
+/// 0 it never does.
 const VARIABLE: &str = "PHASEWARP_STOPPED_SECONDS";
-/// Its value where it is not set.
+/// The value of that variable where it is not set.
 pub(crate) const USUAL_LOOKS: u32 = 60;
-/// Between two looks.
+/// Time between two looks.
 pub(crate) const PAUSE: Duration = Duration::from_secs(1);
 /// How long a launcher may take to end a job of which a rank was killed.
 const LAUNCHER: Duration = Duration::from_secs(10);

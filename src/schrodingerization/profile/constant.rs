@@ -24,7 +24,7 @@ impl Constant {
 }
 
 impl Default for Constant {
-    /// With the period `2π`; any other gives the same.
+    /// The profile with the period `2π`. Any other period gives the same.
     fn default() -> Self {
         Self { series: Series { period: TAU, coefficients: vec![Complex64::ONE], alone: false } }
     }

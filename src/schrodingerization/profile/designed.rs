@@ -55,12 +55,12 @@ const SHORTEST: f64 = 1e-3;
 const LONGEST: f64 = 2e4;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
 const SHARE: f64 = 0.7;
-/// The same for a design that is continued (the cut may double its error), and its part of the
+/// Shares of a design that is continued (the cut may double its error): of the error, and of the
 /// largest `Σ|c_l|`.
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
 /// Most modes of a design, about; a polynomial with more is continued from a shorter domain.
 const LARGEST: f64 = 160.0;
-/// Up to this number of modes, several gaps are tried.
+/// The largest number of modes for which several gaps are tried.
 const QUICK: usize = 100;
 /// Factors of the other gaps, relative to the first one.
 const OTHER_GAPS: [f64; 4] = [FRAC_1_SQRT_2, SQRT_2, 2.0, 2.0 * SQRT_2];
@@ -159,7 +159,7 @@ fn digits(demand: &ProfileRequirements) -> f64 {
     demand.growth - libm::log(demand.tolerance)
 }
 
-/// Where `g` must be `e^{−p}`.
+/// The interval on which `g` must be `e^{−p}`.
 fn domain(demand: &ProfileRequirements) -> [f64; 2] {
     [-demand.growth, demand.reach + demand.decay]
 }
@@ -288,7 +288,7 @@ impl LatticeDomain {
 #[derive(Clone)]
 struct Polynomial {
     period: f64,
-    /// In units of `P/TURN`.
+    /// The centre, in units of `P/TURN`.
     centre: i64,
     coefficients: Vec<Complex64>,
 }

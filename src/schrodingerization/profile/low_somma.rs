@@ -22,7 +22,7 @@ const DEVIATION: f64 = 0.25;
 /// The profile.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LowSomma {
-    /// From here on `g` is `e^{−p}`.
+    /// The point from which on `g` is `e^{−p}`.
     pub c: f64,
     /// Width of the Gaussian.
     pub sigma: f64,

@@ -24,7 +24,7 @@ impl Series {
         Self { period, coefficients: (0..modes).map(coefficient).collect(), alone: false }
     }
 
-    /// The same for the `points` modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even.
+    /// The series of `points` modes `l = −N_p/2 … N_p/2 − 1`, with `N_p = points` even.
     pub fn analytic_points(
         period: f64,
         points: usize,
@@ -92,8 +92,8 @@ pub fn points(series: &Series) -> usize {
     if series.alone && modes > 1 { 2 * (modes - 1) } else { points_of_modes(modes) }
 }
 
-/// The same for `modes` modes `l ≥ 0` with their partners: the least even number without prime
-/// factors above 5 that is at least twice their number.
+/// The number of points for `modes` modes `l ≥ 0` with their partners: the least even number
+/// without prime factors above 5 that is at least twice `modes`.
 pub fn points_of_modes(modes: usize) -> usize {
     if modes == 1 {
         return 1;

@@ -21,9 +21,9 @@ pub trait ProfileShape {
 
 /// The form in which a profile is known.
 pub enum ProfileForm<'a> {
-    /// As a function on the line.
+    /// A function on the line, by its transform.
     Transform(&'a dyn ProfileShape),
-    /// As a periodic series only.
+    /// A periodic series only.
     Series(&'a Series),
 }
 

@@ -32,7 +32,8 @@ use crate::schrodingerization::profile::window::{
 use num_complex::Complex64;
 use std::f64::consts::E;
 
-/// Up to here the polynomial's transform is a sum of spherical Bessel functions.
+/// The largest argument for which the polynomial's transform is a sum of spherical Bessel
+/// functions.
 const SMALL: f64 = 40.0;
 
 /// The profile.
