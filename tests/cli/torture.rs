@@ -188,8 +188,9 @@ const FAULTS: [FaultKind; 10] = [
     fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 
-/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe.
-const CRASHES: [i32; 3] = [134, 139, 141];
+/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe. With MPICH, a rank may
+/// end by invalid memory where another one ends while MPI starts.
+const CRASHES: [i32; 4] = [134, 139, 141, libc::SIGSEGV];
 
 impl FaultKind {
     /// Whether a run may end with this exit code. If mpirun itself hangs or crashes after its ranks
