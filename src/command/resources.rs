@@ -29,7 +29,7 @@ const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gat
                         b upper bound, m model or estimate";
 
 /// Units of progress of a system.
-const OF_SYSTEM: usize = 4;
+const UNITS_OF_SYSTEM: usize = 4;
 
 /// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
 /// choices, with `--accuracy` the cost from end to end. Collective.
@@ -101,8 +101,8 @@ fn show<T: Serialize + Display>(
 
 /// Progress of a search, and of so many systems beside it.
 fn progress(world: &World, case: &Case, systems: usize) -> Progress {
-    let of_search = deltas(case, 0.0).len() * (OF_SYSTEM + UNITS);
-    Progress::new(world.group().rank() == 0, "resources", of_search + systems * OF_SYSTEM)
+    let of_search = deltas(case, 0.0).len() * (UNITS_OF_SYSTEM + UNITS);
+    Progress::new(world.group().rank() == 0, "resources", of_search + systems * UNITS_OF_SYSTEM)
 }
 
 /// An assembled case and what is known of its solution.
@@ -144,13 +144,13 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
-    progress.advance(OF_SYSTEM);
+    progress.advance(UNITS_OF_SYSTEM);
     let RankedSystem { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
     let (unitary, not_unitary) = match unitary(world, case, rough.norms, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
     };
-    progress.advance(OF_SYSTEM);
+    progress.advance(UNITS_OF_SYSTEM);
     let comparison = Comparison {
         cheapest: own.clone(),
         cheapest_settings: None,
@@ -253,7 +253,7 @@ fn optimise(
         // Frees the system of the `δ` before.
         drop(last.take());
         let ProbedCase { prepared, rough } = ProbedCase::new(world, &with_delta(&case, delta))?;
-        progress.advance(OF_SYSTEM);
+        progress.advance(UNITS_OF_SYSTEM);
         let accesses = &accesses(&prepared, rough.ratio, synthesis);
         let system = System {
             world: Some(&world.group()),

@@ -27,11 +27,11 @@ const EXCHANGE_BYTES: u64 = 1 << 20;
 /// two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
 mod chunk {
     /// The first step, for each chunk of the dataset.
-    pub const OF_ALL: u64 = 4720;
+    pub const FIRST_STEP: u64 = 4720;
     /// The second step, for each chunk of the dataset.
-    pub const WRITING: u64 = 950;
+    pub const SECOND_STEP: u64 = 950;
     /// The second step in addition, for each chunk that the rank writes a part of.
-    pub const WRITING_OWN: u64 = 10_430;
+    pub const SECOND_STEP_OWN: u64 = 10_430;
 }
 
 /// Bytes of a rank, of `ranks` in all, that are pages of the files of the program and its
@@ -90,7 +90,7 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + shared).min(layers);
     let own = (chunks.div_ceil(layers) * own_layers).min(chunks);
     let [chunks, own] = [chunks, own].map(|n| n as u64);
-    (chunk::OF_ALL * chunks).max(chunk::WRITING * chunks + chunk::WRITING_OWN * own)
+    (chunk::FIRST_STEP * chunks).max(chunk::SECOND_STEP * chunks + chunk::SECOND_STEP_OWN * own)
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest

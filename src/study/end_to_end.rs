@@ -43,7 +43,7 @@ use crate::study::advise::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{
-    Candidate, DensityTask, OF_PRICE, OF_TRIALS, OVER_CHARACTERISTICS,
+    Candidate, DensityTask, OVER_CHARACTERISTICS, UNITS_OF_PRICE, UNITS_OF_TRIALS,
 };
 use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
@@ -54,7 +54,7 @@ use crate::study::grids::of_degree;
 /// Degrees that are compared.
 const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 /// Units of progress: two schemes of every degree, and one with slopes.
-const UNITS: usize = 10 * (OF_TRIALS + OF_PRICE) + OF_TRIALS;
+const UNITS: usize = 10 * (UNITS_OF_TRIALS + UNITS_OF_PRICE) + UNITS_OF_TRIALS;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
 /// Names of methods.
@@ -154,7 +154,7 @@ fn classical_methods(
         }
     };
     baselines.push(stepped("time stepping, van Leer", &steeper, case, accuracy));
-    task.advance(OF_TRIALS);
+    task.advance(UNITS_OF_TRIALS);
     baselines.extend(match case.reflects() {
         true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
         false => [
@@ -259,7 +259,7 @@ fn candidates(
     };
     let of_degree = |degree: usize| {
         let scheme = measured(degree).map_err(|error| case.reason(&error));
-        task.advance(OF_TRIALS);
+        task.advance(UNITS_OF_TRIALS);
         Candidate { degree, scheme }
     };
     DEGREES.map(of_degree).collect()

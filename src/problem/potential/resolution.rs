@@ -15,7 +15,7 @@ const MOST_LINES: usize = 1 << 16;
 /// Differences below this part of the range of `V` in the region are ignored.
 const NOTICED: f64 = 0.01;
 /// Differences below this part of the largest `v²/2` of the box are ignored.
-const OF_ENERGY: f64 = 1e-3;
+const NOTICED_PART_OF_ENERGY: f64 = 1e-3;
 
 /// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -138,9 +138,9 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
             found[own.region][a].add(Unresolved { axis: a, ..place });
         }
     }
-    let limits = ranges
-        .into_iter()
-        .map(|[least, most]| (NOTICED * (most - least)).max(OF_ENERGY * energy_scale(&case.space)));
+    let limits = ranges.into_iter().map(|[least, most]| {
+        (NOTICED * (most - least)).max(NOTICED_PART_OF_ENERGY * energy_scale(&case.space))
+    });
     let regions = found.into_iter().zip(limits);
     regions
         .flat_map(|(axes, limit)| axes.into_iter().filter_map(move |found| found.beyond(limit)))

@@ -2,7 +2,7 @@
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
-use crate::study::advise::order::Range;
+use crate::study::advise::order::OrderRange;
 use crate::study::grids::on_grid;
 use crate::study::treatment::Treatment;
 
@@ -86,10 +86,10 @@ impl SchemeChoice {
     /// The orders in the elements' width that its errors may show: at least that of discontinuous
     /// data in L1, `(k + 1)/(k + 2)`, at most one more than that of smooth data, `k + 1`. Slopes
     /// count as degree 1.
-    pub fn orders(self) -> Range {
+    pub fn orders(self) -> OrderRange {
         let k = if self.limiter == Limiter::None { self.degree } else { 1 } as f64;
         let most = if self.limiter == Limiter::None { k + 2.0 } else { 2.0 };
-        Range { least: (k + 1.0) / (k + 2.0), most }
+        OrderRange { least: (k + 1.0) / (k + 2.0), most }
     }
 
     /// A classical run of this scheme on `shape` elements. `case` has elements of its degree.

@@ -16,7 +16,7 @@ use crate::quantum::readout::measurement::{amplitude_bound, preparations, root_e
 use crate::quantum::resources::{entries_of, qubits_of};
 use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::{OF_ROUNDING, of_evolution};
+use crate::quantum::walk::{ROUNDING_PART, evolution_part};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
@@ -28,12 +28,12 @@ use std::cell::RefCell;
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
 /// Units of progress of the trials of a scheme, and of its price.
-pub(super) const OF_TRIALS: usize = 1;
-pub(super) const OF_PRICE: usize = 1;
+pub(super) const UNITS_OF_TRIALS: usize = 1;
+pub(super) const UNITS_OF_PRICE: usize = 1;
 /// Name of the method.
 pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
 /// What the tolerance of a state follows from.
-const SPREAD: &str = "the density's error beside that of f, measured";
+const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
 /// What the numbers of a grid method follow from.
 const MEASURED: &str = "norms and errors on the case's grid, and the measured order";
 
@@ -81,7 +81,7 @@ impl DensityTask<'_> {
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
-            self.advance(OF_PRICE);
+            self.advance(UNITS_OF_PRICE);
             degrees.push(DegreeCost {
                 degree: *degree,
                 order: found.order,
@@ -178,7 +178,7 @@ impl DensityTask<'_> {
             bounds,
             entries.scaled(factor, fuller, FINER),
             qubits_of(target),
-            OF_ROUNDING * of_evolution(!bounds.is_skew()) * tolerance,
+            ROUNDING_PART * evolution_part(!bounds.is_skew()) * tolerance,
             self.synthesis,
         )
     }
