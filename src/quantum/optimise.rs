@@ -29,6 +29,7 @@ use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::optimise::grid::PricedGrid;
 use crate::quantum::optimise::pricing::choice;
+use crate::scheme::interface::law_of;
 use crate::schrodingerization::placement::takes_one_mode;
 
 /// The default profiles of a run, for comparison.
@@ -46,11 +47,11 @@ const DEFAULTS: [ProfileChoice; 8] = [
 /// probability is `e^{−4}` times as large.
 const FURTHEST: f64 = 2.0;
 
-/// `case` with the scheme that is taken on a quantum computer: of degree 0 the conservative
-/// interface, which is stable without weights.
+/// `case` with the scheme that is taken on a quantum computer: in place of an interface law that
+/// needs weights the conservative one, which is stable without them.
 pub fn scheme_of(case: &Case) -> Case {
     let mut case = case.clone();
-    if case.interface == Interface::Hat {
+    if law_of(case.interface).may_grow() {
         (case.interface, case.warp.weights) = (Interface::Conservative, false);
     }
     case
