@@ -42,8 +42,8 @@ use std::time::{Duration, Instant};
 /// The contents of a file, or a sentence that says why it cannot be used.
 pub type FileResult<T> = std::result::Result<T, String>;
 
-/// How long a rank waits until it sees a file that another rank made, as network file systems show
-/// it with a delay.
+/// The longest time that a rank waits until it sees a file that another rank made. Network file
+/// systems show it with a delay.
 const LATE: Duration = Duration::from_secs(10);
 
 /// Names of the files that a run may write before `summary.json`.

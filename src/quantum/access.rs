@@ -41,7 +41,7 @@ pub struct SparseAccess<'a> {
     sparsity: usize,
 }
 
-/// `κ` of the rows that something enters, in weighted unknowns.
+/// The couplings `κ` of the rows that the inflow enters, in weighted unknowns.
 struct Couplings {
     /// `(row, κ)`, ascending in the row.
     rows: Vec<(usize, f64)>,
@@ -247,8 +247,9 @@ impl<'a> SparseAccess<'a> {
         }
     }
 
-    /// The cells whose rows of `A` may have an entry in column `i`, ascending, each once: those of
-    /// its element and the nearest beyond its two faces.
+    /// Fills `candidates` with the cells whose rows of `A` may have an entry in column `i`,
+    /// ascending, each once. These are the cells of its element, and the nearest cells beyond its
+    /// two faces.
     fn drawing_on(&self, candidates: &mut Vec<usize>, i: usize) {
         candidates.clear();
         let n = self.space.dimension();
@@ -276,12 +277,13 @@ pub struct LargestEntries {
     pairs: Vec<[f64; 2]>,
     /// Nonzeros of the fullest row.
     pub nonzeros: usize,
-    /// Where they are of another grid: how that was extrapolated.
+    /// How the entries were extrapolated; `None` where they are of this grid.
     pub extrapolated: Option<&'static str>,
 }
 
 impl LargestEntries {
-    /// The largest of these `(|S_ij|, |K_ij|)`, with so many nonzeros in the fullest row.
+    /// The entries of a matrix: the largest of `pairs`, each `(|S_ij|, |K_ij|)`, with `nonzeros`
+    /// nonzeros in its fullest row.
     pub fn new(mut pairs: Vec<[f64; 2]>, nonzeros: usize) -> Self {
         keep_outermost(&mut pairs);
         Self { pairs, nonzeros, extrapolated: None }
@@ -308,8 +310,8 @@ impl LargestEntries {
         Self::new(all, space.max_count(extremes(matrix, 0.0).1))
     }
 
-    /// Those of a grid whose entries are `factor` times as large, with so many nonzeros; `how` says
-    /// what that rests on.
+    /// The entries of a grid whose entries are `factor` times as large, with `nonzeros` nonzeros in
+    /// the fullest row. `how` says how this was extrapolated.
     pub fn scaled(&self, factor: f64, nonzeros: usize, how: &'static str) -> Self {
         let pairs = self.pairs.iter().map(|pair| pair.map(|x| factor * x)).collect();
         Self { pairs, nonzeros, extrapolated: Some(how) }

@@ -62,7 +62,7 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// Most terms of a state in a check: `2^22`.
+/// Binary logarithm of the largest number of terms of a simulated state: `2^22` terms.
 const MOST_TERMS: usize = 22;
 
 /// The circuit that is compiled for a case.
@@ -74,9 +74,9 @@ pub struct CircuitChoice {
     pub levels: Levels,
     /// How modes have their wavenumbers.
     pub mode_weights: ModeWeights,
-    /// One mode, instead of all.
+    /// The wavenumber of the only mode; `None` for a circuit of all modes.
     pub wavenumber: Option<f64>,
-    /// Columns of the block that are simulated.
+    /// Number of columns of the block that are simulated.
     pub columns: usize,
 }
 
@@ -84,7 +84,7 @@ pub struct CircuitChoice {
 pub struct CompiledCircuit {
     /// The circuit.
     pub circuit: Circuit,
-    /// What it is.
+    /// The description of the circuit.
     pub description: CircuitDescription,
     /// The rotations of the evolution, or why there are none.
     pub phases: std::result::Result<Phases, NoPhases>,
@@ -94,7 +94,8 @@ pub struct CompiledCircuit {
 pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
 
 impl CompiledCircuit {
-    /// Of a case whose whole grid is on this rank; `record` is what sparse access takes.
+    /// Compiles the circuit of a case whose whole grid is on this rank. `record` has the cost of
+    /// sparse access.
     ///
     /// # Errors
     /// As [`CircuitCase::new`]; [`Error::Input`] for a check that is too large.

@@ -50,7 +50,7 @@ pub enum Access {
     Sparse,
     /// A compiled circuit with this register of levels.
     Circuit(Levels),
-    /// The same, with the weights of each mode by rotations.
+    /// A compiled circuit with this register of levels that weights each mode by rotations.
     Rotated(Levels),
 }
 
@@ -71,21 +71,21 @@ impl fmt::Display for Access {
 pub struct Cost {
     /// The access to `H`.
     pub access: Access,
-    /// `H/α` is block-encoded.
+    /// `α`: the access block-encodes `H/α`.
     pub alpha: LabelledNumber,
     /// `αT`.
     pub tau: LabelledNumber,
     /// Qubits of the block encoding that are zero before and, where it is `H/α`, after.
     pub block_qubits: usize,
-    /// By a sequence of `2K` steps, whose rotations are computed.
+    /// The cost by a sequence of `2K` steps, whose rotations are computed.
     #[serde(flatten)]
     pub evolution: SequenceCost,
-    /// By steps forward and back, about half as many.
+    /// The cost by a sequence of steps forward and back, about half as many.
     pub half_calls: SequenceCost,
-    /// Gates until the field is measured by the sequence of `2K` steps, repeated or amplified, the
-    /// fewer of both.
+    /// Gates until the field is measured by the sequence of `2K` steps, repeated or amplified,
+    /// whichever is fewer.
     pub gates_until_measured_2k: LabelledNumber,
-    /// Calls of the oracles, of sparse access.
+    /// Calls of the oracles; `None` unless the access is sparse.
     #[serde(flatten)]
     pub queries: Option<OracleQueries>,
 }
@@ -104,12 +104,13 @@ impl Cost {
         }
     }
 
-    /// Its gates until the field is measured.
+    /// Gates of the cheaper sequence until the field is measured; infinite where there is no
+    /// number.
     pub fn least(&self) -> f64 {
         self.cheaper().least()
     }
 
-    /// The same as a number with its label.
+    /// Gates of the cheaper sequence until the field is measured, with their label.
     pub fn measured(&self) -> &LabelledNumber {
         self.cheaper().measured()
     }
@@ -118,16 +119,17 @@ impl Cost {
 /// Gates until the field is measured by both ways to have the weights of modes in a circuit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ModeWeightsCost {
-    /// As one sum of signs of bits.
+    /// Gates with the weights as one sum of signs of bits.
     pub sum: LabelledNumber,
-    /// By rotations of each mode.
+    /// Gates with a rotation for each mode.
     pub rotations: LabelledNumber,
-    /// The cheaper one.
+    /// The cheaper of the two.
     pub cheaper: ModeWeights,
 }
 
 impl ModeWeightsCost {
-    /// Of these costs of a set-up; none without circuits of many modes.
+    /// The least of `costs`, the costs of a set-up, for either kind of weights. `None` without
+    /// circuits of many modes.
     pub fn of(costs: &[Cost]) -> Option<Self> {
         let least = |wanted: &dyn Fn(&Access) -> bool| {
             let all = costs.iter().filter(|cost| wanted(&cost.access));
@@ -168,7 +170,7 @@ impl EvolutionRequirements {
 pub struct JumpRounding {
     /// `B`: a level of `Δv²/2` has `2^B` bins, and jumps are whole numbers of them.
     pub bin_bits: usize,
-    /// How far a jump is moved at most, in levels.
+    /// The largest change of a jump, in levels.
     pub rounded: f64,
     /// Bound on the norm of the change of `A`.
     pub change: LabelledNumber,
@@ -176,7 +178,7 @@ pub struct JumpRounding {
 
 /// The access that costs least, and the oracles' calls of sparse access beside it.
 pub struct LeastCost {
-    /// Its cost.
+    /// The cost of that access.
     pub cost: Cost,
     /// Calls of the oracles by sparse access.
     pub queries: OracleQueries,
@@ -190,7 +192,7 @@ struct CircuitAccess<'a> {
 }
 
 impl CircuitAccess<'_> {
-    /// The modes that it acts on; one of a `skew` matrix.
+    /// The modes that it acts on; a single mode if the matrix is `skew`.
     fn modes(&self, demand: &EvolutionRequirements, skew: bool) -> CircuitModes {
         let EvolutionRequirements { highest, points, period, .. } = *demand;
         let qubits = points.trailing_zeros() as usize;
@@ -211,7 +213,7 @@ pub struct Accesses {
     qubits: usize,
     /// Whether `S = 0`.
     skew: bool,
-    /// In whole numbers, for a circuit; or why there is none.
+    /// The case in whole numbers, for a circuit, or why there is no circuit.
     circuit: Result<CircuitCase, String>,
     /// T gates of rotations.
     synthesis: RotationSynthesis,
@@ -220,8 +222,9 @@ pub struct Accesses {
 }
 
 impl Accesses {
-    /// For `case` with these bounds and the `entries` of its `(S, K)`. Of the relative error of the
-    /// field the rounding of jumps to levels may take `rounding`.
+    /// The accesses to the `H` of `case` with these bounds, the `entries` of its `(S, K)` and
+    /// `qubits` qubits for the unknowns. The rounding of jumps to levels may change the field by
+    /// `rounding`, relative to it.
     pub fn new(
         case: &Case,
         bounds: &Bounds,
@@ -243,7 +246,7 @@ impl Accesses {
         self.synthesis
     }
 
-    /// The bins to which a circuit rounds jumps of `V`; none without a circuit.
+    /// How a circuit rounds jumps of `V`; `None` without a circuit.
     pub fn rounding(&self) -> Option<JumpRounding> {
         let CircuitCase { transport, rounded, change } = self.circuit.as_ref().ok()?;
         let (bin_bits, rounded, change) = (transport.bin_bits, *rounded, *change);
@@ -255,13 +258,13 @@ impl Accesses {
         self.entries.largest(highest)
     }
 
-    /// Why there is no circuit; none where there is one.
+    /// Why there is no circuit; `None` where there is one.
     pub fn no_circuit(&self) -> Option<&str> {
         self.circuit.as_ref().err().map(String::as_str)
     }
 
-    /// The costs of every access, with this many evolutions until the field is measured: repeated,
-    /// and by amplitude amplification.
+    /// The costs of every access. `evolutions` are those until the field is measured: repeated, and
+    /// by amplitude amplification.
     pub fn costs(
         &self,
         demand: &EvolutionRequirements,
@@ -304,7 +307,7 @@ impl Accesses {
         LeastCost { cost, queries }
     }
 
-    /// A lower bound of the cost by a circuit: that of the rotations which weight its modes.
+    /// A lower bound of the cost by a circuit: the cost of the rotations which weight its modes.
     fn rotations_alone(
         &self,
         circuit: &CircuitAccess<'_>,

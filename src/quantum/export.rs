@@ -72,9 +72,9 @@ pub struct ExportDescription {
     pub qubits_p: usize,
     /// Qubits of each axis, `(x1..xn, v1..vn)`.
     pub qubits_phase_space: Vec<usize>,
-    /// 1 where something enters: the label.
+    /// Qubits of the label of the inflow: 1 where something enters, else 0.
     pub qubits_label: usize,
-    /// All of them.
+    /// Number of all qubits.
     pub qubits: usize,
     /// `T`.
     pub time: f64,
@@ -189,8 +189,8 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
 }
 
 impl Export {
-    /// The export of a case whose whole grid is on this rank; with so many qubits of amplitude
-    /// estimation, if a complete circuit is requested.
+    /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
+    /// amplitude estimation, if a complete circuit is requested.
     ///
     /// # Errors
     /// [`Error::Input`] for more than 12 qubits, a number of points that is no power

@@ -15,13 +15,13 @@ pub enum Trust {
     Exact,
     /// Exact, and counted in gates that were emitted.
     Emitted,
-    /// Not below the true number.
+    /// An upper bound of the true number.
     UpperBound,
     /// Derived from measured, sampled or approximate data.
     Estimate,
-    /// From a formula whose constants are assumed.
+    /// A value of a formula whose constants are assumed.
     Model,
-    /// Not known.
+    /// An unknown number.
     Unavailable,
 }
 
@@ -51,7 +51,7 @@ impl Trust {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelledNumber {
     label: Trust,
-    /// None if it is unavailable.
+    /// The number; `None` if it is unavailable.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
     /// What an estimate or a model assumes, or why there is no number.
@@ -114,7 +114,7 @@ impl LabelledNumber {
         }
     }
 
-    /// How far it is to be trusted.
+    /// How far the number is to be trusted.
     pub fn trust(&self) -> Trust {
         self.label
     }
@@ -129,12 +129,13 @@ impl LabelledNumber {
         self.value
     }
 
-    /// The number to three digits with a letter for its label, of tables.
+    /// The number to three digits, with the letter of its label, for tables.
     pub fn marked(&self) -> String {
         self.marked_to(3)
     }
 
-    /// The same to so many digits; whole numbers below 1e5 have all of theirs.
+    /// The number to `digits` digits, with the letter of its label. Whole numbers below 1e5 are
+    /// written in full, and `-` where there is no number.
     pub fn marked_to(&self, digits: usize) -> String {
         let decimals = digits.saturating_sub(1);
         let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e5 {

@@ -36,7 +36,7 @@ enum Symmetry {
 }
 
 impl Symmetry {
-    /// As Matrix Market calls it.
+    /// The word for this symmetry in the header of Matrix Market.
     fn word(self) -> &'static str {
         match self {
             Self::General => "general",
@@ -55,7 +55,7 @@ impl Symmetry {
     }
 }
 
-/// How many unknowns and entries were written.
+/// Numbers of unknowns and entries that were written.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct MatrixCounts {
     /// Cells, rows of `A`.

@@ -132,7 +132,7 @@ impl ProfileFamily {
         ]
     }
 
-    /// All values, read at all points.
+    /// The candidates of the family: every value of `grid`, read at every recovery point of it.
     fn candidates(&self, grid: &ScanGrid) -> Vec<ProfileCandidate> {
         let of = |value, further| ProfileCandidate { profile: (self.of)(value), further, value };
         let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
@@ -202,9 +202,9 @@ impl ProfileFamily {
         next.into_iter().fold(found, CostedChoice::cheaper)
     }
 
-    /// The cheapest at the ends of the range of values about `found` that take as many rounds of
-    /// amplification and as many points: steps fall up to an end, and the range may be narrower
-    /// than any grid.
+    /// The cheapest choice at the ends of a range of values about `found`, or `found`. In that
+    /// range the rounds of amplification and the points of `p` stay the same. The cost falls up to
+    /// an end of the range, which may be narrower than any grid.
     fn at_edges(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
         /// Halvings of a step of the whole grid.
         const HALVINGS: usize = 16;
@@ -248,7 +248,8 @@ pub const UNITS: usize = 11;
 /// reason. Advances `progress`
 /// by [`UNITS`]. Collective.
 pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice> {
-    /// A family whose least cost on its grid is more than so many times the least is not refined.
+    /// A family is not refined if its least cost on its grid exceeds the least of all by this
+    /// factor.
     const LARGEST_RATIO: f64 = 2.0;
     /// Number of values of a parameter that are refined: costs jump where a register or a round of
     /// amplification is saved.

@@ -27,9 +27,10 @@ use rustfft::FftPlanner;
 use std::f64::consts::TAU;
 use std::fmt;
 
-/// Most steps `2K` of a sequence whose rotations are computed: they take some seconds.
+/// The largest number of steps `2K` of a sequence whose rotations are computed. They take some
+/// seconds.
 pub const MOST_STEPS: usize = 1 << 16;
-/// Most points of the transforms.
+/// The largest number of points of the transforms.
 const MOST_POINTS: usize = 1 << 23;
 /// Least `t`; coefficients of the complement beyond its degree are below this.
 const ROUND_OFF: f64 = 1e-15;
@@ -52,7 +53,7 @@ pub struct Phases {
 /// Why no rotations are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoPhases {
-    /// More than [`MOST_STEPS`] steps: so many.
+    /// The number of steps, which is more than [`MOST_STEPS`].
     TooManySteps(usize),
     /// The complementary polynomial is not found to round-off on `MOST_POINTS` points.
     NoComplement,
@@ -104,7 +105,7 @@ impl CutSeries {
         (-k..=k).map(coefficient).collect()
     }
 
-    /// `f = 1 − |P|²` at so many points of the circle.
+    /// `f = 1 − |P|²` at `points` points of the unit circle.
     fn complement_squared(&self, points: usize, planner: &mut FftPlanner<f64>) -> Vec<f64> {
         let mut rest = vec![Complex64::ZERO; points];
         for (k, &j) in self.bessel.iter().enumerate().skip(self.degree + 1) {
@@ -152,7 +153,7 @@ impl CutSeries {
 }
 
 impl Phases {
-    /// Of `e^{−iτH}` in `2K` steps, `K = degree`.
+    /// The rotations of `e^{−iτH}` in `2K` steps, `K = degree`.
     ///
     /// # Errors
     /// [`NoPhases`].
@@ -189,8 +190,8 @@ impl Phases {
         state
     }
 
-    /// The product beside `c Σ J_k y^{k+K}` at so many points of the circle: the largest
-    /// difference.
+    /// The largest difference between the product of the steps and `c Σ J_k y^{k+K}`, at `points`
+    /// points of the unit circle.
     pub fn difference(&self, points: usize) -> f64 {
         let polynomial = CutSeries::new(self.tau, self.degree).polynomial();
         let at = |j: usize| {

@@ -42,17 +42,17 @@ pub const WINDOW: f64 = 10.0;
 pub struct Chain {
     /// `P_p`.
     pub in_p: LabelledNumber,
-    /// `P_f` given that.
+    /// `P_f`: the probability of the block of `f`, given the slice or window of `p`.
     pub field_given_p: LabelledNumber,
-    /// `P_π` given both; 1 without weights.
+    /// `P_π`: the probability that the weights are removed, given both; 1 without weights.
     pub weights_given_field: LabelledNumber,
-    /// All of it.
+    /// `P`: the probability of all three conditions.
     pub all: LabelledNumber,
-    /// Repetitions until it succeeds, on average: `1/P`.
+    /// Average number of repetitions until all conditions are met: `1/P`.
     pub repetitions: LabelledNumber,
     /// Rounds `r` of exact amplitude amplification, each with the evolution and its inverse.
     pub amplification_rounds: LabelledNumber,
-    /// Evolutions that it takes: `2r + 1`.
+    /// Evolutions of an amplified measurement: `2r + 1`.
     pub amplified_evolutions: LabelledNumber,
 }
 
@@ -65,12 +65,12 @@ pub struct Probabilities {
     pub recovery: f64,
     /// `C_w`.
     pub norm_of_state: LabelledNumber,
-    /// The norms they follow from.
+    /// The norms from which the probabilities follow.
     pub norms: StateNorms,
     /// `[p◇, p_e)`.
     pub window: Option<[f64; 2]>,
     /// Bound on the error of the field over the whole window, in units of the tolerance that the
-    /// profile is planned for; where it is below 1, nothing is wrong.
+    /// profile is planned for. A bound below 1 is within that tolerance.
     pub window_error: Option<f64>,
     /// Probabilities of the slice at `p◇`; they halve with every doubling of `N_p`.
     pub at_slice: Chain,
@@ -107,10 +107,11 @@ thread_local! {
 }
 
 impl Workspace {
-    /// Values of a series at `2 · pairs` points from `lower` on over its period: those of even
-    /// number are the real parts, those of odd number the imaginary parts. With `a_l` the series at
-    /// `lower` and `w` the first root of unity, the spectrum of these pairs is `½a_l(1 + iw^l)` and
-    /// `½ā_l(1 + iw^{−l})` at `−l`: no two modes meet where there are fewer than `pairs/2`.
+    /// The values of a series at `2 · pairs` points, from `lower` on over its period. The real
+    /// parts are the values of even number, the imaginary parts those of odd number. With `a_l` the
+    /// series at `lower` and `w` the first root of unity, the spectrum of these pairs is
+    /// `½a_l(1 + iw^l)` at `l` and `½ā_l(1 + iw^{−l})` at `−l`. No two modes share a place where
+    /// there are fewer than `pairs/2`.
     fn pairs(&mut self, series: &Series, lower: f64, pairs: usize) -> &[Complex64] {
         let Self { planner, values, scratch } = self;
         values.clear();
@@ -137,7 +138,7 @@ struct Exponentials {
 impl Exponentials {
     const FINE: usize = 256;
 
-    /// Those below `count`.
+    /// The exponentials with `k < count`.
     fn new(start: f64, step: f64, count: usize) -> Self {
         let coarse = |block: usize| (-(start + (block * Self::FINE) as f64 * step)).exp();
         Self {
@@ -151,14 +152,14 @@ impl Exponentials {
     }
 }
 
-/// How far a series is from `e^{−p}`, sampled upwards from the lower end of the domain of
-/// dependence of a reading, as far as a window may reach.
+/// The difference of a series from `e^{−p}`. It is sampled upwards from the lower end of the domain
+/// of dependence of a reading, as far as a window may reach.
 pub struct Deviation {
     /// `p◇`.
     point: f64,
     /// `Λ⁻`.
     decay: f64,
-    /// Where the samples begin: `p◇ − Λ⁺`.
+    /// The lowest sample: `p◇ − Λ⁺`.
     lower: f64,
     /// Distance of two samples.
     step: f64,
@@ -309,7 +310,7 @@ impl<'a> PlannedState<'a> {
         (state / self.norm(norms)).powi(2) * (-2.0 * self.point).exp()
     }
 
-    /// That of so many slices from `p◇` on, as a multiple of it.
+    /// Probability of the first `slices` slices from `p◇` on, as a multiple of that of one slice.
     fn in_slices(&self, slices: f64) -> f64 {
         let width = self.width();
         -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1()
@@ -349,7 +350,8 @@ impl Probabilities {
         }
     }
 
-    /// For the one mode of a unitary flow, which is the field: `p` is not postselected.
+    /// The probabilities for the one mode of a unitary flow, which is the field: `p` is not
+    /// postselected.
     fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
         let at_slice = Chain::new(1.0, &norms, if whole { &LabelledNumber::exact } else { label });

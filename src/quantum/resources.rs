@@ -46,20 +46,20 @@ use serde::Serialize;
 /// Registers, in qubits.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterSizes {
-    /// Each space axis, then each velocity axis.
+    /// Qubits of each space axis, then of each velocity axis.
     pub phase_space: Vec<usize>,
-    /// The auxiliary unknowns of the inflow: one qubit says which half; 0 where nothing enters.
+    /// Qubits of the auxiliary unknowns of the inflow: one says which half. 0 where nothing enters.
     pub auxiliary: usize,
-    /// `p`: of `N_p` points on the planned period, which grows with the spectrum.
+    /// Qubits of `p`: `N_p` points on the planned period, which grows with the spectrum.
     pub p: usize,
-    /// All of them.
+    /// Number of all qubits of the state.
     pub total: usize,
-    /// `p` of the paper's count without that growth: `log₂(1/ε)`, for `Δp = ε` on an interval of
-    /// length 1.
+    /// Qubits of `p` in the paper's count, without that growth: `log₂(1/ε)`, for `Δp = ε` on an
+    /// interval of length 1.
     pub p_without_growth: LabelledNumber,
-    /// All of them, `p` counted so.
+    /// Number of all qubits of the state, with that number for `p`.
     pub total_without_growth: LabelledNumber,
-    /// All qubits, with the ancillas of the walk.
+    /// Qubits of the walk, ancillas included.
     pub walk: WalkRegisters,
 }
 
@@ -71,14 +71,14 @@ pub struct Preparation {
     pub point: f64,
     /// The tolerance that the profile is planned for.
     pub state_tolerance: f64,
-    /// The same, of the field at `p◇`.
+    /// The tolerance of the field at `p◇`.
     pub field_tolerance: f64,
     /// The profile in words.
     pub planned: String,
 }
 
 impl Preparation {
-    /// That of a run's plan, to this error of the field.
+    /// The preparation of a run's plan, for an error `field_tolerance` of the field.
     pub fn of_plan(warp: &WarpPlan, field_tolerance: f64) -> Self {
         Self {
             series: warp.series.clone(),
@@ -97,11 +97,11 @@ pub struct CountSetup {
     pub profile: ProfileChoice,
     /// The planned profile, in words.
     pub planned: String,
-    /// `δ`; none without inflow.
+    /// `δ`; `None` without inflow.
     pub delta: Option<Delta>,
-    /// Modes `l ≥ 0` that carry something.
+    /// Number of modes `l ≥ 0` that carry something.
     pub modes: usize,
-    /// The largest `μ_l` of them.
+    /// The largest wavenumber `μ_l` of these modes.
     pub highest_wavenumber: f64,
 }
 
@@ -119,7 +119,8 @@ impl CountSetup {
     }
 }
 
-/// What dissipative weights `π` cost, which cannot be computed from the number of a cell.
+/// The cost of a table of the dissipative weights `π`, which cannot be computed from the number of
+/// a cell.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WeightsTable {
     /// Entries of the table: the cells.
@@ -129,43 +130,45 @@ pub struct WeightsTable {
     pub toffolis_a_value_query: LabelledNumber,
     /// Toffoli gates of all value queries.
     pub toffolis: LabelledNumber,
-    /// Sweeps over the grid that compute the table, on a classical computer.
+    /// Sweeps over the grid by which a classical computer computes the table.
     pub sweeps: usize,
-    /// Products that these take.
+    /// Products of numbers in these sweeps.
     pub classical_operations: LabelledNumber,
 }
 
-/// Gates around the evolutions of an amplified measurement, which are in no cost: those of the
-/// cheapest access, without the preparation of the start.
+/// Gates around the evolutions of an amplified measurement, which no cost includes. They are those
+/// of the cheapest access, without the preparation of the start.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GatesAround {
     /// Toffoli gates of the two reflections of a round of amplification.
     pub toffoli_of_reflections: LabelledNumber,
     /// Rotations of the two transforms in `p` of an evolution.
     pub rotations_of_transforms: LabelledNumber,
-    /// Both in all rounds and evolutions, in Toffoli gates, as a part of the evolutions' gates.
+    /// Gates of both in all rounds and evolutions, relative to the gates of the evolutions.
     pub part: LabelledNumber,
 }
 
-/// The most that each approximation changes the field, relative to it, in units of the tolerance:
-/// by the norm of the difference (l2).
+/// Bounds on the change of the field by each approximation, relative to the field in the l2 norm,
+/// in units of the tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorBudget {
-    /// The profile and its modes, in all of the window, or at the point where there is none.
+    /// The error of the profile and its modes: in all of the window, or at `p◇` where there is no
+    /// window.
     pub profile_and_window: LabelledNumber,
-    /// The cut series.
+    /// The error of the cut series.
     pub series: LabelledNumber,
-    /// Rounded values, or jumps of `V` rounded to levels.
+    /// The error of rounded values, or of jumps of `V` rounded to levels.
     pub rounding: LabelledNumber,
-    /// The synthesis of rotations.
+    /// The error of the synthesis of rotations.
     pub rotations: LabelledNumber,
-    /// All of them.
+    /// The sum of these errors.
     pub sum: LabelledNumber,
 }
 
 impl ErrorBudget {
-    /// Of a profile that is planned to this part of the tolerance at its point, read from a window
-    /// with this error in units of that; none where there is no profile.
+    /// The budget of a profile that takes the part `planned` of the tolerance at `p◇`. It is read
+    /// from a window with the error `window_error`, in units of that part. A state of a single
+    /// point has no profile.
     fn new(points: usize, planned: f64, window_error: Option<f64>) -> Self {
         let profile =
             if points == 1 { 0.0 } else { planned * window_error.unwrap_or(1.0).max(1.0) };
@@ -210,7 +213,7 @@ pub struct Record {
     /// The evolution's part of `ε√P`, to which it is approximated: beside the field that is
     /// measured in it, an error of the whole state is `1/√P` times as large.
     pub walk_tolerance: LabelledNumber,
-    /// What the errors of the field add up to.
+    /// The errors of the field.
     pub error_budget: ErrorBudget,
     /// `d`: nonzeros of a row of `H`.
     pub nonzeros: LabelledNumber,
@@ -233,45 +236,45 @@ pub struct Record {
     pub transform_gates: LabelledNumber,
     /// T gates of a rotation.
     pub t_of_rotation: RotationSynthesis,
-    /// Every access to `H`, with its gates.
+    /// The costs of every access to `H`.
     pub costs: Vec<Cost>,
     /// The gates around its evolutions that are in none of them.
     pub around: GatesAround,
-    /// Why no circuit is compiled; none where one is.
+    /// Why no circuit is compiled; `None` where one is.
     pub no_circuit: Option<String>,
-    /// How circuits round jumps of `V`; none without circuits.
+    /// How circuits round jumps of `V`; `None` without circuits.
     pub rounding: Option<JumpRounding>,
-    /// The weights of modes in a circuit, both ways; none without circuits of many modes.
+    /// Gates by both ways to weight modes in a circuit; `None` without circuits of many modes.
     pub mode_weights: Option<ModeWeightsCost>,
-    /// The table of the weights; none without weights.
+    /// The table of the weights; `None` without weights.
     pub weights_table: Option<WeightsTable>,
     /// Registers.
     pub qubits: RegisterSizes,
     /// Forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
     pub classical_operations: LabelledNumber,
-    /// With what probability the first field is measured.
+    /// The probabilities of measuring the first field.
     pub probabilities: Probabilities,
     /// The paper's regimes.
     pub regimes: Vec<Regime>,
-    /// Why the moments of measure-valued data, whose first field is counted, are no overlaps, and
-    /// what has the same moments; none of other data.
+    /// Why the moments of measure-valued data are no overlaps, and what has the same moments. The
+    /// first field is counted. `None` for other data.
     pub measure_valued: Option<String>,
 }
 
 /// The cost of the unitary scheme on the same grid: one mode, no `p`, no postselection.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unitary {
-    /// `‖u(0)‖/‖f(T)‖` is 1: the evolution is to be exact to this.
+    /// The tolerance of the evolution. It is that of the field, since `‖u(0)‖/‖f(T)‖` is 1.
     pub tolerance: f64,
     /// T gates of a rotation.
     pub t_of_rotation: RotationSynthesis,
-    /// Every access to `H = iK`, with its gates.
+    /// The costs of every access to `H = iK`.
     pub costs: Vec<Cost>,
-    /// Why no circuit is compiled; none where one is.
+    /// Why no circuit is compiled; `None` where one is.
     pub no_circuit: Option<String>,
-    /// How circuits round jumps of `V`; none without circuits.
+    /// How circuits round jumps of `V`; `None` without circuits.
     pub rounding: Option<JumpRounding>,
-    /// Its disadvantages.
+    /// The disadvantages of the unitary scheme.
     pub caveats: &'static str,
 }
 
@@ -287,25 +290,27 @@ pub struct Comparison {
     /// The cheapest.
     #[serde(flatten)]
     pub cheapest: Record,
-    /// The settings that make it the case's own; none where it is.
+    /// The settings that make the cheapest set-up the case's own; `None` where it is the case's
+    /// own.
     pub cheapest_settings: Option<SetUpSettings>,
-    /// As the case file has it, or as it is planned to be emulated.
+    /// The set-up of the case file, or the one that is planned for emulation.
     pub own: Record,
     /// The unitary scheme on the same grid, where there is one.
     pub unitary: Option<Unitary>,
-    /// Why there is no such scheme; none where there is.
+    /// Why there is no unitary scheme; `None` where there is one.
     pub not_unitary: Option<String>,
     /// Why the cheapest set-up is the case's own, where it is.
     pub cheapest_is_own: Option<String>,
-    /// Why the case's own set-up is not the cheapest though it takes fewer gates; none where it
-    /// does not.
+    /// Why the case's own set-up is not the cheapest although it takes fewer gates; `None` where it
+    /// takes no fewer.
     pub own_not_taken: Option<String>,
     /// Why choices are not among those that were compared: how many, and the reason of the first.
     pub not_compared: Option<String>,
 }
 
 impl Unitary {
-    /// For `accesses` of a skew matrix; `no_start` is why there is no state to be prepared.
+    /// The cost of the unitary scheme by `accesses`, whose matrix is skew. `no_start` is why there
+    /// is no state to be prepared.
     pub fn new(accesses: &Accesses, tolerance: f64, no_start: Option<&str>) -> Self {
         let once = || no_start.map_or(LabelledNumber::exact(1.0), LabelledNumber::unavailable);
         let demand = EvolutionRequirements::unitary(LabelledNumber::exact(tolerance));
@@ -357,7 +362,7 @@ impl Record {
         self.costs.iter().map(Cost::least).fold(f64::INFINITY, f64::min)
     }
 
-    /// Why these gates are not to be compared with those of a set-up within the tolerance; none
+    /// Why these gates are not to be compared with those of a set-up within the tolerance; `None`
     /// where they are.
     pub fn not_comparable(&self) -> Option<String> {
         let sum = self.error_budget.sum.value().unwrap_or(f64::INFINITY);
@@ -505,7 +510,7 @@ impl WeightsTable {
 }
 
 impl RegisterSizes {
-    /// Other gates for each query, of values of so many `bits`.
+    /// The paper's factor of gates for each query, with values of `bits` bits.
     fn gates_factor(&self, bits: f64) -> LabelledNumber {
         const WHY: &str = "O(n + m polylog m) as n + m log2(m)^2, m bits of a value";
         LabelledNumber::model(gates_factor(self.total as f64, bits), WHY)
@@ -518,7 +523,8 @@ impl RegisterSizes {
         LabelledNumber::model(2.0 * p * p.log2().max(1.0), WHY)
     }
 
-    /// For `unknowns` of the system, `points` in `p`, and values of `bits` bits.
+    /// The registers for `unknowns` unknowns of the system, `points` points in `p`, and values of
+    /// `bits` bits.
     fn new(case: &Case, unknowns: usize, points: usize, bits: f64) -> Self {
         const WITHOUT: &str = "dp = eps on an interval of length 1";
         let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();

@@ -30,7 +30,7 @@ use crate::problem::potential::Potential;
 use crate::scheme::rows::{Row, Scheme};
 use serde::Serialize;
 
-/// Most nonzeros of a row, or a column, and where.
+/// The most nonzeros of a row, or of a column, and where they are.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Count {
     /// The number.
@@ -38,7 +38,7 @@ pub struct Count {
     /// The first such row (column): its cell, or the number of the auxiliary unknown.
     #[serde(rename = "place")]
     pub unknown: String,
-    /// The paper's bound; none where it has none.
+    /// The paper's bound; `None` where it has none.
     pub bound: Option<usize>,
     /// Whether the bound holds; true where there is none.
     pub holds: bool,
@@ -49,9 +49,9 @@ pub struct Count {
 pub struct NonzeroCounts {
     /// `A_x`, `A_y`, `A_z` (transport along one axis), `A_v` (force), `A`, `H1`, `H2`, `H`.
     pub matrix: String,
-    /// In a row: `s_r`.
+    /// The fullest row: `s_r`.
     pub rows: Count,
-    /// In a column: `s_c`.
+    /// The fullest column: `s_c`.
     pub columns: Count,
 }
 
@@ -65,8 +65,8 @@ pub struct Sparsity {
     /// Whether the bounds are made for this case: hat interface, velocity cells symmetric about
     /// zero.
     pub bounded: bool,
-    /// `Σ Q_a + 3n + 2`, ours by the paper's argument, on the nonzeros of a row of `H`; none where
-    /// no bound is made for the case.
+    /// `Σ Q_a + 3n + 2`: our bound on the nonzeros of a row of `H`, by the paper's argument. `None`
+    /// where no bound is made for the case.
     pub our_bound: Option<usize>,
     /// Nonzeros of `A` in all.
     pub entries: usize,
@@ -103,7 +103,7 @@ impl Fullest {
         }
     }
 
-    /// Over the ranks of `group`.
+    /// The fullest over the ranks of `group`.
     fn over(self, group: &Group) -> Self {
         let most = group.max_count(self.0);
         let mine = if self.0 == most { self.1 } else { NOWHERE };

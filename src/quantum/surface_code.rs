@@ -30,7 +30,8 @@ const CYCLE: f64 = 1e-6;
 /// The largest code distance that is considered.
 const MOST_DISTANCE: u32 = 101;
 
-/// The code's distance for so many logical qubits and Toffoli gates; none above 101.
+/// The least code distance for `qubits` logical qubits and `toffoli` Toffoli gates; `None` above
+/// 101.
 fn distance(qubits: f64, toffoli: f64) -> Option<u32> {
     (3..=MOST_DISTANCE).step_by(2).find(|&d| {
         let cycles = toffoli * CYCLES * f64::from(d) / FACTORIES;
@@ -43,14 +44,14 @@ fn distance(qubits: f64, toffoli: f64) -> Option<u32> {
 pub struct PhysicalCost {
     /// Physical qubits, factories included.
     pub physical_qubits: LabelledNumber,
-    /// `d`; none where there is no number.
+    /// `d`; `None` where there is no number.
     pub code_distance: Option<u32>,
-    /// Seconds.
+    /// Seconds that the computation takes.
     pub seconds: LabelledNumber,
 }
 
 impl PhysicalCost {
-    /// Of so many logical qubits and gates, in Toffoli gates.
+    /// The cost of `qubits` logical qubits and `toffoli` gates, counted in Toffoli gates.
     pub fn new(qubits: &LabelledNumber, toffoli: &LabelledNumber) -> Self {
         let (Some(n), Some(gates)) = (qubits.value(), toffoli.value()) else {
             return Self::unavailable("the logical qubits or Toffoli gates are");

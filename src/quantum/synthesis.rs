@@ -24,14 +24,14 @@ pub struct RotationSynthesis {
     pub constant: f64,
 }
 
-/// Of Ross and Selinger, with a constant that their examples do not exceed.
+/// The synthesis of Ross and Selinger, with a constant that their examples do not exceed.
 impl Default for RotationSynthesis {
     fn default() -> Self {
         Self { factor: 3.0, constant: 4.0 }
     }
 }
 
-/// As the option of `resources` has it.
+/// The synthesis as the option of `resources` is written.
 impl fmt::Display for RotationSynthesis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{},{}", self.factor, self.constant)
@@ -39,7 +39,7 @@ impl fmt::Display for RotationSynthesis {
 }
 
 impl RotationSynthesis {
-    /// T gates of each of so many rotations, of an evolution that is to be exact to `tolerance`.
+    /// T gates of each of `rotations` rotations, for an evolution that is exact to `tolerance`.
     pub fn t_of_each(self, rotations: f64, tolerance: f64) -> LabelledNumber {
         let Self { factor, constant } = self;
         let why = format!(

@@ -73,7 +73,8 @@ pub struct WalkCost {
 }
 
 impl WalkCost {
-    /// For `τ`, within `tolerance` of the state's norm. Each label is the weaker of theirs.
+    /// The cost for `τ`, within `tolerance` relative to the norm of the state. Each number has the
+    /// weaker label of the two.
     pub fn new(tau: &LabelledNumber, tolerance: &LabelledNumber) -> Self {
         /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
         const SUMMED: f64 = 1e4;
@@ -109,7 +110,8 @@ pub struct OracleQueries {
 }
 
 impl OracleQueries {
-    /// Of an `evolution`, and of this many of them: repeated, and by amplitude amplification.
+    /// The calls of an `evolution`. `evolutions` are those until the field is measured: repeated,
+    /// and by amplitude amplification.
     pub fn new(evolution: &WalkCost, evolutions: &[LabelledNumber; 2]) -> Self {
         let queries = evolution.calls(LOCATION_CALLS + VALUE_CALLS);
         Self {
@@ -152,20 +154,21 @@ pub fn value_bits(tau: f64, tolerance: f64) -> u32 {
 /// Qubits of the walk, the system's own included.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WalkRegisters {
-    /// Row and column: the system's qubits, one more for the dummies, and the flag; twice.
+    /// Qubits of row and column: those of the system, one more for the dummies, and the flag;
+    /// twice.
     pub row_and_column: usize,
-    /// Real and imaginary part of a value.
+    /// Qubits of the real and imaginary part of a value.
     pub value: usize,
-    /// Scratch of the rotation.
+    /// Scratch qubits of the rotation.
     pub arithmetic: LabelledNumber,
-    /// The phased sequence's own.
+    /// Qubits of the phased sequence itself.
     pub phase: usize,
-    /// All of them.
+    /// Number of all qubits.
     pub total: LabelledNumber,
 }
 
 impl WalkRegisters {
-    /// On `system` qubits with values of `bits` bits.
+    /// The registers for `system` qubits of the system and values of `bits` bits.
     pub fn new(system: usize, bits: f64) -> Self {
         const WHY: &str = "4 m for a modulus, its root and a comparison; no circuit is compiled";
         let (row_and_column, value, phase) = (2 * (system + 2), 2 * bits as usize, 1);

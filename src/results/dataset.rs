@@ -25,7 +25,7 @@ pub struct Results<'a> {
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
-    /// This rank's space cells, one range per space axis; may be empty.
+    /// Space cells of this rank, one range for each space axis; may be empty.
     pub share: &'a [Range<usize>],
     /// The case's fields on the share, velocities fastest.
     pub fields: &'a [&'a [f64]],

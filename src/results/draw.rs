@@ -33,7 +33,7 @@ const TITLE: f64 = 14.0;
 const CAPTION: f64 = 10.5;
 /// Height of a line of the title in points.
 const TITLE_LINE: f64 = 20.0;
-/// Most lines into which a line of the title is broken.
+/// The largest number of lines into which a line of the title is broken.
 const TITLE_LINES: usize = 2;
 /// Margin around the figure in points.
 const MARGIN: f64 = 12.0;

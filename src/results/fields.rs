@@ -33,7 +33,7 @@ pub struct DatasetKind {
     pub over: Over,
     /// Whether its first index numbers components, one per space axis.
     pub vector: bool,
-    /// Its description, an attribute of the dataset.
+    /// The description of the field, an attribute of the dataset.
     pub what: &'static str,
 }
 

@@ -18,12 +18,12 @@ pub mod palette;
 
 use crate::results::figure::palette::Style;
 
-/// How values map to lengths on an axis.
+/// The map from values to lengths on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Proportionally.
+    /// Lengths are proportional to values.
     Linear,
-    /// By their logarithms; values without one are left out.
+    /// Lengths are proportional to logarithms of values. Values without a logarithm are left out.
     Log,
 }
 
@@ -139,21 +139,21 @@ pub enum Layer {
     Vertical {
         /// Label at the line.
         label: String,
-        /// Its position on the horizontal axis.
+        /// Position of the line on the horizontal axis.
         at: f64,
     },
     /// A horizontal line across the panel.
     Horizontal {
         /// Label at the line.
         label: String,
-        /// Its position on the vertical axis.
+        /// Position of the line on the vertical axis.
         at: f64,
     },
     /// A shaded band from the bottom to the top of the panel.
     Band {
         /// Label in the band.
         label: String,
-        /// Its two ends on the horizontal axis.
+        /// The two ends of the band on the horizontal axis.
         from: [f64; 2],
     },
 }
@@ -177,39 +177,39 @@ impl Panel {
         Self { title: title.into(), x, y, layers: Vec::new() }
     }
 
-    /// With one more layer.
+    /// The panel with one more layer.
     pub fn with(mut self, layer: Layer) -> Self {
         self.layers.push(layer);
         self
     }
 
-    /// With a line.
+    /// The panel with a line.
     pub fn line(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
         self.with(Layer::Line { label: label.into(), style, points })
     }
 
-    /// With points that are not joined.
+    /// The panel with points that are not joined.
     pub fn points(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
         self.with(Layer::Points { label: label.into(), style, points })
     }
 
-    /// With a heat map.
+    /// The panel with a heat map.
     pub fn map(self, map: Map) -> Self {
         self.with(Layer::Map(map))
     }
 
-    /// With a vertical line at `at` on the horizontal axis.
+    /// The panel with a vertical line at `at` on the horizontal axis.
     pub fn vertical(self, label: impl Into<String>, at: f64) -> Self {
         let label = label.into();
         self.with(Layer::Vertical { label, at })
     }
 
-    /// With vertical lines at these positions, without labels.
+    /// The panel with vertical lines at these positions, without labels.
     pub fn verticals(self, places: &[f64]) -> Self {
         places.iter().fold(self, |panel, at| panel.vertical("", *at))
     }
 
-    /// With a horizontal line at `at` on the vertical axis.
+    /// The panel with a horizontal line at `at` on the vertical axis.
     pub fn horizontal(self, label: impl Into<String>, at: f64) -> Self {
         let label = label.into();
         self.with(Layer::Horizontal { label, at })
@@ -243,19 +243,19 @@ impl Figure {
         }
     }
 
-    /// With `columns` panels in a row.
+    /// The figure with `columns` panels in a row.
     pub fn columns(mut self, columns: usize) -> Self {
         self.columns = columns.max(1);
         self
     }
 
-    /// With a caption.
+    /// The figure with a caption.
     pub fn caption(mut self, caption: impl Into<String>) -> Self {
         self.caption = caption.into();
         self
     }
 
-    /// With frames of `width` by `height` points.
+    /// The figure with frames of `width` by `height` points.
     pub fn frame(mut self, width: f64, height: f64) -> Self {
         self.frame = [width, height];
         self

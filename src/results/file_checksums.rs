@@ -13,8 +13,7 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::path::Path;
 
-/// The checksums of those of the files `names` of `directory` that are there. Collective over
-/// `world`.
+/// Checksums of the files `names` of `directory`, as far as they exist. Collective over `world`.
 ///
 /// # Errors
 /// [`Error::Output`], the same on all ranks.
@@ -51,7 +50,7 @@ pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
     Ok(expected)
 }
 
-/// As [`check`], by one process alone.
+/// Compares the files of `directory` with their checksums, as [`check`] does, by one process alone.
 ///
 /// # Errors
 /// As [`check`].
@@ -75,7 +74,7 @@ fn compare(
     all.iter().try_for_each(differs)
 }
 
-/// The checksums that `summary.json` lists; none if there is no such file, or if an older version
+/// The checksums that `summary.json` lists; empty if there is no such file, or if an older version
 /// wrote it.
 fn of_summary(directory: &Path) -> Result<FileChecksums> {
     let path = directory.join(summary::NAME);

@@ -48,7 +48,7 @@ pub struct Mass {
     pub absolute: Option<f64>,
     /// Integral of the formula over velocities beyond the box, up to half its width on each side.
     pub beyond: Option<f64>,
-    /// For measure-valued data, the mass whose velocity is outside of the box at time zero.
+    /// Mass whose velocity is outside of the box at time zero, for measure-valued data.
     pub outside: Option<f64>,
     /// Mass on the grid at time zero.
     pub initial: Option<f64>,

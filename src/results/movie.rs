@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 
-/// Most frames of a movie: at a few tens of KiB each, some tens of MiB.
+/// The largest number of frames of a movie: at a few tens of KiB each, some tens of MiB.
 pub const MOST_FRAMES: usize = 500;
 
 /// A GIF gives times in hundredths of a second.
 const HUNDREDTHS: u16 = 100;
 /// The colour number of a pixel that does not change.
 const SAME: u8 = 255;
-/// Most bytes of the messages of `ffmpeg` that are read.
+/// The largest number of bytes of the messages of `ffmpeg` that are read.
 const MOST_ERROR_TEXT: u64 = 400;
 
 /// The files of a movie.

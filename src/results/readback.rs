@@ -19,8 +19,9 @@ use std::path::Path;
 
 /// Largest number of values read at a time: 4 MiB.
 pub(crate) const PIECE: usize = 1 << 19;
-/// Most objects in a file, and deepest nesting of groups: several times what a run writes.
+/// The largest number of objects in a file: several times what a run writes.
 const MOST_OBJECTS: usize = 1000;
+/// The deepest nesting of groups in a file, also more than a run writes.
 const DEEPEST: usize = 6;
 /// Bytes of a chunk that may be larger than its dataset. HDF5 reads a chunk as a whole, so that a
 /// few numbers could take seconds.
@@ -28,7 +29,7 @@ const LARGEST_CHUNK: u64 = 1 << 20;
 /// Largest factor by which deflate makes a dataset smaller.
 const MOST_DEFLATED: u64 = 1040;
 
-/// By name, a part of the checksum of each dataset, and the stored checksum.
+/// For each dataset, by its name, a part of its checksum, and the stored checksum.
 pub type ChecksumParts = BTreeMap<String, [u64; 2]>;
 
 /// Reads every dataset of a file that this run wrote and compares checksums; returns the number of
@@ -84,9 +85,9 @@ fn error(what: String) -> hdf5::Error {
     hdf5::Error::from(what)
 }
 
-/// Every dataset of a file by its name. Links other than hard ones, and more objects or groups than
-/// a run writes, are errors. A dataset with several names is listed once, by the name that is found
-/// last.
+/// The datasets of a file by their names. Links other than hard ones, and more objects or groups
+/// than a run writes, are errors. A dataset with several names is listed once, by the name that is
+/// found last.
 pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Dataset>> {
     let (mut found, mut objects) = (BTreeMap::<String, (LocationToken, Dataset)>::new(), 0);
     let mut left = vec![(file.group("/")?, String::new(), 0)];
@@ -154,7 +155,7 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     Ok(chunk)
 }
 
-/// All numbers of the dataset `name`, which may have as many as a table; or what is wrong.
+/// The numbers of the dataset `name`, which may be as large as a table, or what is wrong with it.
 pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
     check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
     let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());
@@ -164,7 +165,7 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
-/// By name, a share of the checksum of each dataset of `all`, and the stored checksum. Calls
+/// For each dataset of `all`, by its name, a share of its checksum, and the stored checksum. Calls
 /// `visit` with the name and the values of each piece that is read.
 pub(crate) fn sums_of(
     share: FileShare,

@@ -38,7 +38,7 @@ const OWNER: &str = "phasewarp-case";
 /// The style sheet.
 const STYLE: &str = include_str!("report/style.css");
 
-/// What the page may load: nothing but its own styles and pictures.
+/// The policy of the page: it may load nothing but its own styles and pictures.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 
 /// Warnings that are not folded away.
@@ -126,7 +126,7 @@ pub struct Report<'a> {
     pub album: &'a Album,
     /// Phase space and density at several times, if the run has any.
     pub times: Option<&'a Times>,
-    /// What `phasewarp check` prints about the case, or why it is not known.
+    /// The text that `phasewarp check` prints about the case, or why it is not known.
     pub description: std::result::Result<&'a str, &'a str>,
 }
 

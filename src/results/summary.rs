@@ -52,7 +52,7 @@ impl ErrorNorms {
         Some(self.l1 / self.exact_l1).filter(|e| e.is_finite())
     }
 
-    /// The same with L2 norms.
+    /// `(∫ (a − a_exact)² / ∫ a_exact²)^½`; `None` if the exact solution is zero.
     fn relative_l2(&self) -> Option<f64> {
         Some(self.l2 / self.exact_l2).filter(|e| e.is_finite())
     }
@@ -82,19 +82,20 @@ pub struct Accuracy {
     pub algorithm: Option<f64>,
     /// Relative L2 distance of `f` to the exact solution.
     pub grid: Option<f64>,
-    /// The same for the density.
+    /// Relative L2 distance of the density to the exact solution.
     pub grid_density: Option<f64>,
     /// Whether the grid's errors were measured against an exact solution, or else estimated.
     pub grid_measured: bool,
     /// Relative L1 distance of the density to the cell averages of the exact one, which
     /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
     pub goal_error: Option<f64>,
-    /// The same error as the trials that chose the grid for `solver.accuracy` expect it.
+    /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
     #[serde(default)]
     pub goal_estimate: Option<f64>,
     /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
     pub grid_estimate: Option<f64>,
-    /// The same for the density.
+    /// Estimate of the grid's error of the density, if there is one; also if the error was
+    /// measured.
     pub grid_density_estimate: Option<f64>,
     /// Whether the grid's error is above a tenth, or more than ten times the larger of the
     /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
@@ -110,11 +111,12 @@ pub struct Accuracy {
 const LARGE_GRID_ERROR: f64 = 0.1;
 /// Largest error of the exact density, relative to the run's error, without a warning.
 const LARGEST_EXACT_ERROR: f64 = 0.25;
-/// If the grid's error is more than this multiple of the algorithm's, the grid limits the run.
+/// The grid limits the run if its error is more than this multiple of the algorithm's.
 const DOMINANT: f64 = 10.0;
 
 impl Accuracy {
-    /// The same with the grid's relative errors of `f` and of the density, measured and estimated.
+    /// These errors, with the grid's relative errors of `f` and of the density, measured and
+    /// estimated.
     pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
         let grid_measured = measured.iter().any(Option::is_some);
         let [grid, grid_density] = if grid_measured { measured } else { estimated };
@@ -272,7 +274,7 @@ impl Missed {
         Self { tolerance, accuracy }
     }
 
-    /// Both sentences; `None` if no goal is missed.
+    /// The sentences about missed goals; `None` if no goal is missed.
     pub fn line(&self) -> Option<String> {
         let both: Vec<&str> = self.tolerance.iter().chain(&self.accuracy).map(|s| &**s).collect();
         (!both.is_empty()).then(|| both.join("; "))
@@ -294,7 +296,7 @@ pub struct Continued {
     pub file: String,
     /// Checksum of its `/f`, as result files write it.
     pub checksum: String,
-    /// Its time, at which the run began.
+    /// The time of that result, at which the run began.
     pub time: f64,
     /// Relative l2 distance of its `f` to the semi-discrete solution since time 0, if known.
     pub error: Option<f64>,
@@ -325,7 +327,7 @@ impl Continued {
     }
 }
 
-/// All numbers of a finished run. Unknown ones are `null`, never zero.
+/// The numbers of a finished run. Unknown ones are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
     /// Title of the case.
@@ -360,7 +362,7 @@ pub struct Summary {
     pub instruction_set: String,
     /// Number of unknowns.
     pub cells: usize,
-    /// What was left out of the computation, one line each.
+    /// The parts of the problem that the computation leaves out, one line each.
     pub reductions: Vec<String>,
     /// Number of rows of the matrix that are stored, over the ranks that split space. Equal rows
     /// are stored once per rank.
@@ -373,7 +375,7 @@ pub struct Summary {
     pub points: Option<usize>,
     /// Applications of `(−iμS + K)`, summed over all modes; for the classical method, of `A`.
     pub matvecs: usize,
-    /// Those that this process did: all except those of modes from a checkpoint.
+    /// Applications that this process did: all except those of modes from a checkpoint.
     pub matvecs_here: usize,
     /// Whether the run continued from a checkpoint.
     pub resumed: bool,
@@ -383,7 +385,8 @@ pub struct Summary {
     pub solves: usize,
     /// Largest resident memory of a rank, measured.
     pub memory_peak_bytes_per_rank: u64,
-    /// The same without pages of files, which the kernel maps and drops on its own.
+    /// Largest resident memory of a rank without pages of files, which the kernel maps and drops on
+    /// its own.
     pub memory_anonymous_bytes_per_rank: u64,
     /// Memory of the fullest rank by the plan.
     pub memory_planned_bytes_per_rank: u64,
@@ -422,7 +425,7 @@ pub struct Summary {
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
     /// largest over the fields.
     pub error_semidiscrete: Option<f64>,
-    /// For a run that continued from a result, whose errors above are those of its own part.
+    /// The result that the run continued from. The errors above are those of its own part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub continued: Option<Continued>,
     /// Errors and range of values of each field.
@@ -506,7 +509,7 @@ pub struct Summary {
     pub files: FileChecksums,
     /// All warnings.
     pub warnings: Vec<String>,
-    /// How many warnings were already printed before the run.
+    /// Number of warnings that were printed before the run.
     #[serde(skip)]
     pub warnings_printed: usize,
 }

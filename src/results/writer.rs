@@ -247,12 +247,12 @@ impl<'a> Writer<'a> {
 /// A dataset while it is written.
 pub struct Slabs<'a> {
     writer: &'a Writer<'a>,
-    /// Not closed after an error, as the file.
+    /// The dataset. After an error it is not closed, like the file.
     dataset: ManuallyDrop<Dataset>,
     shape: Vec<usize>,
     /// Whether all ranks write together.
     together: bool,
-    /// This rank's part of the checksum.
+    /// The part of this rank in the checksum.
     sum: u64,
 }
 

@@ -14,7 +14,7 @@ use std::time::Instant;
 
 /// The checkpoints that a run by modes makes.
 pub(crate) struct Checkpointing {
-    /// Their files.
+    /// The files of the checkpoints.
     pub store: Store,
     /// The checkpoint to continue from, until it is read.
     pub generation: Option<Generation>,
@@ -23,8 +23,8 @@ pub(crate) struct Checkpointing {
 }
 
 impl Checkpointing {
-    /// Opens the checkpoints of `output`; none for the classical method. The wall time counts from
-    /// `program_start`. Collective.
+    /// Opens the checkpoints of `output`; `None` for the classical method. The wall time counts
+    /// from `program_start`. Collective.
     ///
     /// # Errors
     /// As [`Store::open`]; [`Error::Directory`] if a link is in the place of their directory.

@@ -33,7 +33,7 @@ const LARGEST_REST: f64 = 2.0;
 
 /// Norms of a field over all ranks.
 pub struct FieldNorms<'a> {
-    /// All ranks.
+    /// The group of all ranks.
     pub world: &'a Group,
     /// Volumes of the share's cells.
     pub volumes: CellVolumes,

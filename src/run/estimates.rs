@@ -147,7 +147,8 @@ impl AxisLines<'_> {
         });
     }
 
-    /// The local number of the cell next to `cell`; none behind a jump of `V` or an end of the box.
+    /// The local number of the cell next to `cell`; `None` behind a jump of `V` or an end of the
+    /// box.
     fn beside(&self, cell: &Cell, above: bool) -> Option<usize> {
         let space = &self.case.space;
         let n = space.dimension();
@@ -165,9 +166,9 @@ impl AxisLines<'_> {
         }
     }
 
-    /// The difference between a flux of third order and that of the scheme, at the downstream face
-    /// of cell `i`: `(2 b + a)/6 − ½ b ψ(a/b) − ½(1 − α) b` with the differences `a` behind and `b`
-    /// ahead. With slopes `α = 1`, and without them `ψ = 0`.
+    /// The correction of the flux at the downstream face of cell `i`: a flux of third order minus
+    /// that of the scheme. It is `(2 b + a)/6 − ½ b ψ(a/b) − ½(1 − α) b` with the differences `a`
+    /// behind and `b` ahead. With slopes `α = 1`, and without them `ψ = 0`.
     fn correction(&self, i: usize, cell: &Cell, f: &[f64]) -> Option<f64> {
         let up = self.scheme.speed(cell, self.axis) > 0.0;
         let behind = f[i] - f[self.beside(cell, !up)?];
@@ -183,7 +184,7 @@ impl AxisLines<'_> {
         Some(rise / 12f64.sqrt())
     }
 
-    /// `D f` at cell `i`; none if a correction is unknown.
+    /// `D f` at cell `i`; `None` if a correction is unknown.
     fn difference(&self, i: usize, cell: &Cell, corrections: &[f64]) -> Option<f64> {
         let speed = self.scheme.speed(cell, self.axis);
         if speed == 0.0 {
@@ -197,9 +198,9 @@ impl AxisLines<'_> {
 /// Squares of norms, by element.
 #[derive(Default)]
 struct Squares {
-    /// Of all coefficients.
+    /// Squares of the norm of all coefficients.
     all: Vec<f64>,
-    /// Estimated, of the coefficients beyond the highest.
+    /// Estimated squares of the norm of the coefficients beyond the highest.
     beyond: Vec<f64>,
 }
 
@@ -232,9 +233,9 @@ impl Squares {
     }
 }
 
-/// The expected square beyond the highest of coefficients whose `squares` are given by rising
-/// degree: `c_k² min(1, (r/r_front)²)²` with their ratio `r`, taken over two pairs if there are as
-/// many.
+/// The expected square of the coefficients beyond the highest known one. `squares` are those of the
+/// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`,
+/// taken over two pairs if there are enough.
 fn beyond(squares: &[f64]) -> f64 {
     let of_front = LEAST_RATIO_AT_FRONTS * LEAST_RATIO_AT_FRONTS;
     let [highest, ratio] = match *squares {

@@ -24,7 +24,7 @@ use std::time::Instant;
 /// The exact solution of a run on a rank's share.
 #[derive(Default)]
 pub struct ExactRun {
-    /// At the end.
+    /// The exact solution at the end.
     pub exact: Option<ExactSolution>,
     /// Moments at the output times before the end, if they are wanted there, then at the end.
     pub moments: Vec<Moments>,
@@ -117,10 +117,10 @@ impl ExactWatch {
     }
 }
 
-/// What to say of an exact solution at `all` times, of which the first `done` took `seconds`: that
-/// it takes long, if it does and can be left out.
+/// A warning that the exact solution takes long; `None` if it does not, or cannot be left out. It
+/// is for `all` times, of which the first `done` took `seconds`.
 fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
-    /// Seconds of the first times from which those of all times are estimated.
+    /// The shortest time in seconds from which the time of all is estimated.
     const SEEN: f64 = 1.0;
     const LONG: f64 = 10.0;
     let expected = seconds * all as f64 / done as f64;
@@ -132,8 +132,8 @@ fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
     })
 }
 
-/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells; none
-/// for other data. Collective.
+/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells;
+/// `None` for other data. Collective.
 fn moments_of_sheet(
     world: &Group,
     case: &Case,

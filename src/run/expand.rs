@@ -20,7 +20,7 @@ use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
 pub struct Expanded {
-    /// Every field at `T`: row-major over the share's space cells, then the velocities.
+    /// The fields at `T`, row-major over the share's space cells, then the velocities.
     pub fields: Vec<Vec<f64>>,
     /// Moments at `T`.
     pub moments: Moments,

@@ -11,8 +11,8 @@ use crate::run::files::{EarlyStates, RunFiles, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
-/// Every field at `T` and at the output times before, by the plan of `prepared`. Counts go into
-/// `summary`. There is no console output without `files`. Collective.
+/// Computes every field at `T` and at the output times before, by the plan of `prepared`. Counts go
+/// into `summary`. There is no console output without `files`. Collective.
 ///
 /// # Errors
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.

@@ -27,7 +27,7 @@ pub(crate) struct RunFiles<'a> {
 /// The fields that either method solves for, on this rank's share. The `History` of the output
 /// times before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
 pub(crate) struct Solved<History> {
-    /// Every field at `T` by each reading: `[field][reading]`.
+    /// The fields at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
     pub plateau: Vec<Vec<f64>>,

@@ -371,8 +371,8 @@ fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
-/// The mass that enters the grid until the end, by the rows of the scheme; none for measure-valued
-/// data. Collective.
+/// The mass that enters the grid until the end, by the rows of the scheme; `None` for
+/// measure-valued data. Collective.
 pub fn entered(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if !matches!(case.data, Data::Density) {

@@ -10,7 +10,7 @@ use crate::run::warnings::opening_line;
 pub(crate) struct RunLog {
     /// Whether this rank prints.
     pub prints: bool,
-    /// Every warning so far.
+    /// The warnings so far.
     pub warnings: Vec<String>,
     /// Number of warnings printed so far.
     pub printed: usize,

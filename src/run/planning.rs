@@ -36,7 +36,7 @@ pub struct Preview {
     pub at_start: Option<Totals>,
 }
 
-/// As [`plan`], with the totals of the initial data. Collective.
+/// The plan as [`plan`] makes it, with the totals of the initial data. Collective.
 ///
 /// # Errors
 /// As [`plan`].

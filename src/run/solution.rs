@@ -28,7 +28,7 @@ pub struct Solution {
     pub summary: Summary,
     /// The plan that was carried out.
     pub plan: Plan,
-    /// This rank's space cells, one range an x-axis; may be empty.
+    /// Space cells of this rank, one range for each x-axis; may be empty.
     pub share: Vec<Range<usize>>,
     /// Results at `T`, fields `[x, …, v, …]` on the share and moments on its space cells, and those
     /// of the output times before.
@@ -57,8 +57,8 @@ impl Solution {
         self.write_prepared(world, directory)
     }
 
-    /// As [`write`](Self::write), into a directory that is already checked and locked. Deletes the
-    /// checkpoints. Collective.
+    /// Writes the results as [`write`](Self::write) does, into a directory that is already checked
+    /// and locked. Deletes the checkpoints. Collective.
     pub(super) fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);

@@ -29,7 +29,7 @@ use crate::solve::rank_cells::RankCells;
 /// The state that all steps of a run share.
 pub(super) struct Driver<'a> {
     world: &'a World,
-    /// None for a run without console output, files and checkpoints.
+    /// The output; `None` for a run without console output, files and checkpoints.
     output: Option<Output<'a>>,
     log: RunLog,
     summary: Summary,
@@ -46,13 +46,13 @@ pub(super) struct PlannedRun {
     prepared: Prepared,
     /// The lock of the result directory, on the first rank.
     lock: Option<DirectoryLock>,
-    /// This rank's part of the result grid.
+    /// The part of this rank in the result grid.
     rank_cells: RankCells,
 }
 
 /// Observables of the initial data, and the ledger with its estimates by particles.
 pub(super) struct StartObserved {
-    /// None for a run that starts from modes.
+    /// The totals; `None` for a run that starts from modes.
     totals: Option<Totals>,
     /// Results at the start, if they are to be written.
     early: Option<EarlyResult>,

@@ -52,7 +52,7 @@ const LONGEST_ADVISED: f64 = 30.0 * 86400.0;
 /// Relative round-off by which an error may exceed the accuracy.
 const ROUND_OFF: f64 = 1e-9;
 
-/// What the user asks for.
+/// The request of the user.
 #[derive(Clone, Copy, Debug)]
 pub struct Request {
     /// Relative L1 error of the density.

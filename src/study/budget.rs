@@ -70,7 +70,7 @@ impl Budget {
         }
     }
 
-    /// All ranks.
+    /// The group of all ranks.
     pub fn group(&self) -> &Group {
         &self.all
     }

@@ -49,7 +49,7 @@ use std::time::Instant;
 const SECONDS_TO_WRITE: f64 = 0.01;
 /// Seconds to write a byte and read it back.
 const SECONDS_PER_BYTE: f64 = 2e-9;
-/// The same of the warped field, which is transposed and transformed before.
+/// Seconds a byte of the warped field, which is transposed and transformed before it is written.
 const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
 /// Seconds a byte of the warped field that a run starts from, to read it and take its norms.
 const SECONDS_PER_GIVEN_BYTE: f64 = 4e-9;
@@ -59,9 +59,9 @@ const SECONDS_PER_GIVEN_BYTE: f64 = 4e-9;
 pub struct Calibration {
     /// Number of ranks of the calibration.
     pub ranks: usize,
-    /// Its space blocks along each x-axis.
+    /// Space blocks of the calibration along each x-axis.
     pub space_blocks: Vec<usize>,
-    /// Whether it had as many ranks as the run, and so the whole box.
+    /// Whether the calibration had as many ranks as the run, and so the whole box.
     pub whole: bool,
     /// Seconds that the calibration took, with the plan.
     pub took: f64,

@@ -16,7 +16,7 @@ pub struct Choice {
     pub key: &'static str,
     /// The value of a case, as `--set` takes it.
     pub value: fn(&Case) -> String,
-    /// The method that uses it; none if both do.
+    /// The method that uses the choice; `None` if both do.
     pub method: Option<Method>,
     /// Whether the rows of `A` depend on it.
     pub rows: bool,
@@ -68,7 +68,7 @@ pub fn exact_propagators() -> impl Iterator<Item = PropagatorMethod> {
     PROPAGATORS.into_iter().map(|(_, method)| method).filter(|method| method.order() == 0)
 }
 
-/// Propagators whose error is that of their step, with their names.
+/// Propagators whose error is that of their time step, with their names.
 pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorMethod)> {
     PROPAGATORS.into_iter().filter(|(_, method)| method.order() > 0)
 }

@@ -66,8 +66,8 @@ impl WorkKind {
         }
     }
 
-    /// Growth of a unit's time per cell with the cells, relative to a small grid: that of sparse
-    /// factors.
+    /// Growth of a unit's time per cell with the number of cells, relative to a small grid. It is
+    /// that of sparse factors.
     fn growth(self, cells: f64) -> f64 {
         if self.solves { (cells / 1024.0).sqrt() } else { 1.0 }
     }
@@ -142,11 +142,11 @@ struct MeasuredRate {
 /// Seconds of a trial.
 #[derive(Clone, Copy, Debug)]
 pub struct TrialSeconds {
-    /// Without comparisons with other results.
+    /// Seconds without comparisons with other results.
     pub result: f64,
-    /// To solve.
+    /// Seconds of the solution alone.
     pub solve: f64,
-    /// In all.
+    /// Seconds of the whole trial.
     pub total: f64,
 }
 

@@ -175,7 +175,7 @@ fn no_slopes(case: &Case) -> String {
     format!("{key}: slopes are limited in upwind cells of degree 0 only; --set scheme.degree=0")
 }
 
-/// What errors of `case` are measured against.
+/// The exact solution that errors of `case` are measured against.
 ///
 /// # Errors
 /// [`Error::Input`] for measure-valued data, and where nothing exact is known.
@@ -212,7 +212,7 @@ fn dissipative_of(case: &Case) -> Case {
     }
 }
 
-/// Where the density is asked for.
+/// The point where the density is wanted.
 struct PointOfTask {
     point: [f64; 6],
     /// The mean of the exact density over the box.
@@ -220,7 +220,8 @@ struct PointOfTask {
 }
 
 impl PointOfTask {
-    /// At the first cell of `[readout]`, or where the exact density is largest. Collective.
+    /// The point at the first cell of `[readout]`, or where the exact density is largest.
+    /// Collective.
     ///
     /// # Errors
     /// As [`exact_density`].

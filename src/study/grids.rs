@@ -22,7 +22,8 @@ const LARGEST_UNIT: [usize; 3] = [1000, 64, 16];
 /// Fewest elements along an axis, by dimension, of degree 0 and of higher degrees; fewer only if
 /// the case itself has fewer.
 const FEWEST: [[usize; 3]; 2] = [[8, 4, 4], [4, 2, 2]];
-/// The coarsest grid has the case's number of elements over at most two to this power.
+/// Binary logarithm of the largest ratio of the case's number of elements along an axis to that of
+/// the coarsest grid.
 const COARSEST: u32 = 3;
 
 /// Largest number of cells of space of a grid that is planned for.
@@ -109,8 +110,8 @@ pub fn stray_edges(case: &Case) -> usize {
     found.edges.len() + found.empty.len()
 }
 
-/// `case` on at most `most` cells: axes are halved, the longest first; those that keep as many
-/// edges of `V` on faces are preferred.
+/// `case` on at most `most` cells. Axes are halved, the longest first. Axes that keep as many edges
+/// of `V` on faces are preferred.
 pub fn coarsened(case: &Case, most: usize) -> Case {
     let mut case = case.clone();
     // Fewest elements along an axis.
@@ -150,8 +151,8 @@ pub struct Grids {
     units: Vec<Option<usize>>,
     /// Fewest elements along an axis, by dimension, for the degree of the case.
     fewest: [usize; 3],
-    /// For each of the `2n` axes, whether nothing varies along it. A run then has one cell there,
-    /// and grids keep the number of elements of the case.
+    /// One flag for each of the `2n` axes: whether nothing varies along it. A run then has one cell
+    /// there, and grids keep the number of elements of the case.
     merged: Vec<bool>,
 }
 
@@ -180,7 +181,7 @@ impl Grids {
         Self { axes, edges, units, fewest, merged }
     }
 
-    /// The same, with the axes of the `2n` that runs merge.
+    /// These grids, with a flag `merged` for each of the `2n` axes that runs merge.
     pub fn with_merged(self, merged: Vec<bool>) -> Self {
         Self { merged, ..self }
     }
@@ -295,7 +296,7 @@ impl Grids {
         }
     }
 
-    /// Half of `shape` along all axes that are not merged; none if an edge would leave its face.
+    /// Half of `shape` along all axes that are not merged; `None` if an edge would leave its face.
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
         let mut free = (0..shape.len()).filter(|&k| !self.merged[k]).peekable();
         free.peek()?;

@@ -27,7 +27,7 @@ const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
 /// Steps that all ranks share.
 const SHARED: [&str; 2] = ["exact", "observables"];
 
-/// A run whose seconds were measured, by which those of others are scaled.
+/// A run whose seconds were measured. Seconds on other numbers of ranks follow by scaling.
 pub struct CalibratedRun<'a> {
     /// The plan.
     pub plan: &'a Plan,
@@ -79,7 +79,7 @@ pub struct RankCost {
     pub space_blocks: Vec<usize>,
     /// Mode groups.
     pub mode_groups: usize,
-    /// Time over that of the first number of ranks that fits.
+    /// Time relative to that of the first number of ranks that fits.
     pub time: f64,
     /// Seconds of the run, without the start of MPI, where they were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -107,9 +107,9 @@ pub struct RankCost {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum RankLine {
-    /// One on which the case can run.
+    /// A number of ranks on which the case can run.
     Planned(RankCost),
-    /// One on which it cannot.
+    /// A number of ranks on which the case cannot run.
     Refused {
         /// Number of ranks.
         ranks: usize,
@@ -118,7 +118,7 @@ pub enum RankLine {
     },
 }
 
-/// One case on many numbers of ranks.
+/// The costs of a case on many numbers of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct RankTable {
@@ -244,7 +244,7 @@ struct WorthwhileRanks {
     alone: f64,
     /// The last number that was worth it.
     last: Option<usize>,
-    /// Its time, or that on one rank.
+    /// The time on that number, or on one rank.
     last_time: f64,
 }
 
@@ -270,7 +270,7 @@ impl WorthwhileRanks {
 
 impl fmt::Display for RankTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// So that lines have at most 100 columns.
+        /// The longest reason in a line, so that lines have at most 100 columns.
         const LONGEST: usize = 80;
         write!(f, "{:>7} {:>8} {:>6} {:>9}", "ranks", "blocks", "groups", "rel. time")?;
         let timed = self.costs().any(|cost| cost.seconds.is_some());

@@ -28,10 +28,10 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-/// Most runs of a sweep.
+/// The largest number of runs of a sweep.
 const MOST_RUNS: usize = 10_000;
 
-/// What the user asks for.
+/// The request of the user.
 pub struct SweepRequest {
     /// The case file.
     pub path: PathBuf,
@@ -39,21 +39,21 @@ pub struct SweepRequest {
     pub text: String,
     /// `--set` options.
     pub set: Vec<String>,
-    /// `streamed` or `full`; none without `--mode`.
+    /// `streamed` or `full`; `None` without `--mode`.
     pub mode: Option<&'static str>,
     /// The keys and their values.
     pub vary: Vec<Vary>,
-    /// Where the directories of the runs go.
+    /// The directory in which the directories of the runs are made.
     pub directory: PathBuf,
 }
 
 /// A run of a sweep.
 pub struct SweepRun {
-    /// From 1.
+    /// Number of the run, from 1.
     pub number: usize,
     /// A value for each key.
     pub values: Vec<Value>,
-    /// Where its results go.
+    /// Directory of the results of the run.
     pub directory: PathBuf,
     /// Why its case is refused.
     pub refused: Option<String>,
@@ -101,7 +101,7 @@ impl fmt::Display for Done {
 pub struct SweepResult {
     /// The runs that were attempted.
     pub table: SweepTable,
-    /// Why it stopped early; none if it is complete.
+    /// The reason why the sweep stopped early; `None` if it is complete.
     pub stopped: Option<Error>,
 }
 

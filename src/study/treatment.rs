@@ -14,7 +14,7 @@ pub struct Treatment {
 }
 
 impl Treatment {
-    /// Each law without weights, then with them if it allows growth.
+    /// All treatments: each law without weights, then each law that allows growth with them.
     pub fn all() -> Vec<Self> {
         let of_law = |interface| {
             let weighted = [false, true]
@@ -25,7 +25,7 @@ impl Treatment {
         Interface::ALL.into_iter().flat_map(of_law).collect()
     }
 
-    /// As [`all`](Self::all), with those that prevent growth first.
+    /// All treatments, as [`all`](Self::all), with those that prevent growth first.
     pub fn by_growth() -> Vec<Self> {
         let mut all = Self::all();
         all.sort_by_key(|treatment| treatment.may_grow());
@@ -50,7 +50,7 @@ impl Treatment {
         case
     }
 
-    /// What it is, in words.
+    /// The treatment in words.
     pub fn name(self) -> String {
         let law = word(&self.interface);
         match (self.has_growing_law(), self.weights) {

@@ -15,15 +15,15 @@ const COMPARISONS: [&str; 3] = ["exact", "verify", "readout"];
 
 /// The result of a trial.
 pub struct Trial {
-    /// As a run writes it; `memory_peak_bytes_per_rank` is that of this trial alone.
+    /// The summary of the run; `memory_peak_bytes_per_rank` is that of this trial alone.
     pub summary: Summary,
     /// The plan of the run.
     pub plan: Plan,
     /// Seconds without the comparisons with other results.
     pub seconds: f64,
-    /// This rank's space cells, one range an x-axis; may be empty.
+    /// Space cells of this rank, one range for each x-axis; may be empty.
     pub share: Vec<Range<usize>>,
-    /// Every field at `T` on these cells, velocities fastest.
+    /// Every field at `T` on these cells, with velocities fastest.
     pub fields: Vec<Vec<f64>>,
     /// Moments on these cells.
     pub moments: Moments,

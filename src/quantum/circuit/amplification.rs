@@ -11,17 +11,17 @@ use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
 /// Sizes of the registers of an amplified state, in qubits.
 #[derive(Clone, Copy, Debug)]
 pub struct AmplifiedRegisters {
-    /// Of the points of `p`.
+    /// Qubits of the register of the points of `p`.
     pub warped: usize,
-    /// Of the other unknowns.
+    /// Qubits of the registers of the other unknowns.
     pub system: usize,
-    /// Of the block encoding: wanted where they are zero.
+    /// Qubits of the block encoding. The wanted outcomes have zeros there.
     pub block: usize,
 }
 
 impl AmplifiedRegisters {
-    /// Both reflections of a round, without the preparation of the start, for the points
-    /// `first..end` of `p`. All gates are of Clifford + Toffoli.
+    /// The two reflections of a round, without the preparation of the start. The wanted points of
+    /// `p` are `first..end`. All gates are of Clifford + Toffoli.
     pub fn round(self, [first, end]: [usize; 2]) -> Circuit {
         let mut circuit = Circuit::default();
         let c = &mut circuit;

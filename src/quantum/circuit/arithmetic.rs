@@ -14,8 +14,9 @@ pub fn equals(number: &[Qubit], value: usize) -> impl Iterator<Item = Literal> {
 }
 
 impl Circuit {
-    /// `body` with a qubit that is 1 where all `literals` hold: `literals − 1` Toffoli gates before
-    /// and as many after. `body` leaves it and the literals as they are.
+    /// Calls `body` with a qubit that is 1 where all `literals` hold. This takes `literals − 1`
+    /// Toffoli gates before `body` and as many after it. `body` leaves the qubit and the literals
+    /// as they are.
     pub fn where_all(&mut self, literals: &[Literal], body: impl FnOnce(&mut Self, Qubit)) {
         let zeros: Vec<Qubit> = literals.iter().filter(|l| !l.1).map(|l| l.0).collect();
         let chain = self.take(literals.len() - 1);
@@ -42,9 +43,10 @@ impl Circuit {
         self.push(Gate::Ccx(carry, b, a));
     }
 
-    /// `b += a` modulo `2^b.len()`, only where `control` is 1 if there is one; `b` has as many bits
-    /// as `a`, or one more. Of `n + 1` bits of `b`, `2n` Toffoli gates, and with control as many
-    /// more as `a` and the carries have bits that are added: `n + 1` or `n + 2`.
+    /// Adds: `b += a` modulo `2^b.len()`, only where `control` is 1 if there is one. `b` has as
+    /// many bits as `a`, or one more. With `n + 1` bits of `b` this takes `2n` Toffoli gates. A
+    /// control adds one Toffoli gate for each bit of `a` and of the carries that is added: `n + 1`
+    /// or `n + 2`.
     pub fn add(&mut self, a: &[Qubit], b: &[Qubit], control: Option<Qubit>) {
         debug_assert!(b.len() == a.len() || b.len() == a.len() + 1);
         let carry = self.take(1);
@@ -78,8 +80,9 @@ impl Circuit {
         self.give_back(&carry);
     }
 
-    /// `target ^= [b < a]`, where `control` is 1 if there is one; `a` and `b` have as many bits.
-    /// Two Toffoli gates a bit, and one with control.
+    /// Compares: `target ^= [b < a]`, only where `control` is 1 if there is one. `a` and `b` have
+    /// equal numbers of bits. This takes two Toffoli gates for each bit, and one more with a
+    /// control.
     pub fn less(&mut self, b: &[Qubit], a: &[Qubit], control: Option<Qubit>, target: Qubit) {
         debug_assert!(a.len() == b.len() && !a.is_empty());
         let carry = self.take(1);
@@ -159,9 +162,10 @@ impl Circuit {
         self.give_back(&constants);
     }
 
-    /// Not of `target` where all `controls` are 1, with `borrowed` qubits in any state, one or more
-    /// of them beyond two controls. With `k − 2` of them `4(k − 2)` Toffoli gates; with fewer the
-    /// controls are halved (Barenco and others 1995).
+    /// Flips `target` where all `controls` are 1. The `borrowed` qubits may be in any state; beyond
+    /// two controls at least one is needed. For `k` controls and `k − 2` borrowed qubits this takes
+    /// `4(k − 2)` Toffoli gates; with fewer borrowed qubits the controls are halved (Barenco and
+    /// others 1995).
     pub fn flip_where_all(&mut self, controls: &[Qubit], target: Qubit, borrowed: &[Qubit]) {
         match *controls {
             [] => return self.push(Gate::X(target)),
@@ -190,9 +194,9 @@ impl Circuit {
         }
     }
 
-    /// Rotates `target` by `angles[c]` where `controls` have the value `c`: as many rotations by
-    /// the Walsh transform of the angles, in the order of the Gray code, each followed by a
-    /// controlled not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
+    /// Rotates `target` by `angles[c]` where `controls` have the value `c`. This takes one rotation
+    /// for each angle, by the Walsh transform of the angles, in the order of the Gray code. A
+    /// controlled not follows each rotation (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
     pub fn rotate(
         &mut self,
         rotation: fn(f64, Qubit) -> Gate,
@@ -221,7 +225,7 @@ impl Circuit {
         }
     }
 
-    /// Prepares a normalised real vector from zeros, by uniformly controlled rotations.
+    /// Prepares the normalised real vector `values` from zeros, by uniformly controlled rotations.
     pub fn prepare(&mut self, qubits: &[Qubit], values: &[f64]) {
         for bit in 0..qubits.len() {
             let (below, above) = qubits.split_at(qubits.len() - bit);
@@ -229,7 +233,8 @@ impl Circuit {
         }
     }
 
-    /// The Fourier transform with the positive sign, of numbers whose first bit is the lowest.
+    /// Appends the Fourier transform with the positive sign, of numbers whose first bit is the
+    /// lowest.
     pub fn fourier(&mut self, qubits: &[Qubit]) {
         for (place, &target) in qubits.iter().enumerate().rev() {
             self.push(Gate::H(target));
@@ -242,7 +247,7 @@ impl Circuit {
         }
     }
 
-    /// Hadamard of `target` where `control` is 1: two T gates.
+    /// Appends a Hadamard gate of `target` that is controlled by `control`: two T gates.
     fn controlled_hadamard(&mut self, control: Qubit, target: Qubit) {
         let around = |c: &mut Self| {
             c.push(Gate::S(target));
@@ -252,7 +257,7 @@ impl Circuit {
         self.within(around, |c| c.push(Gate::Cx(control, target)));
     }
 
-    /// `ry(angle)` of `target` where `control` is 1: two rotations.
+    /// Appends `ry(angle)` of `target`, controlled by `control`: two rotations.
     fn controlled_ry(&mut self, angle: f64, control: Qubit, target: Qubit) {
         for half in [0.5 * angle, -0.5 * angle] {
             self.push(Gate::Ry(half, target));
@@ -260,7 +265,7 @@ impl Circuit {
         }
     }
 
-    /// `rz(angle)` of `target` where `control` is 1: two rotations.
+    /// Appends `rz(angle)` of `target`, controlled by `control`: two rotations.
     pub fn controlled_rz(&mut self, angle: f64, control: Qubit, target: Qubit) {
         for half in [0.5 * angle, -0.5 * angle] {
             self.push(Gate::Rz(half, target));
@@ -268,8 +273,8 @@ impl Circuit {
         }
     }
 
-    /// `Σ_{m < count} |m⟩/√count` from zeros, `1 ≤ count ≤ 2^number.len()` (Shukla and Vedula
-    /// 2024).
+    /// Prepares `Σ_{m < count} |m⟩/√count` from zeros, `1 ≤ count ≤ 2^number.len()` (Shukla and
+    /// Vedula 2024).
     ///
     /// With the bits `l_0 < l_1 < …` of `count`, the last `2^{l_0}` numbers have the bits `l_1, …`
     /// and are free below `l_0`. Of the others, whose bit `l_1` is 0, the last `2^{l_1}` have the

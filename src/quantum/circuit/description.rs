@@ -36,14 +36,15 @@ pub struct EvolutionDescription {
     pub t: usize,
     /// Rotations of all calls, and the phases of the sequence.
     pub rotations: usize,
-    /// With that of the sequence, and ancillas of its reflections.
+    /// Qubits of the evolution: those of the circuit, the qubit of the sequence, and the ancillas
+    /// of its reflections.
     pub qubits: usize,
 }
 
-/// Simulated columns of the block beside those of `H`.
+/// Comparison of simulated columns of the block with the columns of `H/α`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// How many.
+    /// Number of columns that were compared.
     pub columns: usize,
     /// Largest difference of an entry from `H/α`.
     pub difference: f64,
@@ -54,8 +55,8 @@ pub struct Check {
 pub struct RotationSequence {
     /// Bound on the distance of the sequence from `e^{−iHT}` in norm.
     pub bound: f64,
-    /// The product of its steps beside its polynomial, at points of the unit circle: the largest
-    /// difference.
+    /// Largest difference between the product of the steps and their polynomial, at points of the
+    /// unit circle.
     pub difference: f64,
 }
 
@@ -76,42 +77,44 @@ pub struct CircuitDescription {
     pub shape: Vec<usize>,
     /// `T`.
     pub time: f64,
-    /// In whole numbers.
+    /// The transport of the case, in whole numbers.
     pub transport: CaseTransport,
     /// The modes.
     pub modes: CircuitModes,
     /// The register of the levels.
     pub levels: Levels,
-    /// The block is `H/α`.
+    /// `α`: the circuit encodes the block `H/α`.
     pub alpha: f64,
-    /// Of all modes: `α` of the circuit of one, that of the highest wavenumber that carries
-    /// something.
+    /// `α` of the circuit of one mode, the one with the highest wavenumber that carries something.
+    /// `None` if the circuit is of one mode, or has rotations for each mode.
     pub alpha_of_highest: Option<f64>,
-    /// How far a jump was rounded at most, in levels.
+    /// The largest change of a jump by rounding, in levels.
     pub rounded: f64,
     /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
-    /// The same by sparse access.
+    /// The cost of the same evolution by sparse access.
     pub sparse: Sparse,
     /// Counts of the circuit.
     pub counts: GateCounts,
     /// Counts of the controlled circuit, which a further qubit applies.
     pub controlled: GateCounts,
-    /// To which the evolution is exact. An estimate where a probability is in it: so are then the
-    /// steps that follow, and all counts of the evolution.
+    /// The tolerance of the evolution. It is an estimate where it depends on an estimated
+    /// probability: then the steps that follow from it, and all counts of the evolution, are
+    /// estimates too.
     pub walk_tolerance: LabelledNumber,
     /// The evolution that calls the controlled circuit.
     pub evolution: EvolutionDescription,
-    /// Its rotations; none where `no_sequence` says why.
+    /// The error of its rotations; `None` where `no_sequence` says why there are none.
     pub sequence: Option<RotationSequence>,
     /// Why there are no rotations.
     pub no_sequence: Option<String>,
-    /// What was simulated.
+    /// The comparison of simulated columns, if any were simulated.
     pub check: Option<Check>,
 }
 
 impl EvolutionDescription {
-    /// For `τ`, within `tolerance`, by calls of a circuit with these counts.
+    /// The evolution for `τ`, within `tolerance`, by calls of a circuit with the counts
+    /// `controlled`.
     pub fn new(tau: f64, tolerance: f64, controlled: &GateCounts) -> Self {
         let steps = steps_of(tau, tolerance);
         Self {
@@ -125,7 +128,7 @@ impl EvolutionDescription {
     }
 }
 
-/// `2K` for `τ`.
+/// The number of steps `2K` for `τ`, within `tolerance`.
 pub fn steps_of(tau: f64, tolerance: f64) -> usize {
     let [tau, tolerance] = [tau, tolerance].map(LabelledNumber::exact);
     walk::WalkCost::new(&tau, &tolerance).steps.value().unwrap_or_default() as usize

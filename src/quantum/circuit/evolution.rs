@@ -18,12 +18,13 @@ pub struct Walk {
     pub(super) call: Vec<Gate>,
     /// Qubits of the block.
     block: Vec<Qubit>,
-    /// The qubit of the sequence, which controls it.
+    /// The qubit of the sequence, which controls the block encoding.
     pub control: Qubit,
 }
 
 impl Walk {
-    /// On registers that `c` has, with a control; `c` has no gates yet, and takes the scratch.
+    /// The walk on the registers `wires` of `c`, which have a control. `c` has no gates yet. It has
+    /// none afterwards, but the scratch qubits that the walk needs.
     pub(in crate::quantum) fn new(
         c: &mut Circuit,
         wires: &Wires,
@@ -52,7 +53,7 @@ impl Walk {
         c.push(Gate::X(last));
     }
 
-    /// Adds the sequence.
+    /// Appends the steps of the walk with the rotations `phases`.
     pub fn evolve(&self, c: &mut Circuit, phases: &Phases) {
         for (step, &angle) in phases.angles.iter().enumerate() {
             if step > phases.degree {

@@ -22,7 +22,8 @@ use crate::quantum::circuit::transport::Force;
 use crate::quantum::circuit::wires::{Along, Wires};
 
 impl Force {
-    /// The term of this force, where it is chosen: `T` or `T†` where `moving` holds, else `D`.
+    /// Appends the term of this force, where it is chosen: `T` or `T†` where `moving` holds, else
+    /// `D`.
     pub(super) fn apply(
         &self,
         c: &mut Circuit,
@@ -46,7 +47,8 @@ impl Force {
         c.where_all(&moved, |c, moved| self.shift(c, wires, along, moved));
     }
 
-    /// Up by one cell where `moved` holds, or down: in the complement, in which that is up.
+    /// Shifts the velocity up or down by one cell where `moved` holds. A shift down is a shift up
+    /// of the complement.
     fn shift(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
         let v = &along.velocity;
         let half = 1usize << (v.len() - 1);
@@ -110,7 +112,8 @@ mod tests {
     const RATE: f64 = 0.25;
 
     impl Ring {
-        /// Without boxes: each number of its own.
+        /// The transport of the ring. Sets of cells are not merged into boxes: each cell is a set
+        /// of its own.
         fn transport(&self) -> CaseTransport {
             let cells = self.d.len();
             let bits = cells.next_power_of_two().trailing_zeros() as usize;

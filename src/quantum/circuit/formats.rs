@@ -42,13 +42,13 @@ pub const NOTE: &str = "the evolution alone: neither the preparation of the stat
 /// Counts of a whole evolution.
 #[derive(Clone, Copy, Debug)]
 pub struct LogicalCounts {
-    /// All qubits.
+    /// Number of qubits.
     pub qubits: Option<u64>,
-    /// Toffoli gates.
+    /// Number of Toffoli gates.
     pub toffoli: Option<u64>,
-    /// T gates beside them.
+    /// Number of T gates beside them.
     pub t: Option<u64>,
-    /// Rotations.
+    /// Number of rotations.
     pub rotations: Option<u64>,
 }
 

@@ -8,7 +8,7 @@ pub type Qubit = usize;
 /// A gate. Names are those of OpenQASM's `stdgates.inc`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Gate {
-    /// Not.
+    /// Pauli X, the not.
     X(Qubit),
     /// Hadamard.
     H(Qubit),
@@ -85,7 +85,7 @@ impl Gate {
     }
 }
 
-/// As `[name, qubits.., angle]`.
+/// A gate is written as `[name, qubits.., angle]`.
 impl Serialize for Gate {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let GateParts { name, angle, qubits } = self.parts();
@@ -113,33 +113,34 @@ pub enum RegisterRole {
 /// Neighbouring qubits, the lowest bit first.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Register {
-    /// Its name in the OpenQASM program.
+    /// The name of the register in the OpenQASM program.
     pub name: &'static str,
     /// The lowest qubit of the register.
     pub first: Qubit,
     /// Number of qubits.
     pub size: usize,
-    /// Its purpose.
+    /// The purpose of the register.
     pub role: RegisterRole,
 }
 
 /// Gates in their order, on registers. Scratch qubits are taken as needed and given back clean.
 #[derive(Clone, Debug, Default)]
 pub struct Circuit {
-    /// Without scratch until [`finish`](Self::finish).
+    /// The registers. Scratch qubits are among them only after [`finish`](Self::finish).
     pub registers: Vec<Register>,
-    /// In the order of time.
+    /// The gates, in the order of time.
     pub gates: Vec<Gate>,
-    /// The first gate of a part, and its purpose.
+    /// The first gate of each part, by number, and the purpose of the part.
     pub comments: Vec<(usize, &'static str)>,
     /// Qubits of the registers.
     named: usize,
-    /// Scratch qubits in use, and most of them.
+    /// Scratch qubits that are in use, and the most that ever were.
     scratch: [usize; 2],
 }
 
 impl Circuit {
-    /// A new register; none may follow once scratch was taken.
+    /// Adds a register of `size` qubits, and returns them. No register may follow once scratch was
+    /// taken.
     pub fn register(&mut self, name: &'static str, size: usize, role: RegisterRole) -> Vec<Qubit> {
         debug_assert!(self.scratch[1] == 0, "registers come before scratch");
         let first = self.named;
@@ -268,7 +269,8 @@ impl GateCounts {
         self.toffoli + self.toffoli_of_reflection()
     }
 
-    /// Rotations of a step: with a phase of the sequence, which has one more.
+    /// Rotations of a step: those of a call, and one phase of the sequence. The sequence has one
+    /// more phase than steps.
     pub fn rotations_a_step(&self) -> usize {
         self.rotations + 1
     }
@@ -281,9 +283,10 @@ impl GateCounts {
         steps * (self.toffoli + reflection) as f64 + ends as f64
     }
 
-    /// All qubits of a sequence of steps by this controlled circuit: forward and back it takes the
-    /// same, since its ends are controlled. A reflection has a clean qubit for each but one of the
-    /// block's, which the scratch of the call serves as far as it goes.
+    /// Qubits of a sequence of steps by this controlled circuit. A sequence forward and back takes
+    /// equally many, since its ends are controlled. A reflection takes a clean ancilla for each
+    /// qubit of the block but one; the scratch qubits of the call serve as ancillas as far as they
+    /// go.
     pub fn qubits_of_sequence(&self) -> usize {
         self.qubits - self.scratch_qubits + self.ancillas_of_sequence()
     }
@@ -307,28 +310,28 @@ pub const T_OF_TOFFOLI: usize = 7;
 pub struct GateCounts {
     /// Qubits of the state that the operator acts on.
     pub system_qubits: usize,
-    /// Zero before; the block is where they are zero after.
+    /// Qubits of the block, which are zero before. The encoded block is where they are zero after.
     pub block_qubits: usize,
-    /// Zero before and after.
+    /// Scratch qubits, which are zero before and after.
     pub scratch_qubits: usize,
-    /// All of them.
+    /// Number of all qubits.
     pub qubits: usize,
-    /// All gates.
+    /// Number of all gates.
     pub gates: usize,
-    /// `ccx`.
+    /// Number of `ccx`.
     pub toffoli: usize,
-    /// `t` and `tdg`.
+    /// Number of `t` and `tdg`.
     pub t: usize,
-    /// With [`T_OF_TOFFOLI`] for each `ccx`, without those of rotations.
+    /// T gates with [`T_OF_TOFFOLI`] for each `ccx`, without the T gates of rotations.
     pub t_with_toffoli: usize,
-    /// `ry` and `rz`; three of each `cp`.
+    /// Number of `ry` and `rz`; a `cp` counts as three.
     pub rotations: usize,
-    /// `cx` and `cz`; two of each `cp`, three of each `swap`.
+    /// Number of `cx` and `cz`; a `cp` counts as two, a `swap` as three.
     pub cnot: usize,
-    /// `h`.
+    /// Number of `h`.
     pub hadamard: usize,
-    /// Layers, each gate as early as its qubits allow.
+    /// Number of layers, with each gate as early as its qubits allow.
     pub depth: usize,
-    /// Layers of `ccx`.
+    /// Number of layers of `ccx`.
     pub toffoli_depth: usize,
 }

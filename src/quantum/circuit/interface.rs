@@ -95,7 +95,7 @@ impl CaseTransport {
         circuit
     }
 
-    /// The same on registers that are there.
+    /// Appends the gates of the block encoding to `c`, which has the registers `wires` already.
     pub(in crate::quantum) fn call(
         &self,
         c: &mut Circuit,
@@ -188,7 +188,8 @@ impl AxisTransport {
         });
     }
 
-    /// At a jump: `e − ΔV` uphill where that is not below zero, else back; `e + ΔV` downhill.
+    /// Crosses a jump of `V` of height `ΔV`. Uphill the energy `e` becomes `e − ΔV` where that is
+    /// not below zero; else the particle is reflected. Downhill `e` becomes `e + ΔV`.
     fn cross(&self, c: &mut Circuit, along: &Along, moved: Qubit) {
         let (e, downhill) = (&along.kinetic, along.sign());
         let height = c.take(e.len());
@@ -253,7 +254,8 @@ fn at(control: Qubit, number: &[Qubit], value: usize) -> Vec<Literal> {
     std::iter::once((control, true)).chain(equals(number, value)).collect()
 }
 
-/// Where `control` is 1, the value `from` of `number` becomes `to`, which it does not have.
+/// Replaces the value `from` of `number` by `to` where `control` is 1. `number` does not have the
+/// value `to` before.
 fn replace(c: &mut Circuit, control: Qubit, number: &[Qubit], [from, to]: [usize; 2]) {
     let here = c.take(1);
     let differ: Vec<Qubit> = equals(number, from ^ to).filter(|bit| bit.1).map(|b| b.0).collect();

@@ -12,7 +12,7 @@ use crate::quantum::circuit::transport::{
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
 
-/// Most bits of the bins.
+/// The largest number of bits that number the bins of a level.
 pub const MOST_BIN_BITS: usize = 20;
 /// Largest number of bits of bins that are chosen by the change of the jumps; beyond it a jump has
 /// no further digits.
@@ -23,20 +23,20 @@ const WHOLE: f64 = 1e-12;
 /// A case as the circuit has it.
 #[derive(Clone, Debug)]
 pub struct CircuitCase {
-    /// In whole numbers.
+    /// The transport of the case, in whole numbers.
     pub transport: CaseTransport,
-    /// How far a jump was rounded at most, in levels; 0 if all are whole.
+    /// The largest change of a jump by rounding, in levels; 0 if all jumps are whole.
     pub rounded: f64,
     /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
 }
 
-/// Into how many bins each level is divided, `2^b` of them.
+/// The number of bins into which each level is divided, `2^b`.
 #[derive(Clone, Copy, Debug)]
 pub enum Bins {
     /// The fewest that make all jumps whole.
     Whole,
-    /// So many bits, to which jumps are rounded.
+    /// A given number of bits `b`. Jumps are rounded to these bins.
     Given(usize),
     /// The fewest that change `A` by at most this in norm.
     Within(f64),
@@ -52,7 +52,7 @@ struct Height {
 }
 
 impl Height {
-    /// How far it is from a whole number of bins, in bins; 0 if by round-off only.
+    /// The distance of the height from a whole number of bins, in bins; 0 if it is round-off.
     fn off(self, bin_bits: usize) -> f64 {
         let levels = self.levels * (1u64 << bin_bits) as f64;
         let off = (levels - levels.round()).abs();
@@ -141,7 +141,7 @@ fn unknown_grid(space: &PhaseSpace) -> Option<String> {
     })
 }
 
-/// All space cells.
+/// The range of all space cells, by axis.
 fn ranges(space: &PhaseSpace) -> Vec<std::ops::Range<usize>> {
     space.x.iter().map(|x| 0..x.cells).collect()
 }

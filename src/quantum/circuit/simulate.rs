@@ -4,7 +4,7 @@ use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
 
-/// Most qubits of a simulated circuit.
+/// The largest number of qubits of a simulated circuit.
 pub const MOST_QUBITS: usize = 128;
 /// Amplitudes below this are round-off of zeros.
 const ROUND_OFF: f64 = 1e-18;
@@ -23,7 +23,7 @@ impl SparseState {
         Self { terms: vec![(number, Complex64::ONE)] }
     }
 
-    /// After `gates`.
+    /// The state after `gates` act on this one.
     pub fn after(mut self, gates: &[Gate]) -> Self {
         for &gate in gates {
             self.apply(gate);

@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-/// Most bits of a table of coefficients.
+/// The largest number of bits on which a table of coefficients may depend.
 pub const MOST_TABLE_BITS: usize = 12;
 /// Relative differences of coefficients that are round-off: slopes are differences of `V`.
 const ROUND_OFF: f64 = 1e-13;
@@ -17,8 +17,8 @@ pub struct PotentialJump {
     pub below: usize,
     /// The number of bins by which `V` rises from that cell to the next.
     pub levels: i64,
-    /// Where on the face: bits, and their values, of the cells along the other space axes, the last
-    /// axis in the lowest bits. Everywhere if there are none.
+    /// The part of the face where the jump is: bits, and their values, of the cells along the other
+    /// space axes, the last axis in the lowest bits. An empty list is the whole face.
     pub part: Vec<(usize, bool)>,
 }
 
@@ -49,18 +49,19 @@ pub struct Force {
     pub bits: Vec<usize>,
     /// `|d_i|/d_max` by the values of these bits.
     pub shares: Vec<f64>,
-    /// Where particles are pushed to lower velocities: bits of the space register and their values.
+    /// The space cells where particles are pushed to lower velocities, as sets of bits of the space
+    /// register and their values.
     pub down: Vec<Vec<(usize, bool)>>,
 }
 
 /// Forces of a case by the number of its space cell.
 pub(super) struct RotationTable<'a> {
-    /// Of the case.
+    /// Name of the case.
     pub name: &'a str,
     pub axis: usize,
     /// Bits of the number of a space cell.
     pub bits: usize,
-    /// `d_i`; none of numbers that are no cells.
+    /// `d_i` by number; `None` for numbers that are no cells.
     pub speeds: Vec<Option<f64>>,
 }
 
@@ -78,23 +79,24 @@ pub struct CaseTransport {
 /// The modes that the circuit acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum CircuitModes {
-    /// All of a register of `p` of so many qubits on this period.
+    /// All modes of a register of `p` with `qubits` qubits on the period `period`.
     Register {
         /// `n_p`.
         qubits: usize,
         /// `P`.
         period: f64,
     },
-    /// All of such a register, each with weights of its own, by uniformly controlled rotations.
+    /// All modes of such a register, each with a weight of its own by uniformly controlled
+    /// rotations.
     Rotated {
         /// `n_p`.
         qubits: usize,
         /// `P`.
         period: f64,
-        /// The highest wavenumber that carries something; beyond it modes have this one.
+        /// The highest wavenumber that carries something; modes beyond it get this wavenumber.
         highest: f64,
     },
-    /// One, of this wavenumber.
+    /// One mode, of this wavenumber.
     One(f64),
 }
 
@@ -110,8 +112,8 @@ pub enum Levels {
 }
 
 impl Force {
-    /// The force of a table; none where nothing is pushed. `boxes` makes boxes of the numbers in
-    /// its first argument, and of any of those in its second.
+    /// The force of a table; `None` where nothing is pushed. `boxes` covers the numbers in its
+    /// first argument by boxes, which may include any of the numbers in its second.
     ///
     /// # Errors
     /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.
@@ -158,7 +160,7 @@ impl Force {
     }
 }
 
-/// The table without a bit on which it does not depend; none if it does.
+/// The table without the bit `bit`; `None` if the table depends on it.
 fn without_bit(shares: &[Option<f64>], bit: usize) -> Option<Vec<Option<f64>>> {
     let mask = 1 << bit;
     let places = (0..shares.len()).filter(|place| place & mask == 0);

@@ -102,8 +102,8 @@ impl Along {
 pub(in crate::quantum) struct Terms(Vec<Qubit>);
 
 impl Terms {
-    /// What says that this term is chosen: its own qubit, which the first one does not have, and
-    /// none of the later ones.
+    /// The literals that say that this term is chosen: its own qubit is 1, and those of the later
+    /// terms are 0. The first term has no qubit of its own.
     pub fn chosen(&self, term: usize) -> Vec<Literal> {
         let own = term.checked_sub(1).map(|a| (self.0[a], true));
         own.into_iter().chain(self.0[term..].iter().map(|&q| (q, false))).collect()
@@ -130,25 +130,26 @@ pub(in crate::quantum) struct Wires {
     pub bins: Vec<Qubit>,
     /// Levels of a cell.
     level: Vec<Qubit>,
-    /// 1 where there is no such level.
+    /// A qubit that is 1 where there is no such level.
     pub no_level: Qubit,
-    /// 1 where a particle leaves the box in space; none if that has no ends.
+    /// A qubit that is 1 where a particle leaves the box in space; `None` if space has no ends.
     pub end: Option<Qubit>,
     /// All bits of space cells, the last axis lowest.
     pub space: Vec<Qubit>,
-    /// Where a force is weaker than the largest one, the block is less than 1 by it; none if all
-    /// are equal.
+    /// The qubit that is rotated where a force is weaker than the largest one, so that the block is
+    /// less than 1 there. `None` if all forces are equal.
     pub weaker: Option<Qubit>,
-    /// 1 where a force pushes a particle out of the velocity box; none without forces.
+    /// A qubit that is 1 where a force pushes a particle out of the velocity box; `None` without
+    /// forces.
     pub end_of_velocity: Option<Qubit>,
-    /// 1 where an energy is above the velocity box, if a register has room for one.
+    /// A qubit that is 1 where an energy is above the velocity box, if a register has room for one.
     pub outside: Option<Qubit>,
     sum: WeightedSum,
-    /// Choose a term: an axis or a force.
+    /// The qubits that choose a term: an axis or a force.
     pub terms: Terms,
-    /// 1 for `T†`.
+    /// A qubit that is 1 for `T†`.
     pub reversed: Qubit,
-    /// 1 where the circuit is applied; none if always.
+    /// A qubit that is 1 where the circuit is applied; `None` if it always is.
     pub control: Option<Qubit>,
 }
 

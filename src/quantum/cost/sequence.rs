@@ -28,11 +28,12 @@ pub struct SequenceCost {
     pub gates: LabelledNumber,
     /// Toffoli gates alone until the field is measured: repeated, and by amplitude amplification.
     pub toffoli_until_measured: [LabelledNumber; 2],
-    /// The same by its former name, which scripts read.
+    /// Toffoli gates until the field is measured, by the former name of the field, which scripts
+    /// read.
     until_measured: [LabelledNumber; 2],
-    /// All `gates` until then.
+    /// All `gates` until the field is measured: repeated, and by amplitude amplification.
     pub gates_until_measured: [LabelledNumber; 2],
-    /// All qubits of the sequence, at once.
+    /// The number of qubits of the sequence, all in use at once.
     pub qubits: LabelledNumber,
     /// Ancillas among the qubits, which are zero before and after.
     pub ancillas: LabelledNumber,
@@ -43,7 +44,7 @@ pub(super) struct SequenceCounts {
     steps: LabelledNumber,
     toffoli_a_step: LabelledNumber,
     rotations_a_step: LabelledNumber,
-    /// Of an evolution, with what its ends have in addition.
+    /// Toffoli gates of an evolution, with those that its ends have in addition.
     toffoli: LabelledNumber,
     t: LabelledNumber,
     rotations: LabelledNumber,
@@ -52,8 +53,9 @@ pub(super) struct SequenceCounts {
 }
 
 impl SequenceCounts {
-    /// With T gates for the rotations of an evolution that is to be exact to `tolerance`, and with
-    /// this many evolutions until the field is measured.
+    /// The cost of these counts. Rotations are made of T gates by `synthesis`, for an evolution
+    /// that is exact to `tolerance`. `evolutions` are those until the field is measured: repeated,
+    /// and by amplitude amplification.
     pub(super) fn cost(
         self,
         synthesis: RotationSynthesis,
@@ -87,7 +89,7 @@ impl SequenceCounts {
 }
 
 impl SequenceCost {
-    /// All gates until the field is measured, repeated or amplified, the fewer of both.
+    /// Gates until the field is measured, repeated or amplified, whichever is fewer.
     pub fn measured(&self) -> &LabelledNumber {
         LabelledNumber::lower_of(&self.gates_until_measured)
     }
@@ -160,8 +162,9 @@ impl SequenceCounts {
         }
     }
 
-    /// Sparse access: `2K` calls, and about half as many forward and back, with Toffoli gates by a
-    /// model. Rotations are those of the sequences: the oracles' own are in their model.
+    /// The counts by sparse access: of `2K` calls, and of about half as many forward and back.
+    /// Toffoli gates are `a_step` for each step, from a model. Rotations are those of the
+    /// sequences: the model includes those of the oracles.
     pub(super) fn of_oracles(
         evolution: &WalkCost,
         tau: &LabelledNumber,

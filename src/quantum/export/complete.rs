@@ -31,7 +31,7 @@ use num_complex::Complex64;
 use serde::Serialize;
 use serde_json::json;
 
-/// Most qubits of a complete circuit.
+/// The largest number of qubits of a complete circuit.
 pub const MOST_QUBITS: usize = 20;
 /// Relative differences of cells below this are round-off.
 const ROUND_OFF: f64 = 1e-14;
@@ -58,9 +58,9 @@ pub(super) struct CompleteCircuitInput<'a> {
 /// A part of the circuit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct CircuitStage {
-    /// As in the table above.
+    /// The name of the part, as in the table above.
     pub name: &'static str,
-    /// Its first gate.
+    /// The number of its first gate.
     pub first: usize,
 }
 
@@ -93,7 +93,7 @@ pub struct About {
     pub moment_bound: f64,
     /// Qubits of amplitude estimation.
     pub estimate: usize,
-    /// Where each part begins.
+    /// The parts of the circuit, and where each begins.
     pub stages: Vec<CircuitStage>,
     /// Counts of all gates.
     pub counts: GateCounts,
@@ -156,12 +156,12 @@ impl Complete {
         Ok(Self { circuit, about })
     }
 
-    /// In OpenQASM 3.
+    /// The circuit in OpenQASM 3.
     pub fn qasm(&self, title: &str) -> String {
         qasm(&self.circuit, Some(title))
     }
 
-    /// Its description, registers and gates.
+    /// The description, registers and gates of the circuit, as JSON.
     pub fn json(&self) -> String {
         let Self { circuit, about } = self;
         let whole = json!({
@@ -227,11 +227,11 @@ impl CompleteCircuitInput<'_> {
 
 /// How `f(0)` is prepared.
 enum StatePreparation {
-    /// A product of a vector an axis, `(x1..xn, v1..vn)`.
+    /// A product of vectors, one for each axis, `(x1..xn, v1..vn)`.
     Product(Vec<Vec<f64>>),
-    /// Of one dimension, the velocities `first..last` of each space cell.
+    /// The velocities `first..last` of each space cell, in one dimension.
     Set(Vec<[usize; 2]>),
-    /// Cell by cell.
+    /// The values of all cells.
     Cells(Vec<f64>),
 }
 
@@ -257,7 +257,7 @@ impl StatePreparation {
     }
 }
 
-/// The vectors whose product `f` is, one an axis; none if it is no product.
+/// The vectors whose product is `f`, one for each axis; `None` if `f` is no product.
 fn product(f: &[f64], shape: &[usize]) -> Option<Vec<Vec<f64>>> {
     let largest = (0..f.len()).max_by(|&a, &b| f[a].abs().total_cmp(&f[b].abs()))?;
     let stride = |axis: usize| shape[axis + 1..].iter().product::<usize>();
@@ -304,7 +304,7 @@ struct CircuitBuilder {
     circuit: Circuit,
     walk: Walk,
     warped: Vec<Qubit>,
-    /// By axis, `(x1..xn, v1..vn)`.
+    /// The qubits of each axis, `(x1..xn, v1..vn)`.
     axes: Vec<Vec<Qubit>>,
     /// 1 where comparators found no part of the start.
     outside: Option<Qubit>,
@@ -383,8 +383,9 @@ impl CircuitBuilder {
         }
     }
 
-    /// All cells in a sum; `outside` is flipped where the velocity is below the last of its cell,
-    /// again where it is below the first, and once more.
+    /// Prepares the sum of all cells, and flips `outside` where the velocity is outside the
+    /// interval of its cell. The flag is flipped where the velocity is below the last of its cell,
+    /// again where it is below the first, and once more everywhere.
     fn compare(&mut self, intervals: &[[usize; 2]]) {
         let Some(outside) = self.outside else { return };
         let (space, velocity) = (self.axes[0].clone(), self.axes[1].clone());

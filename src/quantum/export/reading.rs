@@ -7,7 +7,7 @@ use crate::schrodingerization::profile::series::points;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
-/// Most qubits that are exported.
+/// The largest number of qubits that are exported.
 pub const MOST_QUBITS: usize = 12;
 
 pub(super) fn norm(x: &[Complex64]) -> f64 {
@@ -25,7 +25,7 @@ pub(super) struct CircuitRegisters {
     pub p: usize,
     /// Qubits of each axis, `(x1..xn, v1..vn)`.
     pub phase_space: Vec<usize>,
-    /// 1 where something enters.
+    /// Qubits of the label of the inflow: 1 where something enters, else 0.
     pub label: usize,
 }
 
@@ -54,7 +54,7 @@ impl CircuitRegisters {
         Ok(registers)
     }
 
-    /// All of them.
+    /// The number of all qubits.
     pub(super) fn total(&self) -> usize {
         self.p + self.phase_space.iter().sum::<usize>() + self.label
     }
@@ -117,8 +117,8 @@ pub(super) struct MeasuredField {
 }
 
 impl MeasuredField {
-    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the
-    /// cells.
+    /// The reading of the normalised `state`, whose norm was `norm_of_state`. `pi` are the weights
+    /// of the cells.
     pub(super) fn new(
         state: &[Complex64],
         grid: &PointGrid,

@@ -17,33 +17,35 @@ pub struct CostedChoice {
     pub profile: ProfileChoice,
     /// Whether this is the unitary scheme, beside a case that has another.
     pub unitary_scheme: bool,
-    /// `δ`; none without inflow.
+    /// `δ`; `None` without inflow.
     pub delta: Option<Delta>,
     /// `p◇`.
     pub recovery: LabelledNumber,
     /// `N_p`.
     pub points: LabelledNumber,
-    /// The access to `H`; none if the cost is not known.
+    /// The access to `H`; `None` if the cost is not known.
     pub access: Option<Access>,
     /// Calls of the block encoding in an evolution, by the sequence whose rotations are computed.
     pub steps: LabelledNumber,
-    /// The same by the sequence of about half as many.
+    /// Calls of the block encoding in an evolution, by the sequence of about half as many.
     pub half_calls_steps: LabelledNumber,
-    /// The same by the cheaper sequence.
+    /// Calls of the block encoding in an evolution, by the cheaper sequence.
     pub walk_steps: LabelledNumber,
-    /// Whether that is the cheaper sequence; none if the cost is not known.
+    /// Whether the cheaper sequence is the one of half as many calls; `None` if the cost is not
+    /// known.
     pub half_calls: Option<bool>,
     /// Probability of slice and window, all conditions met.
     pub probability: [LabelledNumber; 2],
-    /// All gates, in Toffoli gates, until it succeeds in the window, or in the slice where there is
-    /// none: repeated, and by amplitude amplification; by the cheaper sequence.
+    /// Gates, in Toffoli gates, until the field is measured in the window, or in the slice where
+    /// there is none: repeated, and by amplitude amplification. The sequence is the cheaper one.
     pub cost: [LabelledNumber; 2],
-    /// The fewer of both by the sequence whose rotations are computed, with the same access.
+    /// The fewer gates of the two, by the sequence whose rotations are computed, with the same
+    /// access.
     pub gates_until_measured_2k: LabelledNumber,
     /// Calls of the oracles by sparse access, whatever access takes the fewest gates.
     #[serde(flatten)]
     pub queries: OracleQueries,
-    /// The required evolution; none if it is not known.
+    /// The time and accuracy of the evolution; `None` if they are not known.
     #[serde(skip)]
     pub demand: Option<EvolutionRequirements>,
     /// The profile and the recovery point, as settings of a case.
@@ -52,7 +54,7 @@ pub struct CostedChoice {
 }
 
 impl CostedChoice {
-    /// One that cannot be planned.
+    /// The choice of a candidate that cannot be planned; `why` is the reason.
     pub(super) fn unavailable(
         candidate: &ProfileCandidate,
         delta: Option<Delta>,
@@ -110,7 +112,7 @@ impl CostedChoice {
         if window.value().is_some() { window } else { slice }
     }
 
-    /// Rounds of amplitude amplification; none if the probability is not known.
+    /// Rounds of amplitude amplification; `None` if the probability is not known.
     pub(super) fn rounds(&self) -> Option<f64> {
         self.nearest().value().map(amplification_rounds)
     }

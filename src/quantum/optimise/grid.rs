@@ -19,11 +19,11 @@ pub(super) struct PricedGrid<'a> {
 /// A candidate and what is known of its cost.
 struct Priced {
     candidate: ProfileCandidate,
-    /// No cost is below it.
+    /// A lower bound of the cost.
     bound: f64,
     /// The cost, once it is known.
     cost: Option<f64>,
-    /// The same with all numbers, on the rank that priced it.
+    /// The choice with all of its numbers, on the rank that priced it.
     choice: Option<CostedChoice>,
 }
 
@@ -48,7 +48,8 @@ impl<'a> PricedGrid<'a> {
     /// The cheapest candidates of up to `most` values of the parameter, the cheapest first, of
     /// those that cost `limit` at most. Collective.
     pub fn cheapest(&mut self, most: usize, limit: f64) -> Vec<CostedChoice> {
-        /// Costs this close to each other are the same; bounds are below them by less.
+        /// Costs within this relative distance of each other count as equal. Bounds are below the
+        /// costs by less.
         const TIE: f64 = 1e-8;
         let (_, ranks) = rank_of(self.system);
         let mut order: Vec<usize> = (0..self.candidates.len()).collect();

@@ -14,7 +14,7 @@ use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
 use std::f64::consts::TAU;
 
-/// More modes than this are not compared.
+/// The largest number of modes of a candidate that is compared.
 pub(super) const MOST_MODES: usize = 1 << 17;
 /// Part of the field's tolerance to which a profile is planned at `p◇`, so that its window has
 /// [`PROFILE_PART`].
@@ -30,7 +30,7 @@ struct RegisterModes {
 }
 
 impl RegisterModes {
-    /// Those of the plan of a profile that is known on the line.
+    /// The modes of the plan `outline` of a profile that is known on the line.
     fn new(outline: &Outline) -> Self {
         /// Length added to the window: `e^{−6}` of the probability is beyond it.
         const WINDOW: f64 = 3.0;
@@ -41,7 +41,7 @@ impl RegisterModes {
         Self { points: 2 * half, period: least.max(half as f64 * TAU / highest) }
     }
 
-    /// Modes `l ≥ 0`, as so many points given by hand have them.
+    /// The number of modes `l ≥ 0` that `points` points have if they are given by hand.
     fn modes(&self) -> usize {
         self.points / 2 + 1
     }
@@ -85,7 +85,7 @@ fn of_outline(outline: &Outline, field_tolerance: f64, ratio: f64) -> Preparatio
 
 /// A candidate whose number of modes is known, but no coefficient.
 pub(super) struct PlannedCandidate {
-    /// With the tolerance of the profile.
+    /// The case, with the tolerance that its profile is planned for.
     case: Case,
     outline: Outline,
 }
@@ -120,8 +120,8 @@ impl PlannedCandidate {
         Ok(Self { case, outline })
     }
 
-    /// A lower bound of the cost: the norm of the state is at least that of its first modes, and
-    /// the window is at most without end.
+    /// A lower bound of the cost. It takes the norm of the first modes for the norm of the state,
+    /// and a window without end.
     pub fn least_possible(&self, system: &System<'_>) -> f64 {
         /// Modes whose coefficients are computed: others add little to the norm.
         const FIRST: usize = 64;
@@ -205,7 +205,7 @@ impl PlannedCandidate {
     }
 }
 
-/// `δ` of the system; none without inflow.
+/// `δ` of the system; `None` without inflow.
 fn delta_of(system: &System<'_>) -> Option<Delta> {
     system.case.enters().then_some(system.case.warp.delta)
 }

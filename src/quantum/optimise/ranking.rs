@@ -8,19 +8,19 @@ use crate::quantum::optimise::candidate::CostedChoice;
 use serde::Serialize;
 use std::fmt;
 
-/// All choices, the cheapest first, by repetition or amplitude amplification; those without a
-/// number last.
+/// All choices, the cheapest first, by repetition or amplitude amplification. Choices without a
+/// number come last.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ranking(pub Vec<CostedChoice>);
 
 impl Ranking {
-    /// Sorted.
+    /// Sorts `choices`.
     pub fn new(mut choices: Vec<CostedChoice>) -> Self {
         choices.sort_by(|a, b| a.least_cost().total_cmp(&b.least_cost()));
         Self(choices)
     }
 
-    /// The cheapest of the case's scheme; none where nothing could be planned.
+    /// The cheapest choice of the case's scheme; `None` where nothing could be planned.
     pub fn first(&self) -> Option<&CostedChoice> {
         let own = self.0.iter().find(|choice| !choice.unitary_scheme);
         own.filter(|choice| choice.least_cost().is_finite())
@@ -28,7 +28,8 @@ impl Ranking {
 }
 
 impl Ranking {
-    /// How many choices could not be priced, and why the first of them.
+    /// The number of choices that could not be priced, and the reason of the first. `None` if all
+    /// were priced.
     pub fn not_compared(&self) -> Option<String> {
         let without: Vec<&CostedChoice> =
             self.0.iter().filter(|choice| choice.why_not().is_some()).collect();

@@ -30,7 +30,7 @@ const COLUMNS: [(&str, &str); 13] = [
     ("evolutions_norm", "of these for C_f"),
 ];
 
-/// Most numbers that a case's readout takes in `result.h5`.
+/// The largest number of values that a case's readout writes into `result.h5`.
 pub fn numbers(case: &Case) -> usize {
     let observables = 1 + 2 * case.space.dimension();
     let cells = case.readout.as_ref().map_or(0, |r| r.cells.len());
@@ -41,7 +41,7 @@ pub fn numbers(case: &Case) -> usize {
 pub struct ReadoutColumn {
     /// Name of its dataset.
     pub name: &'static str,
-    /// What its numbers are.
+    /// The meaning of its numbers.
     pub description: &'static str,
     /// A number for every row and estimator, NaN where it is not known.
     pub values: Vec<f64>,

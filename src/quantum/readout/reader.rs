@@ -53,7 +53,7 @@ struct Overlap {
     prefactor: f64,
 }
 
-/// How long an overlap is measured, and `C_f`.
+/// The length of a measurement of an overlap and of `C_f`.
 #[derive(Clone, Copy, Debug)]
 struct Repetitions {
     /// Shots, or runs of amplitude estimation.
@@ -69,7 +69,7 @@ struct Repetitions {
 /// cancels.
 struct MeasuredMoment {
     measured: Measured,
-    /// For a `C_f` that is known.
+    /// The estimate if `C_f` is known exactly.
     estimate: Option<Estimate>,
     bound: Option<f64>,
     evolutions: [LabelledNumber; 2],
@@ -101,7 +101,7 @@ pub(crate) struct CellSums {
     pub(crate) square: f64,
 }
 
-/// All that the rows have in common.
+/// The data that all rows have in common.
 pub(crate) struct ReadoutContext<'a> {
     pub case: &'a Case,
     pub source: &'a ReadoutSource<'a>,
@@ -121,7 +121,8 @@ impl ReadoutContext<'_> {
         sums
     }
 
-    /// The same on this rank's share; zeros where it has not the cell.
+    /// Sums over the velocities at `cell` on this rank's share; zeros if the share does not contain
+    /// it.
     pub(crate) fn sums_here(&self, cell: &[usize]) -> CellSums {
         let share = self.source.share;
         let velocities = self.factors.cells();
@@ -312,8 +313,8 @@ impl ReadoutContext<'_> {
         negative.then_some("f is negative somewhere by more than its error")
     }
 
-    /// What is measured, for a `C_f` that is known and for the one that is measured; nothing where
-    /// it takes more than is emulated.
+    /// Draws what is measured: for a `C_f` that is known, and for one that is measured. `None`
+    /// where this takes more outcomes than are emulated.
     fn draw(
         &self,
         row: &ReadoutRow,

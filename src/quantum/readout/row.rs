@@ -54,7 +54,8 @@ pub enum OverlapEstimator {
     Hadamard,
     /// Amplitude estimation of that.
     AmplitudeEstimation,
-    /// How often the inverse preparation of `χ` gives zeros: `|⟨χ|F⟩|²`, where `f ≥ 0`.
+    /// The frequency of zeros after the inverse preparation of `χ`, which is `|⟨χ|F⟩|²`. It serves
+    /// where `f ≥ 0`.
     AllZero,
     /// Hadamard test with the enlarged state.
     EnlargedHadamard,
@@ -105,8 +106,8 @@ pub struct Measured {
     pub evaluations: LabelledNumber,
     /// The observable.
     pub estimate: LabelledNumber,
-    /// Its standard error, from the counts; unavailable for amplitude estimation, which has none in
-    /// closed form.
+    /// The standard error of the estimate, from the counts. Amplitude estimation has none in closed
+    /// form.
     pub standard_error: LabelledNumber,
     /// Bound on its distance to the moment of the exact semi-discrete solution.
     pub bound: LabelledNumber,

@@ -22,14 +22,15 @@ impl Record {
         self.costs.iter().reduce(|best, next| if gates(next) < gates(best) { next } else { best })
     }
 
-    /// The same, if its gates are emitted.
+    /// The cost with the fewest gates, if its gates are emitted.
     fn emitted(&self) -> Option<&Cost> {
         self.least().filter(|cost| cost.access != Access::Sparse)
     }
 
-    /// For Azure's resource estimator, of an evolution: `LogicalCounts` of emitted gates, or, where
-    /// no circuit is compiled, as far as they are known. What is not known stands beside them with
-    /// the reason, since the estimator takes an absent count for zero.
+    /// The counts of an evolution for Azure's resource estimator, as `LogicalCounts`. They are
+    /// those of emitted gates or, where no circuit is compiled, those that are known. Unknown
+    /// counts stand beside them with the reason, since the estimator takes an absent count for
+    /// zero.
     pub fn logical_counts(&self) -> Value {
         let Some(cost) = self.emitted() else { return self.counts_of_oracles() };
         let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
@@ -94,8 +95,8 @@ impl Record {
         })
     }
 
-    /// As a program of QREF v1: the routines of the algorithm, their registers and what is known of
-    /// each, of one access to `H`; `meta` has the labels of the numbers.
+    /// A program of QREF v1 for one access to `H`: the routines of the algorithm, their registers
+    /// and what is known of each. `meta` has the labels of the numbers.
     pub fn qref(&self) -> Value {
         let system = self.qubits.total - self.qubits.p;
         let gates = self.transform_gates.value().map(|x| self.transform_gates.with(0.5 * x));
@@ -179,7 +180,7 @@ fn ports(register: &str, size: usize) -> [Value; 2] {
     [port("in", "input"), port("out", "output")]
 }
 
-/// A figure as a resource. Qubits are a peak: those of routines in a row are no sum.
+/// A figure as a resource. Qubits are a peak, since those of consecutive routines do not add up.
 fn resource(name: &str, figure: &LabelledNumber) -> Value {
     let kind = if name == "qubits" { "qubits" } else { "additive" };
     json!({"name": name, "type": kind, "value": figure.value()})

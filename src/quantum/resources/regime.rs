@@ -15,7 +15,7 @@ use serde::Serialize;
 /// The paper's asymptotic count at a tolerance, with constants 1.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regime {
-    /// Where the solution is discontinuous.
+    /// Where the solution is discontinuous, in words.
     pub discontinuities: String,
     /// Cells an axis.
     pub cells_per_axis: LabelledNumber,
@@ -63,7 +63,7 @@ struct PaperCounts {
 }
 
 impl RegimeParameters {
-    /// At tolerance `ε` in `n` space dimensions.
+    /// The paper's counts at the tolerance `tolerance` in `n` space dimensions.
     fn counts(&self, n: usize, tolerance: f64) -> PaperCounts {
         let (n, cells) = (n as f64, tolerance.powf(-1.0 / self.order));
         let each = q(self.extent / cells, self.jump) as f64;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::fmt;
 
-/// What is planned of a set-up beside its case.
+/// The plan of a set-up, without its case.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedSetUp {
     /// `N_p`.
@@ -17,7 +17,7 @@ pub struct PlannedSetUp {
     pub recovery: f64,
     /// The part of the tolerance to which its profile is planned.
     pub share: f64,
-    /// Bits of the bins of a circuit; none without one.
+    /// Bits of the bins of a circuit; `None` without a circuit.
     pub bin_bits: Option<usize>,
 }
 
@@ -26,12 +26,12 @@ pub struct PlannedSetUp {
 pub struct SetUpSettings {
     /// `KEY=VALUE`, each for `--set`.
     pub set: Vec<String>,
-    /// `--sub-bins` of `export-circuit`; none without a circuit.
+    /// `--sub-bins` of `export-circuit`; `None` without a circuit.
     pub sub_bins: Option<usize>,
 }
 
 impl SetUpSettings {
-    /// Those of the set-up of `case` with this plan.
+    /// The settings of the set-up of `case` with the plan `planned`.
     pub fn new(case: &Case, planned: &PlannedSetUp) -> Self {
         let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();

@@ -5,7 +5,7 @@ use crate::results::figure::{Layer, Map, Panel, Scale};
 /// Values that differ by less than this, relative to the largest, are equal.
 const ROUND_OFF: f64 = 1e-12;
 
-/// Ends of both axes: those given, or else those of the data with a margin.
+/// The ends of the two axes: the given ones, else those of the data with a margin.
 pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
     let places: Vec<[f64; 2]> = panel.layers.iter().flat_map(places).collect();
     let tight = (panel.layers.iter()).any(|layer| matches!(layer, Layer::Map(_)));

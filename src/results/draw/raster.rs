@@ -64,7 +64,7 @@ fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
 /// The colour of a value in [0, 1].
 type Shades = fn(f64) -> RGBColor;
 
-/// At most 255 colours that several similar figures share.
+/// A palette of at most 255 colours that several similar figures share.
 pub struct Palette {
     colours: Vec<Colour>,
     /// Number of the nearest colour, for colours that were looked up.

@@ -34,7 +34,7 @@ pub fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Normal), colour)
 }
 
-/// The same in bold letters.
+/// The style of bold letters of this size and colour.
 pub fn bold(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Bold), colour)
 }

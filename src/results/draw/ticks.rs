@@ -55,7 +55,7 @@ impl Ranged for Ruler {
         limit.0 + (self.fraction(*value) * f64::from(limit.1 - limit.0)).round() as i32
     }
 
-    /// All ticks are light points, those with a label also bold ones.
+    /// Positions of the ticks. Each tick is a light point; a tick with a label is a bold point too.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         let light = hint.weight().allow_light_points();
         let shown = self.ticks.iter().filter(|tick| light || tick.label.is_some());

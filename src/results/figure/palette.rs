@@ -72,7 +72,7 @@ const MARKERS: [Marker; 7] = [
 /// Lengths of dashes and gaps in points; `None` for a solid line.
 const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]), Some([13.0, 4.0])];
 
-/// How a series is drawn.
+/// The style of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
     /// Colour of lines and markers.
@@ -105,17 +105,17 @@ impl Style {
         Self { colour: FAINT, marker: None, filled: false, dash: 1, width: 1.1 }
     }
 
-    /// With dash number `dash`, from 0 to 3.
+    /// The style with dash number `dash`, from 0 to 3.
     pub fn dashed(self, dash: usize) -> Self {
         Self { dash, ..self }
     }
 
-    /// With hollow markers.
+    /// The style with hollow markers.
     pub fn hollow(self) -> Self {
         Self { filled: false, ..self }
     }
 
-    /// Without markers.
+    /// The style without markers.
     pub fn plain(self) -> Self {
         Self { marker: None, ..self }
     }
@@ -136,7 +136,8 @@ pub fn sequential(fraction: f64) -> RGBColor {
     along(&SEQUENTIAL, fraction)
 }
 
-/// The same for differences: white in the middle, which is zero, and darker away from it.
+/// The colour at `fraction` in [0, 1] of a colour bar for differences. It is white in the middle,
+/// which is zero, and darker away from it; [`NOTHING`] for NaN.
 pub fn diverging(fraction: f64) -> RGBColor {
     along(&[BELOW, PAPER, ABOVE], fraction)
 }

@@ -16,8 +16,8 @@ pub struct Cut {
     by_data: bool,
 }
 
-/// Of the cells whose density is at least this part of the largest one, that nearest to the middle
-/// is taken.
+/// The cut takes the cell nearest to the middle among those whose density is at least this part of
+/// the largest one.
 const DENSE: f64 = 0.9;
 
 impl Cut {
@@ -72,7 +72,7 @@ impl Cut {
         }
     }
 
-    /// Through the middle cells (cell N/2, counted from 0), as `fields.xdmf` does.
+    /// The cut through the middle cells (cell N/2, counted from 0), as `fields.xdmf` has it.
     pub fn middle(run: &Stored) -> Self {
         let cells = (0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect();
         Self { cells, by_data: false }

@@ -38,7 +38,8 @@ struct JumpLines {
 /// The ranges of values of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct FrameRanges {
-    /// By plane of phase space, as fields may be far smaller on one plane than on another.
+    /// Ranges of the fields by plane of phase space. Fields may be far smaller on one plane than on
+    /// another.
     fields: [ValueSpread; MAX_DIMENSION],
     density: ValueSpread,
 }

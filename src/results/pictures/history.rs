@@ -9,7 +9,7 @@ use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::Stored;
 
-/// Most times whose densities are drawn.
+/// The largest number of times whose densities are drawn.
 const TIMES: usize = 6;
 
 /// Least part of a quantity that its axis covers, so that a smaller change looks small.

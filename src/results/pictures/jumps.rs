@@ -39,7 +39,8 @@ pub fn note_on_ends(run: &Stored, a: usize, jumps: &[f64]) -> String {
 
 /// Borders in a plane of two space axes at which `V` jumps, as pieces of lines with NaN between.
 pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> {
-    /// With more cells the search for borders takes seconds.
+    /// The largest number of cells on which borders are searched. With more cells the search takes
+    /// seconds.
     const MOST: usize = 1 << 22;
     // V jumps between elements, and jumps are stored at the first cell of each element.
     let lengths = plane.map(|a| run.axis(a).elements());

@@ -94,8 +94,8 @@ pub fn map(
     })
 }
 
-/// The same for a difference of values as large as `scale`: zero is in the middle of the colours,
-/// and round-off looks like zero.
+/// The map of a difference of values as large as `scale`. Zero is in the middle of the colours, and
+/// round-off looks like zero.
 pub fn difference_map(
     run: &Stored,
     axes: [usize; 2],

@@ -24,7 +24,7 @@ impl FineMesh {
         Self::with(axis, most, |xi| axis.nodes.reference().values_at(xi))
     }
 
-    /// The same for averages over cells.
+    /// A mesh of `axis` as [`new`](Self::new) makes it, for averages over cells.
     pub fn of_averages(axis: &Axis, most: usize) -> Self {
         Self::with(axis, most, |xi| {
             let element = axis.nodes.reference();
@@ -39,7 +39,8 @@ impl FineMesh {
         })
     }
 
-    /// The same with the weights `values_at(ξ)` of nodes at a point of the reference element.
+    /// A mesh of `axis`. `values_at(ξ)` are the weights of the nodes at a point of the reference
+    /// element.
     fn with(axis: &Axis, most: usize, values_at: impl Fn(f64) -> Vec<f64>) -> Self {
         let (nodes, element) = (axis.nodes.count(), axis.nodes.reference());
         let parts = match axis.nodes.degree {

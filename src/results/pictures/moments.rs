@@ -73,7 +73,7 @@ fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     Ok(points)
 }
 
-/// In one dimension: all moments as lines over `x`, with the exact ones, and with the branches of a
+/// The moments in one dimension, as lines over `x`, with the exact ones and the branches of a
 /// multivalued velocity.
 ///
 /// # Errors
@@ -126,7 +126,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         )))
 }
 
-/// Every plane of two space axes.
+/// The planes of two space axes in `n` dimensions.
 pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
     (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
 }
@@ -144,7 +144,7 @@ struct MomentMap<'a> {
     name: &'a str,
     /// Component of a vector.
     component: Option<usize>,
-    /// Its name in titles.
+    /// The name of the moment in titles.
     label: &'a str,
 }
 
@@ -220,7 +220,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     Ok((panels, lowest))
 }
 
-/// In more than one dimension: the density on every plane of two space axes.
+/// The density in more than one dimension, on every plane of two space axes.
 ///
 /// # Errors
 /// What the files lack.
@@ -235,7 +235,8 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     Ok(figure(runs.run, "Density", rows, cut, &caption))
 }
 
-/// In more than one dimension: each component of the mean velocity on the same planes.
+/// The components of the mean velocity in more than one dimension, on every plane of two space
+/// axes.
 ///
 /// # Errors
 /// What the files lack.

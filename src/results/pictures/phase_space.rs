@@ -119,8 +119,8 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Pane
     Ok((panels, spread.undershoot()))
 }
 
-/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and their differences
-/// from those of the second run.
+/// Panels of measure-valued data: in one dimension the exact velocity and `φ δ(ψ)`, then `φ` and
+/// every `ψ`, and their differences from those of the second run.
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();

@@ -13,16 +13,16 @@ use std::f64::consts::TAU;
 
 /// Number of points of a curve.
 const POINTS: usize = 800;
-/// Up to this number of modes, each has a marker.
+/// The largest number of modes that have markers.
 const DISTINCT: usize = 200;
-/// Most modes of a curve; of more modes, every k-th is shown.
+/// The largest number of modes of a curve. Of more modes, every k-th is shown.
 const MOST: usize = 2000;
 /// Margin beyond the ends of the domain of dependence, relative to its length.
 const BEYOND: f64 = 0.04;
 /// Points in p closer than this are the same.
 const SAME: f64 = 1e-9;
 
-/// What the plan says about the modes.
+/// The data of the plan about the modes.
 struct PlannedModes {
     series: Series,
     readings: Vec<Reading>,

@@ -18,7 +18,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Most cells of a map along an axis. Finer grids are averaged.
+/// The largest number of cells of a map along an axis. Finer grids are averaged.
 pub(crate) const FINEST: usize = 512;
 
 /// `result.h5`, open for reading, with those values that are always needed.
@@ -176,7 +176,7 @@ impl Stored {
         self.file.dataset(name).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// All values of a dataset.
+    /// The values of a dataset.
     pub fn list(&self, name: &str) -> FileResult<Vec<f64>> {
         let dataset = self.dataset(name)?;
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
@@ -201,7 +201,7 @@ impl Stored {
         StoredTime { time: self.time, early: None }
     }
 
-    /// All times at which there are fields, the end last.
+    /// The times at which there are fields, the end last.
     ///
     /// # Errors
     /// What the file lacks.

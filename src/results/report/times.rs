@@ -13,9 +13,9 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-/// Most pictures of a page: one or two MiB, at some tens of KiB each.
+/// The largest number of pictures of a page: one or two MiB, at some tens of KiB each.
 const MOST_TIMES: usize = 24;
-/// Most labels below the track.
+/// The largest number of labels below the track.
 const MOST_LABELS: usize = 7;
 
 /// The pictures.

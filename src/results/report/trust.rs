@@ -11,9 +11,9 @@ use serde_json::Value;
 /// The mark of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
-    /// As it should be.
+    /// The finding is as it should be.
     Good,
-    /// Not as it should be.
+    /// The finding is not as it should be.
     Bad,
     /// Unknown.
     Unknown,
@@ -25,7 +25,7 @@ struct Finding {
     mark: Mark,
     /// A number, or a word.
     value: String,
-    /// Its meaning.
+    /// The meaning of the finding.
     text: String,
 }
 

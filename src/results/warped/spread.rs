@@ -22,14 +22,14 @@ pub struct Spread<'a> {
     pub communicator: &'a Communicator,
     /// The grid.
     pub space: &'a PhaseSpace,
-    /// This rank's block.
+    /// The block of this rank.
     pub block: &'a Block,
     /// `modes[g]`: the modes that rank `g` of the mode groups keeps, ascending.
     pub modes: &'a [Vec<usize>],
     /// `π` of the block's cells; the stored modes are those of `√π w`.
     pub pi: &'a [f64],
-    /// Bytes of a rank's buffers, or those of one cell if these are more:
-    /// [`crate::plan::memory::BUFFERS`].
+    /// Bytes of a rank's buffers ([`crate::plan::memory::BUFFERS`]), or of one cell if that needs
+    /// more.
     pub buffers: u64,
 }
 

@@ -51,7 +51,7 @@ pub fn exact_moments(
 /// The rank of each space cell.
 struct Owners {
     rank: usize,
-    /// By cell, row-major.
+    /// The rank of each cell, row-major.
     of: Vec<u32>,
 }
 

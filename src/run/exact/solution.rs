@@ -23,7 +23,7 @@ impl<'a> ExactValues<'a> {
         world.agree(Self::on_one_rank(case, exact))
     }
 
-    /// As [`new`](Self::new), on this rank alone.
+    /// The exact solution as [`new`](Self::new) makes it, on this rank alone.
     fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
         Ok(match exact {
             Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),

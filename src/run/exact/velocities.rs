@@ -191,8 +191,8 @@ pub fn first_points(case: &Case) -> f64 {
 }
 
 impl<'a> VelocityIntegrals<'a> {
-    /// Integrals of the exact solution of `case` at `time`, for so many `positions` in space on all
-    /// ranks. Collective over `world`, as the largest density is needed.
+    /// Integrals of the exact solution of `case` at `time`, for `positions` positions in space on
+    /// all ranks. Collective over `world`, as the largest density is needed.
     pub fn new(
         world: &Group,
         values_of: &'a ExactValues<'a>,
@@ -259,7 +259,8 @@ impl<'a> VelocityIntegrals<'a> {
         self.grid_rule.as_ref().map(|rule| rule.error)
     }
 
-    /// As [`new`](Self::new), for the nodes of the grid or averages over its cells. Collective.
+    /// Integrals as [`new`](Self::new) makes them, for the nodes of the grid or averages over its
+    /// cells. Collective.
     pub fn on_grid(
         world: &Group,
         values_of: &'a ExactValues<'a>,

@@ -10,8 +10,8 @@ use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Most coordinates of a point: those of phase space. For an end of an axis, time replaces that
-/// axis.
+/// The largest number of coordinates of a point: those of phase space. For an end of an axis, time
+/// replaces that axis.
 const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
 
 /// An end of an axis, of the `2n`.
@@ -28,7 +28,7 @@ pub struct AxisEnd {
 pub enum ParticleSource {
     /// The initial data.
     Initial,
-    /// Through an end of the box.
+    /// The inflow through an end of the box.
     Entering(AxisEnd),
 }
 
@@ -39,7 +39,7 @@ pub struct Particle {
     pub point: [f64; 6],
     /// Time over which it is followed.
     pub time: f64,
-    /// Its mass times the number of points of its source.
+    /// The mass of the particle times the number of points of its source.
     pub mass: f64,
     /// Whether its velocity is in the velocity box.
     pub inside: bool,

@@ -27,7 +27,7 @@ pub struct ParticleTally {
     pub at_jumps: [f64; ENDS],
 }
 
-/// Most ends of the `2n` axes.
+/// The largest number of ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
 /// Number of numbers in a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;

@@ -103,7 +103,8 @@ impl Study<'_> {
         })
     }
 
-    /// The plan of `target`; none if it cannot be run, for the reason put into `entry`. Collective.
+    /// The plan of `target`. `None` if it cannot be run; the reason is put into `entry`.
+    /// Collective.
     fn plan(&self, entry: &mut SetupReport, target: &Case) -> Option<Plan> {
         if entry.refused.is_some() {
             return None;
@@ -337,8 +338,8 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The error of the case as its file has it: that of the discretisation by its own `scheme` on
-    /// its own grid, and that of its solver. None if it cannot be estimated. Collective.
+    /// The case as its file has it, with two errors: that of the discretisation by its own `scheme`
+    /// on its own grid, and that of its solver. `None` if they cannot be estimated. Collective.
     pub(super) fn given(
         &mut self,
         scheme: SchemeChoice,

@@ -36,8 +36,8 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     Ok(apply_in_elements(&density, &axes))
 }
 
-/// `[m][n]`: the average of the nodal polynomial of node `n` over part `m` of an element, which is
-/// cut into as many equal parts as it has nodes.
+/// Averages of the nodal polynomials of an element over its parts, as `[m][n]`: part `m`, node `n`.
+/// The element is cut into equal parts, one for each node.
 fn part_averages(nodes: Nodes) -> Vec<Vec<f64>> {
     let count = nodes.count();
     if nodes.degree == 0 {

@@ -15,7 +15,8 @@ const MOST_LEVELS: usize = 12;
 const MOST_CANDIDATES: usize = 4;
 /// Largest factor by which space is refined against velocities, or velocities against space.
 const MOST_STRETCH: f64 = 4.0;
-/// Cheap grids are tried up to this number even if one reaches the accuracy: they show the order.
+/// Cheap grids are tried up to this number even if one reaches the accuracy, since they show the
+/// order.
 const ENOUGH_LEVELS: usize = 5;
 /// A grid is cheap if its trial takes at most this part of the scheme's share of the budget.
 const CHEAP: f64 = 0.02;
@@ -163,7 +164,7 @@ pub fn coarsest_grid(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<ReachedG
 }
 
 /// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux of
-/// the same scheme. Order and grids are those of `known`. None if the budget does not hold the
+/// the same scheme. Order and grids are those of `known`. `None` if the budget does not hold the
 /// trials that show it. Collective.
 ///
 /// # Errors
@@ -178,7 +179,7 @@ pub fn grid_near(
 }
 
 /// The error of `scheme` on `shape`, estimated from a grid twice as fine if there is no exact
-/// solution; none if the trials do not fit into this part of the budget. Collective.
+/// solution. `None` if the trials do not fit into the part `share` of the budget. Collective.
 ///
 /// # Errors
 /// As [`Trials::run`].
@@ -308,8 +309,9 @@ impl GridSearch<'_, '_> {
         error_on(self.trials, self.goal.scheme, shape, order, self.goal.share)
     }
 
-    /// The part of space in the change of the density on grids that are twice as fine along space
-    /// alone, and along velocities alone; none if the budget does not hold these grids. Collective.
+    /// The part of space in the error of the density. It follows from the change of the density on
+    /// grids that are twice as fine along space alone, and along velocities alone. `None` if the
+    /// budget does not hold these grids. Collective.
     fn part_of_space(&mut self, shape: &[usize], share: f64) -> Result<Option<f64>> {
         let finer = [true, false].map(|of_space| self.grids().doubled(shape, of_space));
         for shape in &finer {

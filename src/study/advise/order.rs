@@ -24,8 +24,8 @@ pub struct Order {
     pub pairs: Vec<f64>,
     /// The mean of the last two orders.
     pub order: f64,
-    /// The order that extrapolation uses: the lower of the last two, or that of a discontinuous
-    /// solution if their mean is above it.
+    /// The order that extrapolation uses: the lower of the last two orders. It is not below that of
+    /// a discontinuous solution if the mean of the two is above that.
     pub counted_on: f64,
     /// Whether the last two agree within 15 %, and none of the last three is negative.
     pub settled: bool,
@@ -38,7 +38,8 @@ impl Order {
         Self::of_steps(errors, &vec![1.0; errors.len().saturating_sub(1)], range)
     }
 
-    /// The same if each grid is `2^s` times as fine as the one before, with `s` from `steps`.
+    /// The order of `errors` on grids each of which is `2^s` times as fine as the one before, with
+    /// `s` from `steps`.
     pub fn of_steps(errors: &[f64], steps: &[f64], range: OrderRange) -> Self {
         let OrderRange { least, most } = range;
         let pairs = errors.windows(2).zip(steps);

@@ -31,7 +31,7 @@ pub enum Flux {
 }
 
 impl Flux {
-    /// All that are tried.
+    /// The fluxes that are tried.
     pub const ALL: [Self; 3] = [Self::Upwind, Self::Half, Self::Quarter];
 
     /// `scheme.flux`.
@@ -83,9 +83,9 @@ impl SchemeChoice {
         schemes
     }
 
-    /// The orders in the elements' width that its errors may show: at least that of discontinuous
-    /// data in L1, `(k + 1)/(k + 2)`, at most one more than that of smooth data, `k + 1`. Slopes
-    /// count as degree 1.
+    /// The orders in the elements' width that its errors may show. The lowest is that of
+    /// discontinuous data in L1, `(k + 1)/(k + 2)`. The highest is one more than that of smooth
+    /// data, `k + 1`. Slopes count as degree 1.
     pub fn orders(self) -> OrderRange {
         let k = if self.limiter == Limiter::None { self.degree } else { 1 } as f64;
         let most = if self.limiter == Limiter::None { k + 2.0 } else { 2.0 };
@@ -111,8 +111,8 @@ impl SchemeChoice {
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each flux but that of `case`, which has elements of its degree. None for
-    /// degree 0.
+    /// This scheme with each flux but that of `case`, which has elements of its degree. Degree 0
+    /// has no other flux.
     pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
         let (own, elements) = (case.flux, self.degree > 0);
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);

@@ -10,8 +10,8 @@ use crate::study::advise::trials::cells;
 use crate::study::advise::{ROUND_OFF, Study};
 use crate::study::grids::shape_text;
 
-/// Most budgets, as counted, that the run on the first grid may take. A budget counts about a third
-/// of what a core does ([`crate::study::budget`]).
+/// The largest number of budgets, as counted, that the run on the first grid may take. A budget
+/// counts about a third of what a core does ([`crate::study::budget`]).
 const MOST_BUDGETS: f64 = 4.0;
 /// Part of the budget for the grid searches of all schemes.
 const FOR_GRIDS: f64 = 0.7;
@@ -168,7 +168,8 @@ impl Study<'_> {
         }
     }
 
-    /// As [`search_grid`](Self::search_grid), from the grid `start` on. Collective.
+    /// Searches a grid as [`search_grid`](Self::search_grid) does, but from the grid `start` on.
+    /// Collective.
     fn search_grid_from(
         &mut self,
         scheme: SchemeChoice,

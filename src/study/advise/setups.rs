@@ -27,7 +27,8 @@ pub struct ErrorParts {
 }
 
 impl ErrorParts {
-    /// An error of the discretisation alone; its two parts, if that of space is known.
+    /// An error of the discretisation alone, with the parts of space and velocity if that of space
+    /// is known.
     pub fn of_discretisation(error: f64, part_of_space: Option<f64>) -> Self {
         Self {
             discretisation: error,
@@ -187,7 +188,7 @@ pub struct AdviceReport {
     pub given: Option<GivenCase>,
     /// Index in `entries` of the Schrödingerized set-up of least work that is no estimate.
     pub best: Option<usize>,
-    /// The same of the classical set-ups.
+    /// Index in `entries` of the classical set-up of least work that is no estimate.
     pub best_classical: Option<usize>,
     /// The set-ups that reach the accuracy, quickest first; then those that are refused.
     pub entries: Vec<SetupReport>,

@@ -30,8 +30,8 @@ const UPDATES_PER_EXACT_VALUE: f64 = 200.0;
 pub struct TrialResult {
     /// The density on all of space, averaged over equal cells, one for each unknown of space.
     pub density: Vec<f64>,
-    /// Of degree 1 and more: relative L1 error by quadrature in the elements, if an exact solution
-    /// is known.
+    /// Relative L1 error by quadrature in the elements, with degree 1 and more, if an exact
+    /// solution is known.
     error: Option<f64>,
     /// Seconds on the slowest rank.
     pub seconds: f64,
@@ -50,11 +50,11 @@ pub struct DegreeCase {
 /// All trials of a case.
 pub struct Trials<'a> {
     world: &'a World,
-    /// By degree.
+    /// The case with elements of each degree, by degree.
     degree_cases: BTreeMap<usize, DegreeCase>,
     own_degree: usize,
     exact: Option<Exact>,
-    /// Of each of the `2n` axes, whether runs merge it to one cell.
+    /// One flag for each of the `2n` axes: whether runs merge it to one cell.
     merged: Vec<bool>,
     /// The time of the study. It is counted in updates, so that every machine and any number of
     /// ranks makes the same trials.
@@ -257,7 +257,7 @@ impl<'a> Trials<'a> {
         self.error_of_cells(scheme, &density, shape)
     }
 
-    /// As [`error`](Self::error), of the trial `found` on `shape`. Collective.
+    /// The error as in [`error`](Self::error), of the trial `found` on `shape`. Collective.
     ///
     /// # Errors
     /// As [`exact_density`].

@@ -79,7 +79,7 @@ struct GivenMode {
 }
 
 impl GivenMode {
-    /// None if the run starts from fields. Collective.
+    /// A mode with made-up values; `None` if the run starts from fields. Collective.
     fn new(prepared: &Prepared) -> Option<Self> {
         prepared.case.start.as_ref()?;
         let system = &prepared.system;

@@ -24,7 +24,7 @@ use std::time::Instant;
 
 /// Largest part of the budget that a trial may take, so that many methods are tried.
 const LARGEST_PART: f64 = 0.125;
-/// The same for the case as given.
+/// Largest part of the budget that a trial of the case as given may take.
 const GIVEN_PART: f64 = 0.25;
 /// A trial is begun only if this many times its expected seconds are left.
 const MARGIN: f64 = 1.3;
@@ -70,7 +70,7 @@ struct ReducedGrid {
     reductions: Reductions,
 }
 
-/// Seconds a cell that a reduction took, on a grid of so many cells.
+/// Seconds a cell that a reduction took, on a grid of `cells` cells.
 struct ReducingRate {
     seconds_per_cell: f64,
     cells: usize,
@@ -143,7 +143,7 @@ impl<'a> Attempts<'a> {
         }
     }
 
-    /// The same, with the case with elements of other degrees.
+    /// These attempts, with the case with elements of other degrees too.
     pub fn with_degrees(self, degrees: &'a [Case]) -> Self {
         Self { degrees, ..self }
     }

@@ -12,7 +12,8 @@ use serde::Serialize;
 /// The name in place of a profile, for the unitary scheme, which has none.
 const UNITARY: &str = "unitary";
 
-/// A point of an entry: its cost and its error, or other coordinates; none if a number is unknown.
+/// The coordinates of an entry in a picture, such as its cost and its error; `None` if one is
+/// unknown.
 pub type PointOf = fn(&ChartEntry) -> Option<[f64; 2]>;
 
 /// The result of a setting.
@@ -76,9 +77,9 @@ pub struct ChartEntry {
     pub embedding: Option<String>,
     /// Method that applies `exp(−iHT)`.
     pub propagator: Option<String>,
-    /// Its time step.
+    /// Time step of the setting.
     pub step: Option<f64>,
-    /// Tolerance; none if `N_p` or a step is given instead, or a tolerance has no effect.
+    /// Tolerance; `None` if `N_p` or a step is given instead, or a tolerance has no effect.
     pub tolerance: Option<f64>,
     /// `N_p`, if it is given.
     pub points: Option<usize>,
@@ -94,9 +95,9 @@ pub struct ChartEntry {
     pub total_seconds: Option<f64>,
     /// Largest resident memory of a rank.
     pub memory_bytes_per_rank: Option<u64>,
-    /// Relative L1 distance to the exact solution; for measure-valued data that of the density.
+    /// Relative L1 distance to the exact solution, of `f`; of the density with measure-valued data.
     pub error_exact: Option<f64>,
-    /// The same in L2, of `f`.
+    /// Relative L2 distance of `f` to the exact solution.
     pub error_exact_l2: Option<f64>,
     /// Relative l2 distance to `exp(AT) f(0) + …`, the largest over the fields.
     pub error_semidiscrete: Option<f64>,
@@ -104,7 +105,7 @@ pub struct ChartEntry {
     pub error_estimate: Option<f64>,
     /// Probability that a measurement finds the field in the window of `p` where it can be read.
     pub probability_window: Option<f64>,
-    /// The same for the slice at `p◇`.
+    /// Probability that a measurement finds the field in the slice at `p◇`.
     pub probability_slice: Option<f64>,
     /// Applications over the larger of the two probabilities: the cost until the field is measured.
     pub until_measured: Option<f64>,
@@ -116,9 +117,11 @@ pub struct ChartEntry {
     /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
     /// seconds.
     pub front_seconds: bool,
-    /// The same in applications; without the implicit methods, which have none.
+    /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
+    /// applications. Implicit methods are left out: they have no applications.
     pub front_applications: bool,
-    /// The same in applications until it is measured.
+    /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
+    /// applications until the field is measured.
     pub front_until_measured: bool,
     /// Warnings of the run.
     pub warnings: Vec<String>,
@@ -218,7 +221,7 @@ impl ChartEntry {
         }
     }
 
-    /// Its settings in words, without the grid.
+    /// The settings of the entry in words, without the grid.
     pub fn name(&self) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.as_given {

@@ -25,7 +25,8 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
-/// The same for elements: without slopes, and without forward Euler, which is unstable at any step.
+/// Classical methods for elements: without slopes, and without forward Euler, which is unstable at
+/// any step.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
 /// Unknowns along an axis on grids of other degrees, relative to the case.
@@ -78,7 +79,7 @@ pub struct Programme {
     others: Vec<PhaseSpace>,
     /// Treatments of growth, those that prevent it first.
     treatments: Vec<Option<Treatment>>,
-    /// Treatment of grids of degree 0 if the case has another degree; none if `V` does not jump.
+    /// Treatment of grids of degree 0 if the case has another degree; `None` if `V` does not jump.
     of_cells: Option<Treatment>,
 }
 
@@ -118,7 +119,7 @@ impl Programme {
         Self { grids, own: index, others: Vec::new(), treatments, of_cells }
     }
 
-    /// Adds grids with the degrees of `cases`, each of which is the case with elements of another
+    /// Adds grids with the degrees of `cases`. Each of these is the case with elements of another
     /// degree and about as many unknowns.
     pub fn with_degrees(mut self, cases: &[Case]) -> Self {
         for scale in OF_UNKNOWNS {

@@ -19,7 +19,8 @@ pub struct Chart {
     pub budget_seconds: f64,
     /// Seconds taken.
     pub took_seconds: f64,
-    /// Whether the exact solution is that of a `density` (measure-valued data), of `f`, or unknown.
+    /// The exact solution that errors are measured against: `density` for measure-valued data, or
+    /// `f`; `None` if it is unknown.
     pub exact: Option<String>,
     /// The case's own grid.
     pub grid: String,
@@ -101,7 +102,7 @@ fn front(points: &[Option<[f64; 2]>]) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    /// Every pair compared.
+    /// The front, by comparing every pair.
     fn slow(points: &[Option<[f64; 2]>]) -> Vec<bool> {
         let finite = |p: &Option<[f64; 2]>| p.filter(|p| p.iter().all(|x| x.is_finite()));
         let beats = |a: [f64; 2], b: [f64; 2]| a[0] <= b[0] && a[1] <= b[1] && a != b;

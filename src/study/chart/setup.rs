@@ -15,7 +15,7 @@ use crate::study::trial::{final_fields_only, plan_series, propagation};
 pub struct Modes {
     /// `g(p)`.
     pub profile: &'static ProfileChoice,
-    /// Treatment of growth at jumps; none if `V` does not jump.
+    /// Treatment of growth at jumps; `None` if `V` does not jump.
     pub treatment: Option<Treatment>,
     /// Propagator of a mode.
     pub propagator: PropagatorMethod,
@@ -28,7 +28,7 @@ pub struct Modes {
 /// A method with its settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Setup {
-    /// As the case file has it.
+    /// The settings of the case file.
     Given,
     /// `f' = A f + b` directly.
     Classical {
@@ -76,7 +76,7 @@ impl Setup {
         matches!(self, Self::Paper { .. })
     }
 
-    /// `case`, which has the degree of `space`, on the grid `space` with this method. `bounds` are
+    /// `case` on the grid `space`, with this method. `case` has the degree of `space`. `bounds` are
     /// those of the matrix of [`Setup::Paper`], if they are known.
     pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {
         let mut case = final_fields_only(case);

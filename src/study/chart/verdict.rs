@@ -7,7 +7,7 @@ use crate::study::chart::result::Chart;
 
 /// Accuracies of the sentences on the error to the exact solution, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
-/// The same for the error to the semi-discrete solution.
+/// Accuracies of the sentences on the error to the semi-discrete solution, loose to tight.
 const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
 
 /// A number of few digits as text: `0.03`, `1e-5`.

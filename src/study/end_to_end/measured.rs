@@ -10,7 +10,7 @@ use crate::study::trial::{final_fields_only, trial};
 
 /// Grids on which errors are measured.
 const GRIDS: usize = 3;
-/// The least order that a smooth part of a solution is taken to have, that of a jump.
+/// The least order of a smooth part of a solution: that of a jump.
 const ORDER_OF_JUMP: f64 = 0.5;
 /// The highest order that counts for degree 0; of a higher degree `k` it is `k + 1`.
 const MOST: f64 = 2.0;
@@ -21,11 +21,11 @@ pub(super) struct MeasuredScheme {
     pub grids: Vec<Vec<usize>>,
     /// Relative L1 errors of the density on them.
     pub errors: Vec<f64>,
-    /// How they fall.
+    /// The order at which the errors fall.
     pub order: Order,
     /// Seconds of the finest trial, without comparisons.
     pub seconds: f64,
-    /// Error of the density beside that of `f`, at most.
+    /// The largest ratio of the error of the density to that of `f`.
     pub spread: f64,
 }
 
@@ -77,8 +77,9 @@ impl MeasuredScheme {
         Ok(Self { grids: shapes, order, seconds: group.max(last.0), spread: last.1, errors })
     }
 
-    /// How many times finer than the finest grid one is whose error is `wanted`: between two grids
-    /// on which errors were measured by these, else by the order; not coarser than the coarsest.
+    /// The refinement that an error `wanted` takes, relative to the finest grid (2 is twice as
+    /// fine). Between two measured errors it is interpolated; else it follows from the order. It is
+    /// at least that of the coarsest grid.
     pub fn factor(&self, wanted: f64) -> f64 {
         let last = self.errors.len() - 1;
         let doublings = |k: usize| -finer(&self.grids[k], &self.grids[last]);
@@ -92,7 +93,8 @@ impl MeasuredScheme {
         }
     }
 
-    /// What is counted on, where that is not what the last two grids show.
+    /// A remark on the order that the prediction uses; `None` where the last two grids show that
+    /// order.
     pub fn remark(&self) -> Option<String> {
         let last = &self.order.pairs[self.order.pairs.len().saturating_sub(2)..];
         let lower = last.iter().copied().fold(f64::INFINITY, f64::min);

@@ -7,7 +7,7 @@ use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
 use serde::Serialize;
 
-/// What a degree costs.
+/// The cost of a degree.
 #[derive(Clone, Debug, Serialize)]
 pub struct DegreeCost {
     /// The degree.
@@ -16,7 +16,7 @@ pub struct DegreeCost {
     pub order: Option<f64>,
     /// Elements along each axis of the grid that is needed.
     pub grid: Option<Vec<usize>>,
-    /// All gates until the density is measured, or why there is no number.
+    /// Gates until the density is measured, or why there is no number.
     pub gates: LabelledNumber,
 }
 
@@ -25,12 +25,12 @@ pub struct DegreeCost {
 pub struct QuantumMethod {
     /// Name of the method.
     pub name: &'static str,
-    /// The degree that takes the fewest gates; none without a grid.
+    /// The degree that takes the fewest gates; `None` without a grid.
     pub degree: Option<usize>,
-    /// What every degree costs.
+    /// The cost of every degree.
     pub degrees: Vec<DegreeCost>,
     /// Elements along each axis, of the grids on which errors were measured and of the one needed;
-    /// none without a grid.
+    /// empty without a grid.
     pub grids: Vec<Vec<usize>>,
     /// Relative L1 errors of the density on the former.
     pub errors: Vec<f64>,
@@ -38,9 +38,9 @@ pub struct QuantumMethod {
     pub order: Option<f64>,
     /// The orders from each grid to the next.
     pub orders: Vec<f64>,
-    /// Where the order that is counted on is none of them: which it is.
+    /// The order that the prediction uses, where it is none of the measured ones.
     pub order_remark: Option<String>,
-    /// The profile; none where there is no `p`.
+    /// The profile; `None` where there is no `p`.
     pub profile: Option<ProfileChoice>,
     /// `p◇`.
     pub recovery: LabelledNumber,
@@ -54,15 +54,15 @@ pub struct QuantumMethod {
     pub probability: LabelledNumber,
     /// Evolutions (over characteristics: traces) of all runs of amplitude estimation.
     pub evolutions: LabelledNumber,
-    /// Segments of a trace, at most: parts of its path on which `V` is linear; none of grid
-    /// methods.
+    /// The largest number of segments of a trace, parts of its path on which `V` is linear; `None`
+    /// for grid methods.
     #[serde(rename = "legs")]
     pub segments: Option<usize>,
-    /// Cost of an evolution; none where it is unknown.
+    /// Cost of an evolution; `None` where it is unknown.
     pub cost: Option<Cost>,
     /// Toffoli gates alone of an evolution by `2K` steps, or of a trace.
     pub toffoli: LabelledNumber,
-    /// All gates of all evolutions, in Toffoli gates, by the cheaper sequence.
+    /// Gates of all evolutions, in Toffoli gates, by the cheaper sequence.
     pub gates_until_measured: LabelledNumber,
     /// Physical qubits, distance and seconds, of a model of the surface code.
     #[serde(flatten)]
@@ -70,7 +70,7 @@ pub struct QuantumMethod {
 }
 
 impl QuantumMethod {
-    /// Without a grid, and with no number for this reason.
+    /// A method without a grid and without numbers; `why` is the reason.
     pub(super) fn unavailable(name: &'static str, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
         Self {
@@ -103,17 +103,17 @@ impl QuantumMethod {
 pub struct ClassicalMethod {
     /// Name of the method.
     pub name: &'static str,
-    /// The degree of its elements; none without a grid.
+    /// The degree of the method's elements; `None` without a grid.
     pub degree: Option<usize>,
-    /// Unknowns of its grid, or traces; none where it is not known.
+    /// Unknowns of the method's grid, or number of traces; `None` where it is not known.
     pub size: Option<f64>,
     /// Seconds on this machine.
     pub seconds: LabelledNumber,
 }
 
 impl ClassicalMethod {
-    /// Its size with a label: a grid is extrapolated, traces are counted unless their seconds are
-    /// extrapolated.
+    /// The method's size with a label. The size of a grid is extrapolated. Traces are counted,
+    /// unless their seconds are extrapolated.
     pub(super) fn labelled_size(&self) -> LabelledNumber {
         const WHY: &str = "by the measured order, or by 1/eps^2";
         let Some(size) = self.size else { return LabelledNumber::unavailable("not known") };
@@ -133,12 +133,13 @@ pub struct EndToEnd {
     pub accuracy: f64,
     /// T gates of a rotation.
     pub t_of_rotation: RotationSynthesis,
-    /// Where the density is asked for.
+    /// The point where the density is wanted.
     pub point: Vec<f64>,
     /// The density there, by quadrature over characteristics, or of the exact formula where `V`
     /// reflects in part.
     pub density: f64,
-    /// Its ratio to the mean density: the error of a grid is that of the whole density.
+    /// The ratio of that density to the mean density. The error of a grid is that of the whole
+    /// density.
     pub density_of_mean: f64,
     /// The methods on a quantum computer.
     pub quantum: Vec<QuantumMethod>,

@@ -64,7 +64,7 @@ struct StateOfMethod {
 }
 
 impl DensityTask<'_> {
-    /// Counts so many units as done.
+    /// Counts `units` units as done.
     pub fn advance(&self, units: usize) {
         self.progress.borrow_mut().advance(units);
     }

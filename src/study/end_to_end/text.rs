@@ -117,7 +117,7 @@ impl EndToEnd {
 }
 
 impl QuantumMethod {
-    /// Its flux, of a grid method; the table of costs has no room for more.
+    /// The name of its flux, for a grid method. The table of costs has no room for a longer name.
     fn short_name(&self) -> &'static str {
         match self.name {
             name if name.ends_with("unitary") => "unitary",

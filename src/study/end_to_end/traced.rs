@@ -78,7 +78,7 @@ impl SimpsonPanel {
         SimpsonIntegral { value, error: 2.0 * (width / 6.0 * (a + 4.0 * c + e) - value).abs() }
     }
 
-    /// Both halves, with two more values each.
+    /// The two halves of the panel, each with two more values.
     fn halves(&self, value: &mut dyn FnMut(f64) -> f64) -> [Self; 2] {
         let Self { start, width, values } = self;
         [0, 1].map(|half| {
@@ -156,7 +156,8 @@ impl DensityAtPoint<'_> {
         relative: f64,
         found: &mut TracedDensity,
     ) -> SimpsonIntegral {
-        /// What inner integrals may be off: their noise must not look like a jump.
+        /// The part of the tolerance that inner integrals may be off. Their noise must not look
+        /// like a jump.
         const INNER_PART: f64 = 0.05;
         let (n, axis) = (self.dimension(), part.len());
         let traces = std::cell::Cell::new(found.traces);
@@ -183,7 +184,7 @@ impl DensityAtPoint<'_> {
         SimpsonIntegral { error: integral.error + inner.get(), ..integral }
     }
 
-    /// By quadrature, until its error is `ε/2` or less of the density.
+    /// The density by quadrature, until its error is at most `accuracy/2` relative to the density.
     pub fn by_quadrature(&self, accuracy: f64) -> TracedDensity {
         /// Passes of several axes, each to the tolerance that follows from the last density.
         const PASSES: usize = 4;
@@ -208,8 +209,8 @@ impl DensityAtPoint<'_> {
         found
     }
 
-    /// By uniform velocities, [`BATCH`] by batch, until `1.96 σ/√n` is `ε` of the mean, or to the
-    /// error that [`MOST_SAMPLED`] of them reach.
+    /// The density by uniform random velocities, [`BATCH`] by batch. It ends where `1.96 σ/√n` is
+    /// `accuracy` times the mean, or with the error that [`MOST_SAMPLED`] velocities reach.
     pub fn by_monte_carlo(&self, accuracy: f64) -> TracedDensity {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(0);
@@ -240,10 +241,9 @@ impl DensityAtPoint<'_> {
         (0..self.dimension()).map(each).collect()
     }
 
-    /// The largest number of segments of a characteristic, of those from so many velocities at
-    /// random. Where `V` curves, a segment is a cell in which it is taken as linear. The grid of
-    /// these cells is then the coarsest of `2^k` an axis whose density is within `ε/2` of
-    /// `density`.
+    /// The largest number of segments of a characteristic, among 1000 random velocities. Where `V`
+    /// curves, a segment is a cell in which `V` is taken as linear. The grid of these cells is then
+    /// the coarsest of `2^k` an axis whose density is within `accuracy/2` of `density`.
     ///
     /// # Errors
     /// As [`Tracer::new`].

@@ -10,7 +10,7 @@ use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
 use crate::study::trial::final_fields_only;
 
-/// Most Lanczos steps.
+/// The largest number of Lanczos steps.
 pub const LANCZOS: usize = 4000;
 
 /// `case` by modes, with no output but the fields at its end, and without comparisons.

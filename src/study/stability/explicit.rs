@@ -78,7 +78,7 @@ struct ExplicitSteps<'a> {
     /// one minus sign in four cells.
     patterns: [Vec<f64>; 2],
     rate: f64,
-    /// Whether growth is that of the norm, as with elements.
+    /// Whether growth is measured in the norm, as with elements.
     of_norm: bool,
 }
 
@@ -190,7 +190,8 @@ struct MethodLimits {
     what: &'static str,
     /// The largest `cfl` at which it does not increase from the patterns.
     kept: Located,
-    /// The same for any data, by theory; for elements a lower bound, or none.
+    /// The largest `cfl` at which it does not increase from any data, by theory. For elements this
+    /// is a lower bound, or unknown.
     kept_by_theory: Option<f64>,
     /// The largest `cfl` at which values do not explode.
     calm: Located,

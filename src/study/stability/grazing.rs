@@ -92,7 +92,7 @@ fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     Ok((0..case.space.dimension()).map(|a| jumps_across(&case.space, &potential, a)).collect())
 }
 
-/// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps; none if
+/// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps. `None` if
 /// `V` does not jump.
 ///
 /// # Errors
@@ -101,7 +101,8 @@ pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
     Ok(growth_at_faces(case, &all_jumps(case)?, 1.0))
 }
 
-/// The same for a potential `factor` times as high as that with these `jumps`.
+/// The expected growth as in [`expected_growth`], for a potential `factor` times as high as that
+/// with these `jumps`.
 fn growth_at_faces(case: &Case, jumps: &[Vec<f64>], factor: f64) -> Option<f64> {
     let mut best: Option<f64> = None;
     let mut list = Vec::new();

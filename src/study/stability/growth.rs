@@ -50,7 +50,8 @@ fn trend(points: &[CurvePoint]) -> &'static str {
     }
 }
 
-/// The verdict on a curve: on its finest grid, which is that of the borders, and over all grids.
+/// The verdict on a curve, on its finest grid and over all grids. The finest grid is that of the
+/// borders.
 fn sentence(curve: &Curve) -> String {
     /// Relative round-off of an amplification of 1.
     const ROUND_OFF: f64 = 1e-9;

@@ -14,7 +14,7 @@ const CELLS: usize = 256;
 const TOLERANCE: f64 = 1e-6;
 /// Fewest steps over the whole time, as a power of two.
 const FEWEST: u32 = 4;
-/// Most steps, as a power of two.
+/// Binary logarithm of the largest number of steps.
 const MOST: u32 = 12;
 /// Error at which measured and predicted steps are compared: both are accurate there.
 const COMPARED: f64 = 1e-3;

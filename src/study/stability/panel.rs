@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// The task of measuring a panel.
 pub struct PanelTask<'a> {
-    /// All ranks.
+    /// The world of all ranks.
     pub world: &'a World,
     /// The case on its own grid.
     pub case: &'a Case,
@@ -53,7 +53,7 @@ impl PanelTask<'_> {
         over
     }
 
-    /// A trial of `case`; none if the budget does not hold it. Collective.
+    /// A trial of `case`; `None` if the budget does not hold it. Collective.
     ///
     /// # Errors
     /// As [`planning::plan`] and [`trial`].
@@ -98,7 +98,7 @@ pub struct Curve {
 pub struct Border {
     /// Name of the border.
     pub name: String,
-    /// The measured border; none if it was not located.
+    /// The measured border; `None` if it was not located.
     pub measured: Option<f64>,
     /// The border by theory.
     pub theory: Option<f64>,
@@ -161,7 +161,7 @@ impl Border {
 /// An axis of a panel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisScale {
-    /// Its label.
+    /// The label of the series.
     pub label: &'static str,
     /// Whether its axis is logarithmic.
     pub logarithmic: bool,
@@ -182,15 +182,15 @@ impl AxisScale {
 /// A panel: measurements over one varied quantity.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StabilityPanel {
-    /// Its name for `--only`.
+    /// The name of the panel for `--only`.
     pub name: PanelName,
-    /// Its title.
+    /// The title of the panel.
     pub title: &'static str,
     /// The axis of the varied quantity.
     pub x: AxisScale,
     /// The axis of the measured quantity.
     pub y: AxisScale,
-    /// Its contents.
+    /// The contents of the panel.
     #[serde(flatten)]
     pub findings: Findings,
 }

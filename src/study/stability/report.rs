@@ -113,7 +113,8 @@ impl Stability {
         StudyFiles { name: "stability", found: self, table, figure }.write(directory)
     }
 
-    /// One frame a panel, with markers for measured values and dashes for theory.
+    /// The figure of the report: a frame for each panel, with markers for measured values and
+    /// dashes for theory.
     pub fn figure(&self) -> Figure {
         let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
         let columns = if panels.len() > 4 { 3 } else { panels.len().clamp(1, 2) };

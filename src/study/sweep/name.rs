@@ -8,7 +8,7 @@ use crate::base::text::{compact, plain};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Most characters of the values in a name.
+/// The largest number of characters of the values in a name.
 const MOST_SHOWN: usize = 80;
 
 /// The directory name of the run of `case`, whose varied `keys` have these `values`.
@@ -38,7 +38,8 @@ pub fn with_absolute_paths(case: &mut Value, file: &Path) {
     }
 }
 
-/// `-` for each run of characters that a shell or a file system may take for something else.
+/// `text` with one `-` for each sequence of characters that a shell or a file system may take for
+/// something else.
 fn without_special(text: &str) -> String {
     let mut name = String::new();
     let mut special = false;

@@ -18,7 +18,7 @@ const ENTRIES: [&str; 12] = [
     "error_density_l1_relative", "accuracy.grid", "mass", "solve_seconds", "wall_seconds",
     "memory_peak_bytes_per_rank",
 ];
-/// Most characters of a cell on the terminal.
+/// The largest number of characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
 /// Most characters of an error on the terminal, ...
 const LONGEST_ERROR: usize = 180;
@@ -28,7 +28,7 @@ const MOST_ERRORS: usize = 10;
 const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a copy.";
 /// Name of the last column.
 const DIRECTORY: &str = "directory";
-/// Most bytes of a file that may be a table of a sweep.
+/// The largest number of bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
 
 /// A run in the table.
@@ -36,18 +36,18 @@ const MOST_BYTES: u64 = 64 << 20;
 pub struct SweepRow {
     /// Values of the varied keys.
     pub values: Vec<Value>,
-    /// Where its results are.
+    /// Directory of the results of the run.
     pub directory: String,
     /// Whether it ended, with or without an error.
     pub ended: bool,
     /// `summary.json`; null where there is none, and on other ranks than the first.
     pub summary: Value,
-    /// What went wrong. Beside a summary: the results miss the requested accuracy.
+    /// The error of the run. Beside a summary it says that the results miss the requested accuracy.
     pub error: Option<String>,
 }
 
 impl SweepRow {
-    /// What went wrong, or that the run is not finished.
+    /// The error of the run, or that the run is not finished.
     pub fn problem(&self) -> Option<&str> {
         self.error.as_deref().or((!self.ended).then_some("not finished"))
     }
@@ -80,7 +80,7 @@ impl SweepTable {
         Self { keys: keys.to_vec(), rows: Vec::new() }
     }
 
-    /// How many runs failed.
+    /// Number of runs that failed.
     pub fn failed(&self) -> usize {
         self.rows.iter().filter(|row| row.error.is_some()).count()
     }
@@ -101,7 +101,7 @@ impl SweepTable {
         text
     }
 
-    /// How many runs have no results yet.
+    /// Number of runs that have no results yet.
     pub fn unfinished(&self) -> usize {
         self.rows.iter().filter(|row| !row.ended).count()
     }
@@ -201,8 +201,8 @@ fn head(path: &Path) -> Option<String> {
     Some(line.lines().next().unwrap_or_default().to_owned())
 }
 
-/// For the terminal: the columns of numbers in blocks that fit, each with the numbers of the runs;
-/// then the errors.
+/// The table on the terminal: the columns of numbers in blocks that fit, each with the numbers of
+/// the runs, then the errors.
 impl fmt::Display for SweepTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let runs = (1..=self.rows.len()).map(|number| number.to_string());

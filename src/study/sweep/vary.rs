@@ -34,8 +34,8 @@ impl Vary {
     }
 }
 
-/// The parts of `text` between commas that stand in no quotes and no brackets; none where these do
-/// not match.
+/// The parts of `text` between commas that stand in no quotes and no brackets; `None` where quotes
+/// or brackets do not match.
 fn parts(text: &str) -> Option<Vec<String>> {
     let mut parts = vec![String::new()];
     let mut open = Vec::new();
