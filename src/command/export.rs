@@ -8,7 +8,6 @@ use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
 use crate::command::resources::has_counts;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, Owner};
@@ -160,7 +159,6 @@ fn output(
 /// Assembles `case` with the whole of space on every rank. Also returns the resources for that.
 /// Collective.
 fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
-    refuse_too_large_here(world, case)?;
     let here =
         Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
     Ok((Prepared::new(world, case, &here)?, here))

@@ -122,9 +122,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         drop(block);
         block = run.block(&plan, &mut watch)?;
     }
-    block.plan.bounds = plan.bounds.clone();
-    block.plan.warp.clone_from(&plan.warp);
-    (block.plan.layout.groups).clone_from(&plan.layout.groups);
+    let mut block = block.with_modes_of(&plan);
     time_observables(&mut block, &mut watch);
     let SolveTime { solve, application } = match &plan.warp {
         Some(warp) => modes::expected(&mut block, warp, run.whole())?,

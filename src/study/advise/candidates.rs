@@ -2,9 +2,8 @@
 
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, rounded_down};
-use crate::matrix::bounds::Bounds;
-use crate::plan::Plan;
 use crate::plan::layout::Resources;
+use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::overlooked;
 use crate::run::planning;
@@ -179,10 +178,10 @@ impl Study<'_> {
             let mut case = scheme.schrodingerized(base, &grid.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
-            let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
+            let found = ProvisionalPlan::new(&case, &Resources::here(self.world));
             let is_small =
                 |plan: Plan| (self.trials.budget).holds(mode_updates(&case, &plan), FOR_MODES);
-            if plan.is_ok_and(is_small) {
+            if found.map(|found| found.plan).is_ok_and(is_small) {
                 return Ok(grid.shape.clone());
             }
         }

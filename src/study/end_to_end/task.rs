@@ -4,8 +4,6 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact, ProfileChoice};
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -110,8 +108,7 @@ impl DensityTask<'_> {
     ) -> Result<QuantumMethod> {
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        refuse_too_large_here(self.world, &scheme)?;
-        let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
+        let mut prepared = Prepared::here(self.world, &scheme)?;
         let RoughSolution { ratio, norms } = prepared.rough_solution();
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
