@@ -139,7 +139,7 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let mut progress = progress(world, case, 3);
     let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
-    let warp = planned_modes(case, &prepared.plan)?;
+    let warp = planned_modes(&case.name, &prepared.plan)?;
     let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);

@@ -155,7 +155,7 @@ fn on_grid(
     steps: usize,
 ) -> Result<GridSpectrum> {
     let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
-    announce_steps(world, case, &mut prepared, steps)?;
+    announce_steps(world, &mut prepared, steps)?;
     let space = &prepared.communicator.space;
     let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
     let system = &prepared.system;
@@ -184,10 +184,10 @@ fn on_grid(
 }
 
 /// Reports on the first rank how long the Lanczos steps take, if that is long. Collective.
-fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: usize) -> Result<()> {
+fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Result<()> {
     const FEW: usize = 1 << 18;
     const LONG: f64 = 4.0;
-    if case.space.cells() <= FEW {
+    if prepared.case.space.cells() <= FEW {
         return Ok(());
     }
     let started = Instant::now();
@@ -197,7 +197,7 @@ fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: us
         let seconds = seconds_text(seconds);
         report(&format!(
             "{} cells: {steps} Lanczos steps take up to {seconds}",
-            case.space.cells()
+            prepared.case.space.cells()
         ));
     }
     Ok(())

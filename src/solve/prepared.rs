@@ -83,7 +83,7 @@ impl Prepared {
         memory::give_back();
         let assembled = Some(assembled_size(&communicator.world, &system.matrix));
         Ok(Self {
-            bounds: Bounds { assembled, ..system.bounds(case, bounds) },
+            bounds: Bounds { assembled, ..system.bounds(&case.space, bounds) },
             case: case.clone(),
             communicator,
             rank_cells,

@@ -192,7 +192,7 @@ impl<'a> Study<'a> {
             refused.then(seconds(a).total_cmp(&seconds(b)))
         });
         if entries.iter().all(|e| e.refused.is_some()) {
-            return Err(out_of_reach(case, request.accuracy, &entries));
+            return Err(out_of_reach(&case.name, request.accuracy, &entries));
         }
         let [best, best_classical] =
             best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
@@ -213,7 +213,7 @@ impl<'a> Study<'a> {
 
 /// The error for an accuracy that none of `entries` reaches, with the reason of the set-up that has
 /// the fewest cells.
-fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
+fn out_of_reach(name: &str, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
     let verdict = match entries.iter().any(one_grid) {
         true => "is not settled within this budget",
@@ -224,7 +224,6 @@ fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
         format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
     });
     Error::Input(format!(
-        "{}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}",
-        case.name
+        "{name}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}"
     ))
 }

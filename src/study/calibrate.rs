@@ -189,7 +189,7 @@ impl CalibratedCase<'_> {
         if self.provisional.warp.is_none() {
             return Ok(self.provisional.clone());
         }
-        let mut bounds = block.system.bounds(case, &self.bounds);
+        let mut bounds = block.system.bounds(&case.space, &self.bounds);
         let mut ratio = block.probe();
         if case.verify {
             let verify = self.seconds_to_verify(block, watch.last.elapsed().as_secs_f64());

@@ -172,7 +172,8 @@ impl WarpedField<'_> {
         let datasets = readback::check(&group, path).expect("a file as written");
         let axes = self.case.space.shape().len();
         assert_eq!(datasets, axes + 4, "w, axes, p, case, plan");
-        let given = WarpedFile::new(&group, path, self.case, "here").expect("a warped field");
+        let given =
+            WarpedFile::new(&group, path, &self.case.space, "here").expect("a warped field");
         let length = given.interval[1] - given.interval[0];
         assert!((length - self.series.period).abs() < 1e-13);
         if group.rank() == 0 {
@@ -255,7 +256,7 @@ impl Files<'_> {
             write(&File::create(&self.path).expect("a file"));
         }
         self.group.barrier();
-        let found = WarpedFile::new(self.group, &self.path, &self.case, "initial.warped");
+        let found = WarpedFile::new(self.group, &self.path, &self.case.space, "initial.warped");
         self.group.barrier();
         found
     }
@@ -308,7 +309,7 @@ pub fn warped_files_refused(world: &World) {
         (&shared.path, "is no file"),
         (&readme, "cannot be read as HDF5"),
     ] {
-        let found = WarpedFile::new(&group, path, &files.case, "initial.warped");
+        let found = WarpedFile::new(&group, path, &files.case.space, "initial.warped");
         check_refusal(&found.expect_err(message), message);
     }
     refused_contents(world, &files);

@@ -5,7 +5,6 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
-use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::untrusted::{self, Inspection};
@@ -143,18 +142,18 @@ pub struct WarpedFile {
 }
 
 impl WarpedFile {
-    /// Checks that `/w` of the file is a warped field on the grid of `case`, and reads its points.
+    /// Checks that `/w` of the file is a warped field on the grid `space`, and reads its points.
     /// `key` is the file, line and key that names it. Collective over `world`.
     ///
     /// # Errors
     /// [`Error::Input`], which says what is wrong with it.
-    pub fn new(world: &Group, path: &Path, case: &Case, key: &str) -> Result<Self> {
+    pub fn new(world: &Group, path: &Path, space: &PhaseSpace, key: &str) -> Result<Self> {
         let wrong = |what: &dyn std::fmt::Display| {
             Error::Input(format!("{key} = \"{}\": {what}", path.display()))
         };
         // One rank reads the file without MPI.
         let found = if world.rank() == 0 {
-            checked_points(path, &case.space).map_err(|e| wrong(&e))
+            checked_points(path, space).map_err(|e| wrong(&e))
         } else {
             Ok(([f64::NEG_INFINITY; 2], 0))
         };

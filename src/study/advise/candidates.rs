@@ -308,7 +308,7 @@ impl Study<'_> {
             }) else {
                 continue;
             };
-            for scheme in scheme.other_fluxes(&self.trials.degree_case(*scheme).base) {
+            for scheme in scheme.other_fluxes(self.trials.degree_case(*scheme).base.flux) {
                 self.try_flux(method, scheme, reached)?;
             }
         }

@@ -113,8 +113,8 @@ impl SchemeChoice {
 
     /// This scheme with each flux but that of `case`, which has elements of its degree. None for
     /// degree 0.
-    pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
-        let (own, elements) = (case.flux, self.degree > 0);
+    pub fn other_fluxes(self, own: f64) -> impl Iterator<Item = Self> + use<> {
+        let elements = self.degree > 0;
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);
         fluxes.map(move |flux| Self { flux: Some(flux), ..self })
     }
