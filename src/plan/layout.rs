@@ -2,6 +2,7 @@
 //! and memory.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
+use crate::base::memory::NamedBytes;
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
@@ -41,7 +42,7 @@ pub struct Layout {
     /// Largest modelled cost of a group over the mean.
     pub imbalance: f64,
     /// Names of arrays with their bytes on the fullest rank.
-    pub arrays: Vec<(String, u64)>,
+    pub arrays: Vec<NamedBytes>,
 }
 
 /// The ranks and the memory that a layout may use.
@@ -227,7 +228,7 @@ impl Layout {
 
     /// Planned bytes on the fullest rank.
     pub fn memory(&self) -> u64 {
-        self.arrays.iter().map(|a| a.1).sum()
+        self.arrays.iter().map(|a| a.bytes).sum()
     }
 
     /// Refuses a plan, made for `case`, `bounds` and `warp`, that does not fit into the memory of
@@ -246,7 +247,8 @@ impl Layout {
         if self.memory() <= limit {
             return Ok(self);
         }
-        let (name, bytes) = self.arrays.iter().max_by_key(|a| a.1).cloned().unwrap_or_default();
+        let largest = self.arrays.iter().max_by_key(|a| a.bytes).cloned();
+        let NamedBytes { name, bytes } = largest.unwrap_or_default();
         Err(Error::Memory {
             needed: bytes_text(self.memory()),
             available: bytes_text(limit),

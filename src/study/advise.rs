@@ -34,6 +34,7 @@ use crate::problem::case::{Case, Limiter, Method};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::report::warnings;
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,
@@ -135,15 +136,15 @@ impl<'a> Study<'a> {
         };
         self.try_own_grid()?;
         let found = self.grids_by_scheme()?;
-        for (scheme, reached) in &found {
+        for SchemeWithGrid { scheme, reached } in &found {
             self.add_classical(*scheme, reached)?;
             if scheme.limiter == Limiter::None {
                 self.add_schrodingerized(*scheme, reached)?;
             }
         }
         self.try_fluxes(&found)?;
-        let given = match found.iter().find(|(scheme, _)| *scheme == SchemeChoice::of(self.case)) {
-            Some((scheme, reached)) => self.given(*scheme, reached)?,
+        let given = match found.iter().find(|found| found.scheme == SchemeChoice::of(self.case)) {
+            Some(SchemeWithGrid { scheme, reached }) => self.given(*scheme, reached)?,
             None => None,
         };
         self.ended = true;

@@ -13,6 +13,7 @@ use crate::study::advise::grid_search::{
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::{cells, mode_updates};
@@ -295,7 +296,7 @@ impl Study<'_> {
 
     /// Tries other fluxes between elements for the set-up of least work by each method, on grids
     /// near its own, unless that grid is extrapolated. Collective.
-    pub(super) fn try_fluxes(&mut self, found: &[(SchemeChoice, ReachedGrid)]) -> Result<()> {
+    pub(super) fn try_fluxes(&mut self, found: &[SchemeWithGrid]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
             let can = self.candidates.iter().map(|candidate| &candidate.entry);
@@ -303,8 +304,8 @@ impl Study<'_> {
             let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
             let is_best =
                 |scheme: &SchemeChoice| best.as_ref() == Some(&self.name(method, *scheme));
-            let Some((scheme, reached)) = found.iter().find(|(scheme, reached)| {
-                is_best(scheme) && reached.known != Evidence::Extrapolated
+            let Some(SchemeWithGrid { scheme, reached }) = found.iter().find(|found| {
+                is_best(&found.scheme) && found.reached.known != Evidence::Extrapolated
             }) else {
                 continue;
             };
