@@ -41,6 +41,7 @@ use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::advise::density::exact_density;
+use crate::study::choices::DEGREES;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{
@@ -52,8 +53,6 @@ use crate::study::end_to_end::traced::{
 };
 use crate::study::grids::of_degree;
 
-/// Degrees that are compared.
-const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 /// Units of progress: two schemes of every degree, and one with slopes.
 const UNITS: usize = 10 * (OF_TRIALS + OF_PRICE) + OF_TRIALS;
 /// A density that is a smaller part of the mean one than this is refused.
