@@ -17,7 +17,7 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{Domain, ReadField, WarpedFile};
+use crate::results::warped::given::{Domain, ModesFromFile, ReadField, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
 use crate::run::files::{EarlyStates, RunFiles, Solved, WarpedOutput};
@@ -392,7 +392,7 @@ fn read_start(
     };
     let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
     let ReadField { checksum, largest: peak, unevenness } =
-        given.read(spread, &warp.series, kept, domain)?;
+        given.read(ModesFromFile { spread, series: &warp.series, kept, domain })?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });

@@ -17,7 +17,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{Domain, WarpedFile};
+use phasewarp::results::warped::given::{Domain, ModesFromFile, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};
@@ -211,7 +211,10 @@ impl WarpedField<'_> {
         let modes = dealt(ones.modes(), groups);
         let spread = self.rank.spread(self.case, &modes, self.buffers);
         let mut back = self.rank.room(&modes);
-        given.read(&spread, &ones, &mut back, ANYWHERE).expect("it can be read");
+        let (kept, domain) = (&mut back, ANYWHERE);
+        given
+            .read(ModesFromFile { spread: &spread, series: &ones, kept, domain })
+            .expect("it can be read");
         let rows = self.rank.rows();
         for (k, &l) in modes[self.rank.communicator.modes.rank()].iter().enumerate() {
             let found = &back.values()[k * rows..(k + 1) * rows];
@@ -389,7 +392,12 @@ fn refused_contents(world: &World, files: &Files<'_>) {
             }
         });
         let mut kept = rank.room(&modes);
-        let read = given.expect("a file").read(&spread, &ones, &mut kept, ANYWHERE);
+        let read = given.expect("a file").read(ModesFromFile {
+            spread: &spread,
+            series: &ones,
+            kept: &mut kept,
+            domain: ANYWHERE,
+        });
         check_refusal(&read.expect_err(message), message);
         files.group.barrier();
     }

@@ -141,6 +141,18 @@ pub struct WarpedFile {
     pub points: usize,
 }
 
+/// What is read from a file with a warped field.
+pub struct ModesFromFile<'a> {
+    /// The distribution of cells and modes over the ranks.
+    pub spread: &'a Spread<'a>,
+    /// The series whose factors the modes are for.
+    pub series: &'a Series,
+    /// The modes of this rank, which are overwritten.
+    pub kept: &'a mut KeptModes,
+    /// Where it is measured how flat the field is.
+    pub domain: Domain,
+}
+
 impl WarpedFile {
     /// Checks that `/w` of the file is a warped field on the grid `space`, and reads its points.
     /// `key` is the file, line and key that names it. Collective over `world`.
@@ -162,39 +174,26 @@ impl WarpedFile {
         Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`, and measures how flat it
-    /// is on `domain`. Collective over the world.
+    fn wrong(&self, what: &dyn std::fmt::Display) -> Error {
+        Error::Input(format!("{}: {what}", self.path.display()))
+    }
+
+    /// Reads the field into modes and measures how flat it is. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] if the file cannot be read, has changed since it was written, or holds NaN
     /// or infinity.
-    pub fn read(
-        &self,
-        spread: &Spread<'_>,
-        series: &Series,
-        kept: &mut KeptModes,
-        domain: Domain,
-    ) -> Result<ReadField> {
-        let world = &spread.communicator.world;
-        let wrong =
-            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
-        let file = SharedFile::open(world, &self.path, &wrong)?;
-        let read = self.read_from(&file, spread, series, kept, domain);
-        file.close(&wrong)?;
-        read
+    pub fn read(&self, wanted: ModesFromFile<'_>) -> Result<ReadField> {
+        let world = &wanted.spread.communicator.world;
+        SharedFile::read(world, &self.path, &|what| self.wrong(what), |file| {
+            self.read_from(file, wanted)
+        })
     }
 
-    fn read_from(
-        &self,
-        file: &File,
-        spread: &Spread<'_>,
-        series: &Series,
-        kept: &mut KeptModes,
-        domain: Domain,
-    ) -> Result<ReadField> {
+    fn read_from(&self, file: &File, wanted: ModesFromFile<'_>) -> Result<ReadField> {
+        let ModesFromFile { spread, series, kept, domain } = wanted;
         let world = &spread.communicator.world;
-        let wrong =
-            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        let wrong = |what: &dyn std::fmt::Display| self.wrong(what);
         let dataset = world.agree(file.dataset("w").map_err(|e| wrong(&e)))?;
         let shape = dataset.shape();
         let mut transform = Transform::new(series, self.interval[0]);
