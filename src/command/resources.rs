@@ -7,7 +7,6 @@ use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json, print_unwrapped};
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::candidate::{CostedChoice, System};
@@ -117,7 +116,7 @@ impl ProbedCase {
     /// # Errors
     /// As [`Prepared::new`].
     fn new(world: &World, case: &Case) -> Result<Self> {
-        let mut prepared = prepare(world, case)?;
+        let mut prepared = Prepared::here(world, case)?;
         let rough = prepared.rough_solution();
         Ok(Self { prepared, rough })
     }
@@ -140,7 +139,7 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let mut progress = progress(world, case, 3);
     let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
-    let warp = planned_modes(case, &prepared.plan)?;
+    let warp = planned_modes(&case.name, &prepared.plan)?;
     let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
@@ -230,7 +229,7 @@ fn unitary(
     norms: StateNorms,
     synthesis: RotationSynthesis,
 ) -> Result<Unitary> {
-    let prepared = prepare(world, &unitary_of(case)?)?;
+    let prepared = Prepared::here(world, &unitary_of(case)?)?;
     let accesses = accesses(&prepared, 1.0, synthesis);
     Ok(Unitary::new(&accesses, case.tolerance, norms.no_start()))
 }
@@ -275,7 +274,7 @@ fn optimise(
 /// # Errors
 /// As [`Prepared::new`].
 fn largest_inflow(world: &World, case: &Case) -> Result<f64> {
-    let prepared = prepare(world, case)?;
+    let prepared = Prepared::here(world, case)?;
     let inflow = prepared.system.matrix.inflow.iter();
     let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
     Ok(prepared.communicator.space.max(largest))
@@ -306,9 +305,4 @@ pub(super) fn has_counts(case: &Case) -> Result<()> {
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     Ok(())
-}
-
-fn prepare(world: &World, case: &Case) -> Result<Prepared> {
-    refuse_too_large_here(world, case)?;
-    Prepared::new(world, case, &Resources::here(world))
 }

@@ -23,7 +23,8 @@ mod tests;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::problem::case::{
-    Alpha, Case, Delta, EndFlux, Interface, Limiter, Method, ProfileChoice,
+    Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, EndFlux, Interface, Limiter,
+    Method, ProfileChoice,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
@@ -37,10 +38,10 @@ const DEFAULTS: [ProfileChoice; 8] = [
     ProfileChoice::Designed,
     ProfileChoice::Gaussian { sigma: None },
     ProfileChoice::LowSomma { c: None },
-    ProfileChoice::Acl { beta: 0.75 },
-    ProfileChoice::Smooth { order: 8 },
+    ProfileChoice::Acl { beta: DEFAULT_BETA },
+    ProfileChoice::Smooth { order: DEFAULT_ORDER },
     ProfileChoice::Smooth { order: 2 },
-    ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) },
+    ProfileChoice::Exponential { alpha: Alpha::Constant(DEFAULT_ALPHA) },
     ProfileChoice::Exponential { alpha: Alpha::Constant(10.0) },
 ];
 /// The furthest that `p◇` is moved beyond where the profile is first `e^{−p}`: there the

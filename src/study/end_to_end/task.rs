@@ -4,9 +4,8 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact, ProfileChoice};
+use crate::problem::grid::PhaseSpace;
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, System};
@@ -110,8 +109,7 @@ impl DensityTask<'_> {
     ) -> Result<QuantumMethod> {
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        refuse_too_large_here(self.world, &scheme)?;
-        let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
+        let mut prepared = Prepared::here(self.world, &scheme)?;
         let RoughSolution { ratio, norms } = prepared.rough_solution();
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
@@ -216,7 +214,7 @@ impl DensityTask<'_> {
     /// A trace has `segments` segments at most.
     pub fn over_characteristics(
         &self,
-        case: &Case,
+        space: &PhaseSpace,
         traced: &TracedDensity,
         segments: usize,
     ) -> QuantumMethod {
@@ -230,7 +228,7 @@ impl DensityTask<'_> {
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";
         const TRACED: &str = "the density and the largest f(0) by quadrature";
-        let mean = traced.density.abs() / (velocity_volume(&case.space) * traced.largest);
+        let mean = traced.density.abs() / (velocity_volume(space) * traced.largest);
         // A probability a is (1 + o)/2 of an overlap o.
         let wanted = 2.0 * self.accuracy * mean;
         let mut register = 2.0;
@@ -242,7 +240,7 @@ impl DensityTask<'_> {
         let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
         let evolutions = LabelledNumber::estimate(preparations(register), TRACED);
         let gates = evolutions.times(&trace);
-        let coordinates = 2.0 * case.space.dimension() as f64 + 1.0;
+        let coordinates = 2.0 * space.dimension() as f64 + 1.0;
         let qubits = (coordinates + products) * bits + register.log2();
         let qubits = LabelledNumber::model(qubits, ROOM);
         QuantumMethod {
