@@ -157,8 +157,8 @@ may_go_on() {
     fi
 }
 
-# solve_in_jobs CASE RESULTS [OPTION]…: checks, plans and solves a case, and ends the script with the
-# program's code. A job that stopped with a checkpoint submits another: the words `again`.
+# solve_in_jobs CASE RESULTS [OPTION]…: checks, plans and solves a case, and ends the script with
+# the program's code. A job that stopped with a checkpoint submits another: the words `again`.
 solve_in_jobs() {
     local ranks=${SLURM_NTASKS:-2} case=$1 results=$2 jobs=${PHASEWARP_JOBS:-1} # with this one
     local before after code=0
@@ -169,7 +169,8 @@ solve_in_jobs() {
     before=$(finished "$results")
     solve "$ranks" run "$case" -o "$results" --resume "$@" || code=$?
     after=$(finished "$results")
-    if [ "$code" -eq 75 ] && [ -n "${SLURM_JOB_ID:-}" ] && may_go_on "$jobs" "$before" "$after"; then
+    if [ "$code" -eq 75 ] && [ -n "${SLURM_JOB_ID:-}" ] &&
+        may_go_on "$jobs" "$before" "$after"; then
         read_options
         echo "stopped with a checkpoint ($after); submitting job number $((jobs + 1))"
         PHASEWARP_JOBS=$((jobs + 1)) sbatch "${options[@]}" "${again[@]}"

@@ -90,7 +90,8 @@ order() {
 plane() {
     echo "| degree | elements along x and vx, y | relative L2 of f | density |"
     echo "|---|---|---|---|"
-    local along degree falling streaming beam=(--set solver.method=classical --set scheme.flux=1 --set time.end=0.9
+    local along degree falling streaming beam=(
+        --set solver.method=classical --set scheme.flux=1 --set time.end=0.9
         --set 'potential=[{where="x < 0", value="0.2"}, {value="0"}]'
         --set 'initial.f=exp(-((x + 0.85)^2 + (vx - 0.9)^2)/0.06)*(1 + 0.5*sin(pi*y + x))'
         --set axis.0.x.lower=-1.6 --set axis.0.x.upper=1.6

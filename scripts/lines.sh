@@ -15,7 +15,8 @@ checks='(assert[a-z_]*!\(|\.?(require|is_refused|all_refused|check_all|refused_b
 # Files of a folder whose name matches.
 files() { git ls-tree -r --name-only "$commit" -- "$1" | { grep -E "$2" || true; }; }
 
-# All lines of a file of src/ without its unit tests; code, those that are neither blank nor comment.
+# All lines of a file of src/ without its unit tests; code, those that are neither blank nor
+# comment.
 counts() {
     git show "$commit:$1" | awk '
         over { next }

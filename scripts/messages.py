@@ -150,7 +150,8 @@ class Run:
 
     def trip(self, events, rank, start):
         """The steps of a trip through memory, by a rank; `start` numbers them."""
-        block, base, network = self.blocks[rank % self.space], rank - rank % self.space, self.network
+        block, base = self.blocks[rank % self.space], rank - rank % self.space
+        network = self.network
         pack = sum(network.sending(size) for _, size in block.neighbours)
         unpack = sum(network.receiving(base + n, rank, size) for n, size in block.neighbours)
         waiting = sum(block.margin(k) for k in range(1, self.depth + 1))

@@ -226,7 +226,8 @@ set_up_python() {
     new_python "$place" &&
         "$place/bin/python" -m pip --quiet --disable-pip-version-check install -r "$requirements" &&
         { [ "$#" -eq 0 ] ||
-            "$place/bin/python" -m pip --quiet --disable-pip-version-check install --no-deps "$@"; } &&
+            "$place/bin/python" -m pip --quiet --disable-pip-version-check install \
+                --no-deps "$@"; } &&
         "$place/bin/python" "$script" --packages
 }
 
@@ -243,7 +244,8 @@ set_up_from() {
     fi
     say "installing what $file names into $place"
     new_python "$place" &&
-        (cd "$root" && "$place/bin/python" -m pip --quiet --disable-pip-version-check install "$@") &&
+        (cd "$root" &&
+            "$place/bin/python" -m pip --quiet --disable-pip-version-check install "$@") &&
         cp "$file" "$place/"
 }
 

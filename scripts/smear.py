@@ -59,9 +59,10 @@ def errors(found, exact):
     there = density > 0
     off = np.where(there, np.nan_to_num(found[1]) - np.nan_to_num(velocity), 0)
     size = np.where(there, velocity, 0)
+    momentum = (density * np.linalg.norm(size, axis=0)).sum()
     return [
         np.abs(found[0] - density).sum() / density.sum(),
-        (density * np.linalg.norm(off, axis=0)).sum() / (density * np.linalg.norm(size, axis=0)).sum(),
+        (density * np.linalg.norm(off, axis=0)).sum() / momentum,
     ]
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Prints the table of tolerances in docs/verification.md: every case that takes seconds, both
-# interfaces, four tolerances, one rank; then elements of degree 1 to 4. A cell has the error that is
-# reached, the error estimate over it ("?": not called reliable), modes and applications. Needs
+# interfaces, four tolerances, one rank; then elements of degree 1 to 4. A cell has the error that
+# is reached, the error estimate over it ("?": not called reliable), modes and applications. Needs
 # `make build` and Python 3.
 #
 #   scripts/verification.sh [--program PATH] [CASE…]

@@ -130,7 +130,8 @@ def estimates(amplitude, qubits):
     phase = np.arcsin(min(abs(amplitude), 1.0)) / np.pi
     both = 0.0
     for sign in [1.0, -1.0]:
-        waves = np.exp(2j * np.pi * np.outer(np.arange(values), sign * phase - np.arange(values) / values))
+        off = sign * phase - np.arange(values) / values
+        waves = np.exp(2j * np.pi * np.outer(np.arange(values), off))
         both = both + 0.5 * np.abs(waves.sum(axis=0) / values) ** 2
     return both
 

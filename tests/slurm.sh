@@ -300,8 +300,8 @@ if grep -q "not finished" "$name/table.csv"; then
     fail "the sweep: $(cat "$name/table.csv")"
 fi
 
-# The script that a plan writes, submitted from another directory, of a case whose name a shell would
-# take apart; then once more, where it is stopped by hand and submits itself again.
+# The script that a plan writes, submitted from another directory, of a case whose name a shell
+# would take apart; then once more, where it is stopped by hand and submits itself again.
 planned="$name/planned; exit 9.sbatch"
 "$program" plan "$name/c d.toml" --ranks "$ranks" --sbatch "$planned" -o "$name/planned" \
     --set solver.tolerance=1e-2 2>"$place/planned.log" >/dev/null

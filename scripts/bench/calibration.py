@@ -158,8 +158,8 @@ def meshes(options, rounds):
         "chosen / best"
     ]
     return table(header, rows) + "\n\n" + prose(
-        f"{within} of {len(rows)} choices are within 15 % of the best mesh. Rounds: {rounds}; cores "
-        f"at work before: {load:.1f}.")
+        f"{within} of {len(rows)} choices are within 15 % of the best mesh. Rounds: {rounds}; "
+        f"cores at work before: {load:.1f}.")
 
 
 def main():

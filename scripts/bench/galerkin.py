@@ -5,7 +5,8 @@ Usage: galerkin.py PROGRAM [--rounds R]
 Needs NGSolve (`pip install ngsolve`). Prints the table of docs/performance.md. The case is one that
 NGSolve can express and whose exact solution is a formula: a Gaussian beam in a constant force,
 
-    f_t + v f_x - V'(x) f_v = 0,    V = x/2,    f0 = exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02),    T = 1,
+    f_t + v f_x - V'(x) f_v = 0,    V = x/2,    T = 1,
+    f0 = exp(-((x + 0.5)^2 + (v - 0.6)^2)/0.02),
 
 on [-1.5, 1.5] x [-1.5, 1.5]. Both programs take elements of the same degree on a square grid, with
 upwind fluxes, and the least even number of elements that reaches the error. NGSolve integrates by

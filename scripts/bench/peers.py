@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import types
 
 # One thread a process: the vectors are short, and two processes share the cores.
 for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -276,7 +277,50 @@ def main():
 
 
 def run(options, cells, rounds, tolerance, place):
-    _, summary, directory = phasewarp(options.program, place, cells, options.tolerance, 2)
+    task = prepared(options, cells, tolerance, place)
+    methods, versions, skipped = available(task)
+    python, said = slepc_python()
+    if python is None:
+        skipped.append(f"SLEPc MFN: {said}")
+    else:
+        versions["SLEPc"] = said
+    for line in skipped:
+        note(f"peers: skipped {line}")
+    peers = started(task, methods, python)
+    mine, classical, summary = timed(task, peers, rounds)
+    for peer in peers:
+        peer.pop("workers").close()
+        peer["modes"] = len(peer.pop("chosen"))
+    modes = task.modes
+    result = dict(
+        quick=options.quick,
+        cells=cells,
+        tolerance=tolerance,
+        modes=task.count,
+        applications=summary["matvecs"],
+        entries_a_row=(abs(modes.S) + abs(modes.K)).nnz / len(modes.start),
+        peak=peak(),
+        peer_applications=int(chebyshev.applications(modes, task.everything)),
+        error=task.theirs,
+        rounds=rounds,
+        versions=versions,
+        skipped=skipped,
+        phasewarp=mine,
+        classical=classical,
+        peers=peers,
+        commit=described(),
+        load=busy_cores(),
+    )
+    os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
+    with open(options.output, "w") as file:
+        json.dump(result, file, indent=1)
+        file.write("\n")
+    note(options.output)
+
+
+def prepared(options, cells, tolerance, place):
+    """The modes of phasewarp's plan, and the references that all programs are compared with."""
+    _, _, directory = phasewarp(options.program, place, cells, options.tolerance, 2)
     plan, field = stored(directory)
     modes = Modes(cells, plan)
     count = len(modes.mu)
@@ -299,15 +343,34 @@ def run(options, cells, rounds, tolerance, place):
     # About a dozen for those that take long, evenly spread, about their middle.
     stride = max(1, count // (4 if options.quick else 12))
     sample = everything[stride // 2::stride]
-    methods = []  # name, how, processes, threads, modes, group
+    return types.SimpleNamespace(
+        options=options,
+        cells=cells,
+        tolerance=tolerance,
+        place=place,
+        field=field,
+        modes=modes,
+        count=count,
+        everything=everything,
+        exact=exact,
+        theirs=theirs,
+        checked=checked,
+        reference=reference,
+        sample=sample,
+    )
+
+
+def available(task):
+    """The methods of Python, the versions of programs, and what is not installed."""
+    methods = []  # name, how, processes, threads, modes
     for processes in (1, 2):
         for name, method in [
             ("NumPy Chebyshev, as written down", chebyshev.plain),
             ("NumPy Chebyshev, in place", chebyshev.in_place),
             ("NumPy Chebyshev, 8 modes at once", chebyshev.batched),
         ]:
-            methods.append((name, method, processes, 1, everything))
-        methods.append(("SciPy expm_multiply", scipy_expm, processes, 1, sample))
+            methods.append((name, method, processes, 1, task.everything))
+        methods.append(("SciPy expm_multiply", scipy_expm, processes, 1, task.sample))
     skipped = []
     versions = {
         "Python": sys.version.split()[0], "NumPy": np.__version__, "SciPy": scipy.__version__
@@ -315,21 +378,19 @@ def run(options, cells, rounds, tolerance, place):
     try:
         # Not imported here: it reads the number of threads then, and each worker has its own.
         versions["parallel-sparse-tools"] = importlib.metadata.version("parallel-sparse-tools")
-        methods.append(("parallel-sparse-tools", quspin, 1, 2, sample))
-        methods.append(("parallel-sparse-tools", quspin, 2, 1, sample))
+        methods.append(("parallel-sparse-tools", quspin, 1, 2, task.sample))
+        methods.append(("parallel-sparse-tools", quspin, 2, 1, task.sample))
     except importlib.metadata.PackageNotFoundError:
         skipped.append("parallel-sparse-tools: not installed")
-    python, said = slepc_python()
-    if python is None:
-        skipped.append(f"SLEPc MFN: {said}")
-    else:
-        versions["SLEPc"] = said
-    for line in skipped:
-        note(f"peers: skipped {line}")
+    return methods, versions, skipped
 
+
+def started(task, methods, python):
+    """The peers with their workers: `methods`, and SLEPc if there is a `python` for it."""
+    modes, sample = task.modes, task.sample
     peers = []
     for name, method, processes, threads, chosen in methods:
-        workers = Workers(modes, method, processes, threads, chosen, set(checked))
+        workers = Workers(modes, method, processes, threads, chosen, set(task.checked))
         peers.append(
             dict(name=name,
                  processes=processes,
@@ -340,7 +401,8 @@ def run(options, cells, rounds, tolerance, place):
     if python is not None:
         for kind in ("krylov", "expokit"):
             for processes in (1, 2):
-                workers = Slepc(modes, python, kind, processes, sample, set(checked), place)
+                workers = Slepc(modes, python, kind, processes, sample, set(task.checked),
+                                task.place)
                 peers.append(
                     dict(name=f"SLEPc MFN {kind}",
                          processes=processes,
@@ -348,7 +410,15 @@ def run(options, cells, rounds, tolerance, place):
                          chosen=sample,
                          workers=workers,
                          seconds=[]))
+    return peers
 
+
+def timed(task, peers, rounds):
+    """Times phasewarp, the classical exponential and the `peers` in turn.
+
+    Returns phasewarp's seconds, those of the classical exponential, and a summary of phasewarp.
+    """
+    options, modes = task.options, task.modes
     mine = {
         key: []
         for key in ("wall2", "solve2", "wall1", "solve1", "classical_wall1", "classical_solve1")
@@ -356,10 +426,11 @@ def run(options, cells, rounds, tolerance, place):
     classical = []
     for number in range(rounds):
         for ranks in (2, 1):
-            wall, summary, _ = phasewarp(options.program, place, cells, options.tolerance, ranks)
+            wall, summary, _ = phasewarp(options.program, task.place, task.cells,
+                                         options.tolerance, ranks)
             mine[f"wall{ranks}"].append(wall)
             mine[f"solve{ranks}"].append(summary["solve_seconds"])
-        wall, direct, _ = phasewarp(options.program, place, cells, options.tolerance, 1,
+        wall, direct, _ = phasewarp(options.program, task.place, task.cells, options.tolerance, 1,
                                     ["solver.method=classical"])
         mine["classical_wall1"].append(wall)
         mine["classical_solve1"].append(direct["solve_seconds"])
@@ -367,57 +438,34 @@ def run(options, cells, rounds, tolerance, place):
         spla.expm_multiply(modes.time * modes.A, modes.f0)
         classical.append(time.perf_counter() - begin)
         for peer in peers:
-            part = len(peer["chosen"]) / count
             # Those that take long, in the first three rounds only.
-            if number >= 3 and part < 1:
-                continue
-            seconds, total, kept = peer["workers"].run()
-            peer["seconds"].append(seconds / part)
-            errors = [
-                relative(w, reference[l]) / max(modes.tolerance[l], 1e-12) for l, w in kept.items()
-                if l in reference
-            ]
-            peer["mode_error"] = max(errors, default=None)
-            if errors and not max(errors) <= 1.5:
-                sys.exit(
-                    f"peers: {peer['name']}: a mode is {max(errors):.1f} times its tolerance off")
-            if part == 1:
-                peer["field_error"] = relative(modes.recovered(total), exact)
-                peer["field_difference"] = relative(modes.recovered(total), field)
-                if not max(peer["field_error"], peer["field_difference"] / 2) <= tolerance:
-                    off = peer["field_error"]
-                    sys.exit(f"peers: {peer['name']}: the field is {off:e} off, "
-                             f"tolerance {tolerance:e}")
-            if number == 0:
-                how = f"{peer['processes']} x {peer['threads']}"
-                note(f"  {peer['name']}, {how}: {seconds / part:.3f} s")
-    for peer in peers:
-        peer.pop("workers").close()
-        peer["modes"] = len(peer.pop("chosen"))
-    result = dict(
-        quick=options.quick,
-        cells=cells,
-        tolerance=tolerance,
-        modes=count,
-        applications=summary["matvecs"],
-        entries_a_row=(abs(modes.S) + abs(modes.K)).nnz / len(modes.start),
-        peak=peak(),
-        peer_applications=int(chebyshev.applications(modes, everything)),
-        error=theirs,
-        rounds=rounds,
-        versions=versions,
-        skipped=skipped,
-        phasewarp=mine,
-        classical=classical,
-        peers=peers,
-        commit=described(),
-        load=busy_cores(),
-    )
-    os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
-    with open(options.output, "w") as file:
-        json.dump(result, file, indent=1)
-        file.write("\n")
-    note(options.output)
+            if number < 3 or len(peer["chosen"]) == task.count:
+                time_peer(task, peer, number)
+    return mine, classical, summary
+
+
+def time_peer(task, peer, number):
+    """Runs a peer in round `number`, and checks its modes and, if it has all, its field."""
+    part = len(peer["chosen"]) / task.count
+    modes, reference, tolerance = task.modes, task.reference, task.tolerance
+    seconds, total, kept = peer["workers"].run()
+    peer["seconds"].append(seconds / part)
+    errors = [
+        relative(w, reference[l]) / max(modes.tolerance[l], 1e-12) for l, w in kept.items()
+        if l in reference
+    ]
+    peer["mode_error"] = max(errors, default=None)
+    if errors and not max(errors) <= 1.5:
+        sys.exit(f"peers: {peer['name']}: a mode is {max(errors):.1f} times its tolerance off")
+    if part == 1:
+        peer["field_error"] = relative(modes.recovered(total), task.exact)
+        peer["field_difference"] = relative(modes.recovered(total), task.field)
+        if not max(peer["field_error"], peer["field_difference"] / 2) <= tolerance:
+            off = peer["field_error"]
+            sys.exit(f"peers: {peer['name']}: the field is {off:e} off, tolerance {tolerance:e}")
+    if number == 0:
+        how = f"{peer['processes']} x {peer['threads']}"
+        note(f"  {peer['name']}, {how}: {seconds / part:.3f} s")
 
 
 def described():

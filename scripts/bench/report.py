@@ -504,7 +504,8 @@ def by_peer(peers):
         f"Example 1, {cells}², tolerance {power(peers.positive('tolerance'))}, {count:.0f} modes, "
         f"{peers.number('applications'):.0f} applications (the Chebyshev peers, by their count: "
         f"{peers.number('peer_applications'):.0f}); rounds: {peers.number('rounds')}; "
-        f"commit {peers.text('commit')}, cores at work before: {peers.number('load'):.1f}; {versions}.",
+        f"commit {peers.text('commit')}, cores at work before: {peers.number('load'):.1f}; "
+        f"{versions}.",
     ]
     text += [f"Skipped: {line.value}." for line in peers["skipped"]]
     text = [prose(line) for line in text]

@@ -14,6 +14,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Reads the case file and the tables that it names on rank 0, for all ranks. Collective.
+///
+/// # Errors
+/// [`Error::Input`] for a file that cannot be read; as [`Case::parse`] and [`with_tables`], the
+/// same on all ranks.
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let text = load_text(world, &args.case)?;
     let case = Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))?;
@@ -21,6 +25,9 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 }
 
 /// Reads the text of a case file on rank 0, for all ranks. Collective.
+///
+/// # Errors
+/// [`Error::Input`] for a file that cannot be read, the same on all ranks.
 pub fn load_text(world: &World, path: &Path) -> Result<String> {
     let text = world.group().on_first_rank(|| case::read_text(path))?;
     Ok(world.group().broadcast_text(&text))

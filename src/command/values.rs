@@ -4,6 +4,9 @@ use crate::quantum::synthesis::RotationSynthesis;
 use std::time::Duration;
 
 /// A number between 0 and 1.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn accuracy(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(epsilon) if epsilon > 0.0 && epsilon < 1.0 => Ok(epsilon),
@@ -12,6 +15,9 @@ pub fn accuracy(text: &str) -> Result<f64, String> {
 }
 
 /// A finite number.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn wavenumber(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(mu) if f64::is_finite(mu) => Ok(mu),
@@ -20,6 +26,9 @@ pub fn wavenumber(text: &str) -> Result<f64, String> {
 }
 
 /// T gates of a rotation: FACTOR,CONSTANT.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn synthesis(text: &str) -> Result<RotationSynthesis, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
     match numbers.as_deref() {
@@ -41,6 +50,9 @@ pub enum RankNumbers {
 
 /// One number of ranks, or several, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B, as does
 /// `A,2A,…,B`, or with three points, together with B.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn ranks(text: &str) -> Result<RankNumbers, String> {
     const MOST: usize = 1_000_000;
     let number = |word: &str| match word.trim().parse() {
@@ -95,6 +107,9 @@ fn doubled_between(before: &[usize], last: usize) -> Result<Vec<usize>, String> 
 }
 
 /// A whole number from 1 to 64.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn refinement(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(n @ 1..=64) => Ok(n),
@@ -103,6 +118,9 @@ pub fn refinement(text: &str) -> Result<usize, String> {
 }
 
 /// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM:SS`.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn duration(text: &str) -> Result<Duration, String> {
     let text = text.trim();
     let seconds = if text.contains(':') { clock_seconds(text)? } else { seconds(text)? };
@@ -164,6 +182,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Bytes of `4GiB`, `500MB`, `4G`, `1e9`.
 ///
 /// `4G` is 4 GiB, as for Slurm's `--mem`; the crate `bytesize` would read it as 4 GB.
+///
+/// # Errors
+/// What is wrong with `text`.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());

@@ -47,6 +47,9 @@ pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
 }
 
 /// Writes the group. Collective.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -> Result<()> {
     if results.early.is_empty() {
         return Ok(());

@@ -92,11 +92,17 @@ impl<'a> Writer<'a> {
     }
 
     /// Creates a group. Collective.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn group(&self, name: &str) -> Result<()> {
         self.agree(self.file.create_group(name).map(drop))
     }
 
     /// Agrees on the outcome of what all ranks did, and of what rank 0 wrote alone.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks, where any of them failed.
     pub fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
         let outcome = match self.trouble.take() {
             Some(trouble) => Err(trouble),
@@ -194,6 +200,9 @@ impl<'a> Writer<'a> {
 
     /// Writes a dataset over `axes` of which each rank has `slabs`. Every rank has the same number
     /// of slabs, some of which may be empty.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn field(
         &self,
         name: &str,
@@ -210,6 +219,9 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes, by the first rank, a dataset over one axis that is the same on all ranks.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn replicated(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
         let count = match self.world.rank() {
             0 => values.len(),
@@ -220,6 +232,9 @@ impl<'a> Writer<'a> {
     }
 
     /// Creates a dataset over `axes`, which the caller writes slab by slab.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
         let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
         Ok(Slabs {
@@ -259,6 +274,9 @@ pub struct Slabs<'a> {
 impl Slabs<'_> {
     /// Writes this rank's next slab. Every rank writes the same number of slabs, some of which may
     /// be empty. No two slabs overlap.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn write(&mut self, slab: &DatasetBox, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
@@ -266,6 +284,9 @@ impl Slabs<'_> {
     }
 
     /// Writes the checksum of the complete dataset.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn finish(self) -> Result<()> {
         let sum = self.writer.world.sum_modulo(self.sum);
         self.writer.agree(attribute(&self.dataset, CHECKSUM, &sum))?;

@@ -87,6 +87,9 @@ impl<'a> Driver<'a> {
     }
 
     /// Step 2: merges cells and drops velocities that the solution does not need. Collective.
+    ///
+    /// # Errors
+    /// As [`reduced`].
     pub fn reduce(&self, case: &Case) -> Result<ReducedCase> {
         let case = reduced(&self.world.group(), case)?;
         Ok(ReducedCase { result_grid: ResultGrid::new(&case), case })
@@ -94,6 +97,10 @@ impl<'a> Driver<'a> {
 
     /// Step 3: the system of the reduced case with its modes planned, and the lock of the result
     /// directory. Collective.
+    ///
+    /// # Errors
+    /// As [`ProvisionalPlan::new`] and [`Prepared::new`]; where the results cannot be written or
+    /// the directory is locked.
     pub fn prepare(&mut self, reduced: &ReducedCase) -> Result<PlannedRun> {
         let ReducedCase { case, result_grid } = reduced;
         let resources = Resources {
@@ -110,6 +117,9 @@ impl<'a> Driver<'a> {
     }
 
     /// Step 4: the exact solution on this rank's share, if the case names one. Collective.
+    ///
+    /// # Errors
+    /// Where the exact solution is not finite.
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
         let world = &planned.prepared.communicator.world;
         let case = &reduced.result_grid.case;
@@ -121,6 +131,9 @@ impl<'a> Driver<'a> {
     }
 
     /// Step 5: prints a line about the plan, and opens the checkpoints. Collective.
+    ///
+    /// # Errors
+    /// As [`Checkpointing::open`].
     pub fn open(&mut self, planned: &PlannedRun) -> Result<Option<Checkpointing>> {
         let prepared = &planned.prepared;
         self.log.open(&prepared.plan);
@@ -134,6 +147,9 @@ impl<'a> Driver<'a> {
 
     /// Step 6: observables of the initial data, and the ledger with its estimates by particles.
     /// Collective.
+    ///
+    /// # Errors
+    /// As [`ledger::before_run`].
     pub fn observe_start(
         &mut self,
         reduced: &ReducedCase,
@@ -154,6 +170,9 @@ impl<'a> Driver<'a> {
 
     /// Step 7: every field at the output times, with the start, and at `T`. Writes warped fields
     /// and checkpoints. Collective.
+    ///
+    /// # Errors
+    /// As [`fields::solve`].
     pub fn solve(
         &mut self,
         planned: &mut PlannedRun,
@@ -177,6 +196,9 @@ impl<'a> Driver<'a> {
 
     /// Step 8: the error of the fields, estimated, and measured if `solver.verify` is set.
     /// Collective.
+    ///
+    /// # Errors
+    /// As [`compare::refuse_not_finite`]; where a formula is not finite.
     pub fn compare(
         &mut self,
         planned: &mut PlannedRun,
@@ -199,6 +221,9 @@ impl<'a> Driver<'a> {
 
     /// Step 9: fields and moments on the grid of the results, and their distance to the exact
     /// solution. Collective.
+    ///
+    /// # Errors
+    /// As [`expand::expand`].
     pub fn expand(
         &mut self,
         reduced: &ReducedCase,

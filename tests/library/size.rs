@@ -26,6 +26,11 @@ fn lines_and_functions_are_short() {
     }
     look("cases", "toml", &[too_wide]);
     look("python", "py", &[too_wide]);
+    for (folder, extensions) in
+        [("scripts", ["sh", "py"]), ("jobscripts", ["sh", "sbatch"]), ("tests", ["sh", "py"])]
+    {
+        extensions.into_iter().for_each(|extension| look(folder, extension, &[too_wide]));
+    }
     look("docs", "md", &[too_wide_prose]);
     for page in ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "cases/README.md"] {
         let text = std::fs::read_to_string(page).expect("a page");

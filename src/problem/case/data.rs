@@ -421,6 +421,10 @@ fn required_formula(
 }
 
 /// The regions of `V` in `n` dimensions.
+///
+/// # Errors
+/// [`Error::Case`](crate::base::error::Error::Case) for no region, and for a region that is not
+/// valid.
 pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Result<Vec<Region>> {
     if tables.is_empty() {
         let message = "missing; at least one [[potential]] with value = \"…\"";
@@ -469,6 +473,9 @@ impl InflowTable {
 }
 
 /// The table files that a case in `n` dimensions names.
+///
+/// # Errors
+/// [`Error::Case`](crate::base::error::Error::Case) for a table that is not valid.
 pub fn tables(
     file: &CaseFile<'_>,
     potential: &[RegionTable],
@@ -483,6 +490,10 @@ pub fn tables(
 
 impl InitialTable {
     /// The fields to evolve in `n` dimensions, with their inflow.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for data that are missing, not valid or
+    /// given twice.
     pub fn check(
         &self,
         file: &CaseFile<'_>,
@@ -560,6 +571,9 @@ impl InitialTable {
     }
 
     /// `initial.warped`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for an empty path.
     pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
         let path = path_of(file, "initial.warped", self.warped.as_ref(), "warped_f.h5")?;
         let place = file.place("initial.warped");
@@ -567,6 +581,10 @@ impl InitialTable {
     }
 
     /// `initial.field`, which may be given beside `initial.f`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for an empty path, beside `initial.warped`,
+    /// and for measure-valued data.
     pub fn field(&self, file: &CaseFile<'_>, data: &Data) -> Result<Option<StartField>> {
         let key = "initial.field";
         let Some(path) = path_of(file, key, self.field.as_ref(), "result.h5")? else {
@@ -603,6 +621,10 @@ fn path_of(
 
 impl ExactTable {
     /// The exact solution that results are compared with.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for settings that exclude each other or the
+    /// data, and for a formula that is not valid.
     pub fn check(&self, file: &CaseFile<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
         if self.f.is_some() && !matches!(data, Data::Density) {
             return file.refuse(
@@ -620,6 +642,9 @@ impl ExactTable {
     }
 
     /// The times at which moments of the exact solution are computed.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) where there is no exact solution.
     pub fn times(&self, file: &CaseFile<'_>) -> Result<ExactTimes> {
         if self.moments.is_some() && self.kind.is_none() && self.f.is_none() {
             let message = "needs an exact solution; give exact.kind or exact.f, or leave it out";

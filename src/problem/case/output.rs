@@ -101,6 +101,9 @@ pub struct OutputTable {
 
 impl OutputTable {
     /// Checks `recovery_points`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a number other than 1 and 2.
     pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
         let key = "output.recovery_points";
         match file.count(key, self.recovery_points.unwrap_or(2), 1)? {
@@ -111,6 +114,10 @@ impl OutputTable {
 
     /// The output times of a `run` before its end. The start can be one of them only if its field
     /// is `known`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a time outside the run, and for too
+    /// many times.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let Range { start, end } = run;
         let same = SAME_TIME * (end - start);
@@ -172,11 +179,17 @@ impl OutputTable {
     }
 
     /// Checks `plateau`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
         self.plateau.as_ref().map(|table| table.check(file)).transpose()
     }
 
     /// How the fields are stored.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn storage(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Storage> {
         Ok(Storage {
             compression: self.compression(file)?,

@@ -51,6 +51,10 @@ pub struct ReadoutTable {
 
 impl ReadoutTable {
     /// The measured observables on the grid `space`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a cell outside the grid, and for a
+    /// value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<ReadoutSettings> {
         Ok(ReadoutSettings {
             cells: self.cells(file, space)?,

@@ -155,6 +155,10 @@ pub struct TimeTable {
 
 impl TimeTable {
     /// The times at which the run begins and ends.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for times that are missing or out of their
+    /// limits.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Range<f64>> {
         let end = file.required("time.end", self.end, "a number")?;
         let least = 1.0 / LARGEST_NUMBER;
@@ -221,6 +225,9 @@ impl SchemeTable {
     }
 
     /// `flux`: `α` from 0 (central) to 1 (upwind).
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
             Some(flux) => {
@@ -249,6 +256,9 @@ pub struct SolverTable {
 
 impl SolverTable {
     /// Checks `tolerance`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn tolerance(&self, file: &CaseFile<'_>) -> Result<f64> {
         let tolerance = self.tolerance.unwrap_or(1e-6);
         if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
@@ -259,6 +269,9 @@ impl SolverTable {
     }
 
     /// Checks `accuracy`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn accuracy(&self, file: &CaseFile<'_>) -> Result<Option<f64>> {
         if self.accuracy.is_some_and(|accuracy| !(accuracy > 0.0 && accuracy < 1.0)) {
             return file.refuse("solver.accuracy", "must be above 0 and below 1");
@@ -309,6 +322,9 @@ pub struct ClassicalTable {
 
 impl ClassicalTable {
     /// Checks `cfl`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn cfl(&self, file: &CaseFile<'_>) -> Result<f64> {
         let cfl = self.cfl.unwrap_or(DEFAULT_CFL);
         if !(cfl > 0.0 && cfl <= 1.0) {
@@ -354,6 +370,9 @@ pub struct CheckpointTable {
 
 impl CheckpointTable {
     /// Time between checkpoints; `None` if they are not made by the clock.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Option<Duration>> {
         const YEAR: f64 = 525_600.0;
         let minutes = self.minutes.unwrap_or(30.0);

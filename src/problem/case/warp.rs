@@ -199,6 +199,9 @@ impl Warp {
     }
 
     /// Refuses embeddings that several fields cannot share, as there is one matrix for all fields.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for such an embedding.
     pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[LiouvilleField]) -> Result<()> {
         let key = "solver.warp.inflow";
         if fields.len() > 1 && fields.iter().any(LiouvilleField::varies) {
@@ -291,6 +294,10 @@ impl Words for ShiftWord {
 
 impl WarpTable {
     /// Checks the settings for a run of duration `time`.
+    ///
+    /// # Errors
+    /// [`Error::Case`](crate::base::error::Error::Case) for settings that exclude each other, and
+    /// for a value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>, time: f64) -> Result<Warp> {
         let interval = self.interval(file)?;
         let warp = Warp {

@@ -46,6 +46,9 @@ impl Spread<'_> {
     /// Calls `visit` in each round with the cells of each rank of the mode groups, and with this
     /// rank's slab of the grid. There are as many rounds as the slowest rank of the world needs;
     /// ranks that finish earlier have no cells in the last ones. Collective if `visit` is.
+    ///
+    /// # Errors
+    /// Those of `visit`.
     pub fn rounds(
         &self,
         most: usize,

@@ -128,6 +128,9 @@ pub struct Written {
 }
 
 /// Writes a file at `path` and flushes it to disk.
+///
+/// # Errors
+/// The error of the file system.
 pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Written> {
     let mut text = serde_json::to_vec(header)?;
     text.resize(text.len().next_multiple_of(8), b' ');
@@ -188,6 +191,9 @@ impl Sink {
 }
 
 /// Checks that the file is as it was written.
+///
+/// # Errors
+/// What is wrong with the file.
 pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
     let file = open_regular(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();
@@ -263,6 +269,9 @@ pub struct Destination<'a> {
 
 impl RankFile {
     /// Opens a file and reads its header.
+    ///
+    /// # Errors
+    /// The error of the file system, or that the file is no checkpoint.
     pub fn open(path: &Path) -> Result<Self> {
         let file = open_regular(path)?;
         let mut start = [0; 2];

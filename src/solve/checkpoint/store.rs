@@ -45,6 +45,9 @@ pub(super) struct Sealed {
 
 impl Manifest {
     /// The text of the file.
+    ///
+    /// # Errors
+    /// The error of the text format.
     pub fn text(&self) -> serde_json::Result<String> {
         serde_json::to_string_pretty(&Sealed { checksum: self.checksum()?, manifest: self.clone() })
     }
@@ -363,6 +366,9 @@ impl Store {
     }
 
     /// Removes all checkpoints at the end of the run. If that fails, they stay.
+    ///
+    /// # Errors
+    /// The error of the file system.
     pub fn remove(&self) -> std::io::Result<()> {
         let found = generations(&self.directory);
         if found.is_empty() {
