@@ -9,6 +9,15 @@ launch() {
     "${words[@]}" "$@"
 }
 
+# numbers_of_ranks MOST: FIRST (1), twice, four times that, …, and MOST.
+numbers_of_ranks() {
+    local ranks
+    for ((ranks = ${FIRST:-1}; ranks < $1; ranks *= 2)); do
+        echo "$ranks"
+    done
+    echo "$1"
+}
+
 # read_settings FILE: `settings` becomes a --set for each line KEY=VALUE. Empty lines and lines that
 # begin with # are skipped.
 read_settings() {

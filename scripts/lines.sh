@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Lines of code by room of src/, and tests and checks by folder, at a commit.
+# Lines of code by room of src/, tests, checks and repeated lines by folder, at a commit.
 #
 #   scripts/lines.sh [COMMIT]    default: HEAD
 #
@@ -71,3 +71,39 @@ done | awk -F';' '
     END {
         for (k in lines) print "| " k " | " lines[k] " | " tests[k] " | " checks[k] " |" | "sort"
     }'
+
+# Pairs of places in a folder that share six or more lines one after the other. Blank lines,
+# comments, imports and lines of brackets do not count.
+pairs() {
+    files "$1" '\.(rs|py|sh)$' | while read -r file; do
+        echo ">>> $file"
+        git show "$commit:$file"
+    done | awk -v shared=6 '
+        /^>>> / { script = !/\.rs$/; file++; next }
+        { gsub(/^[ \t]+|[ \t]+$/, "") }
+        /^(\/\/|use |from |import )/ || /^[][(){};,?.]*$/ || (script && /^#/) { next }
+        { line[++n] = $0; of[n] = file }
+        END {
+            for (k = 1; k + shared - 1 <= n; k++) {
+                if (of[k] != of[k + shared - 1]) continue
+                key = line[k]
+                for (i = 1; i < shared; i++) key = key "\n" line[k + i]
+                many = split(places[key], before, " ")
+                for (i = 1; i <= many; i++) {
+                    m = before[i]
+                    overlap = of[m] == of[k] && k - m < shared
+                    begun = of[m] == of[m - 1] && of[k] == of[k - 1] && line[m - 1] == line[k - 1]
+                    pairs += !overlap && !begun
+                }
+                places[key] = places[key] " " k
+            }
+            print pairs + 0
+        }'
+}
+
+echo
+echo "| folder | pairs of places that share six lines |"
+echo "|---|---|"
+for folder in src tests benches scripts python; do
+    echo "| $folder | $(pairs "$folder") |"
+done

@@ -48,9 +48,10 @@
 //!
 //! ## As a library
 //!
-//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] predicts its cost, [`solve`] gives a
-//! [`Solution`], and [`run`] is what `phasewarp run` does. All are collective: every rank calls
-//! them.
+//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] predicts its cost as a [`Plan`],
+//! [`solve`] gives a [`Solution`] (fields and [`Moments`] on a rank's share of the [`PhaseSpace`],
+//! and a [`Summary`]), and [`run`] is what `phasewarp run` does. All are collective: every rank
+//! calls them. Other modules are public for the tests only, and have no pages here.
 //!
 //! ```
 //! use phasewarp::{Case, World, solve};
@@ -85,11 +86,18 @@
 #![deny(missing_docs)]
 
 pub use base::error::{Error, Result};
-pub use parallel::communicator::World;
+pub use matrix::observables::Moments;
+pub use parallel::communicator::{Group, World};
 pub use plan::Plan;
+pub use plan::layout::Layout;
 pub use problem::case::Case;
+pub use problem::grid::{Axis, PhaseSpace};
+pub use results::dataset::ExactSolution;
+pub use results::summary::Summary;
+pub use run::expand::Expanded;
 pub use run::options::Options;
 pub use run::{Solution, run, solve};
+pub use schrodingerization::warp_plan::WarpPlan;
 
 /// The plan of a run of `case` on the ranks of `world`: modes, applications, memory per rank.
 /// Growth and norms are measured if that is cheap. Collective.

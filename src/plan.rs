@@ -20,6 +20,7 @@ pub mod layout;
 pub mod memory;
 
 use crate::base::error::{Error, Result};
+use crate::base::memory::NamedBytes;
 use crate::base::text::{bytes_text, counted, rounded, short};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
@@ -465,7 +466,7 @@ impl Plan {
             writeln!(f, "                {groups} nothing to do")?;
         }
         writeln!(f, "memory a rank   {}", bytes_text(self.memory()))?;
-        for (name, bytes) in &l.arrays {
+        for NamedBytes { name, bytes } in &l.arrays {
             writeln!(f, "  {:<24}{:>12}", name, bytes_text(*bytes))?;
         }
         Ok(())

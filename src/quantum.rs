@@ -25,7 +25,6 @@
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;
-use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 pub mod access;
@@ -48,7 +47,7 @@ pub mod walk;
 ///
 /// # Errors
 /// [`Error::Input`] for a plan of the classical method, which has none.
-pub(crate) fn planned_modes<'a>(case: &Case, plan: &'a Plan) -> Result<&'a WarpPlan> {
-    let none = || Error::Input(format!("{}: there is no plan of modes", case.name));
+pub(crate) fn planned_modes<'a>(name: &str, plan: &'a Plan) -> Result<&'a WarpPlan> {
+    let none = || Error::Input(format!("{name}: there is no plan of modes"));
     plan.warp.as_ref().ok_or_else(none)
 }

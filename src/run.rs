@@ -77,10 +77,10 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
 /// # Errors
 /// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
 /// cannot be read.
-pub fn refuse_missed(world: &World, directory: &Path, case: &Case) -> Result<()> {
+pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
     world.group().on_first_rank(|| {
         let missed = Missed::deserialize(&summary::read(directory)?["missed"]);
-        missed.unwrap_or_default().refuse(case.strict)
+        missed.unwrap_or_default().refuse(strict)
     })
 }
 

@@ -1,8 +1,32 @@
 //! The memory that a process may still take: free memory, within all limits.
 
 use rustix::process::{Resource, getrlimit};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+
+/// An array and its bytes; in files the pair of both.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(into = "(String, u64)")]
+pub struct NamedBytes {
+    /// Name of the array.
+    pub name: String,
+    /// Its bytes.
+    pub bytes: u64,
+}
+
+impl NamedBytes {
+    /// An array of this name and size.
+    pub fn new(name: impl Into<String>, bytes: u64) -> Self {
+        Self { name: name.into(), bytes }
+    }
+}
+
+impl From<NamedBytes> for (String, u64) {
+    fn from(array: NamedBytes) -> Self {
+        (array.name, array.bytes)
+    }
+}
 
 /// Bytes that may still be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -235,10 +235,10 @@ fn without_zeros(text: &str) -> &str {
 
 /// The name, in every command, of the distance between the computed and the exact solution of the
 /// semi-discrete equations.
-pub const OF_ALGORITHM: &str = "error of the algorithm";
+pub const ALGORITHM_ERROR: &str = "error of the algorithm";
 /// The name of the distance between the exact semi-discrete solution and the exact solution of the
 /// problem.
-pub const OF_GRID: &str = "error of the grid";
+pub const GRID_ERROR: &str = "error of the grid";
 
 /// `text` with a capital letter.
 pub fn sentence(text: &str) -> String {

@@ -1,7 +1,8 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
 use crate::base::text::{
-    OF_ALGORITHM, OF_GRID, coordinate_text, counted, on_one_line, rounded, sentence, short, word,
+    ALGORITHM_ERROR, GRID_ERROR, coordinate_text, counted, on_one_line, rounded, sentence, short,
+    word,
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
@@ -206,7 +207,7 @@ pub(crate) fn errors(case: &Case) -> String {
         Some(goal) => format!("at most {goal:e} of the density, by trial runs (accuracy)"),
         None => "printed at the end of a run; phasewarp advise finds a grid for it".to_owned(),
     };
-    format!("{}: {of_algorithm}; {OF_GRID}: {of_grid}\n", sentence(OF_ALGORITHM))
+    format!("{}: {of_algorithm}; {GRID_ERROR}: {of_grid}\n", sentence(ALGORITHM_ERROR))
 }
 
 /// The line about `[readout]`.

@@ -8,7 +8,6 @@ use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
 use crate::command::resources::has_counts;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, Owner};
@@ -31,8 +30,8 @@ use std::path::{Path, PathBuf};
 pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let names = export::NAMES.map(str::to_owned);
-    let owner = Owner::new(ExportKind::Quantum, &case);
-    let directory = output(world, &args.export, &owner, &names, &case)?;
+    let owner = Owner::new(ExportKind::Quantum, &case.settings);
+    let directory = output(world, &args.export, &owner, &names, &case.name)?;
     let (case, about_interface) = on_a_quantum_computer(case);
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
     let description = exported.description();
@@ -76,9 +75,9 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
 /// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let names = matrices::names(&case);
-    let owner = Owner::new(ExportKind::Matrix, &case);
-    let directory = output(world, args, &owner, &names, &case)?;
+    let names = matrices::names(&case.fields);
+    let owner = Owner::new(ExportKind::Matrix, &case.settings);
+    let directory = output(world, args, &owner, &names, &case.name)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
@@ -98,9 +97,9 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// [`Record::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
-    let owner = Owner::new(ExportKind::Circuit, &case);
+    let owner = Owner::new(ExportKind::Circuit, &case.settings);
     let names = NAMES.map(str::to_owned);
-    let directory = output(world, &args.export, &owner, &names, &case)?;
+    let directory = output(world, &args.export, &owner, &names, &case.name)?;
     has_counts(&case)?;
     let (case, about_interface) = on_a_quantum_computer(case);
     scene::refuse(&case)?;
@@ -108,7 +107,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let RoughSolution { ratio, norms } = prepared.rough_solution();
     let prepared = prepared.plan_modes(world, &here, ratio)?;
     let field_tolerance = case.warp.share * case.tolerance;
-    let planned = Preparation::of_plan(planned_modes(&case, &prepared.plan)?, field_tolerance);
+    let planned = Preparation::of_plan(planned_modes(&case.name, &prepared.plan)?, field_tolerance);
     let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
@@ -137,8 +136,9 @@ fn on_a_quantum_computer(case: Case) -> (Case, &'static str) {
     (by_default, "\ninterface conservative, as `resources` takes it: the case names none")
 }
 
-/// The directory of an export: that of `--output`, or `results/NAME/kind`. Unless `--force` is
-/// given, it is refused if files called `names` in it have another owner. Collective.
+/// The directory of an export of the case `name`: that of `--output`, or `results/NAME/kind`.
+/// Unless `--force` is given, it is refused if files called `names` in it have another owner.
+/// Collective.
 ///
 /// # Errors
 /// As [`Owner::refuse_to_replace`].
@@ -147,9 +147,9 @@ fn output(
     args: &ExportArgs,
     owner: &Owner,
     names: &[String],
-    case: &Case,
+    name: &str,
 ) -> Result<PathBuf> {
-    let by_default = || default_directory(&case.name).join(owner.export.word());
+    let by_default = || default_directory(name).join(owner.export.word());
     let directory = args.output.clone().unwrap_or_else(by_default);
     if !args.force {
         world.group().on_first_rank(|| owner.refuse_to_replace(&directory, names))?;
@@ -160,7 +160,6 @@ fn output(
 /// Assembles `case` with the whole of space on every rank. Also returns the resources for that.
 /// Collective.
 fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
-    refuse_too_large_here(world, case)?;
     let here =
         Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
     Ok((Prepared::new(world, case, &here)?, here))

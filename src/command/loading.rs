@@ -55,9 +55,9 @@ struct Continuation {
 }
 
 /// Keys of a continued run that DIR and `--until` give.
-const OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
+const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
 /// Keys that list output times of the first part.
-const OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
+const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
 /// Every dataset there is compared with its checksum. Collective.
@@ -115,7 +115,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     let own = overrides(changes);
     let key_of = |set: &String| set.split('=').next().unwrap_or_default().trim().to_owned();
     let keys: Vec<String> = own.iter().map(key_of).collect();
-    if let Some(key) = keys.iter().find(|key| OF_CONTINUATION.contains(&key.as_str())) {
+    if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(&key.as_str())) {
         return Err(wrong(&format!(
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
@@ -126,9 +126,9 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         case.settings.keys().any(|k| k.starts_with(*key)) && !keys.iter().any(|k| k == key)
     };
     let left_out: Vec<String> =
-        OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
+        KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
-    let before = before.filter(|set| !OF_CONTINUATION.contains(&key_of(set).as_str()));
+    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set).as_str()));
     // The stored path replaces that of the case file, which is relative to another directory.
     let mut files = Vec::new();
     let mut tables = BTreeMap::new();

@@ -7,7 +7,6 @@ use crate::command::cli::{RecordFormat, ResourcesArgs};
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json, print_unwrapped};
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::optimise::candidate::{CostedChoice, System};
@@ -29,7 +28,7 @@ const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gat
                         b upper bound, m model or estimate";
 
 /// Units of progress of a system.
-const OF_SYSTEM: usize = 4;
+const UNITS_OF_SYSTEM: usize = 4;
 
 /// Prints the counts of the cheapest set-up and of the case's own; with `--optimise` a ranking of
 /// choices, with `--accuracy` the cost from end to end. Collective.
@@ -101,8 +100,8 @@ fn show<T: Serialize + Display>(
 
 /// Progress of a search, and of `systems` systems beside it.
 fn progress(world: &World, case: &Case, systems: usize) -> Progress {
-    let of_search = deltas(case, 0.0).len() * (OF_SYSTEM + UNITS);
-    Progress::new(world.group().rank() == 0, "resources", of_search + systems * OF_SYSTEM)
+    let of_search = deltas(case, 0.0).len() * (UNITS_OF_SYSTEM + UNITS);
+    Progress::new(world.group().rank() == 0, "resources", of_search + systems * UNITS_OF_SYSTEM)
 }
 
 /// An assembled case and what is known of its solution.
@@ -117,7 +116,7 @@ impl ProbedCase {
     /// # Errors
     /// As [`Prepared::new`].
     fn new(world: &World, case: &Case) -> Result<Self> {
-        let mut prepared = prepare(world, case)?;
+        let mut prepared = Prepared::here(world, case)?;
         let rough = prepared.rough_solution();
         Ok(Self { prepared, rough })
     }
@@ -140,17 +139,17 @@ fn compare(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<C
     let mut progress = progress(world, case, 3);
     let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
-    let warp = planned_modes(case, &prepared.plan)?;
+    let warp = planned_modes(&case.name, &prepared.plan)?;
     let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
     let own = Record::new(&prepared, planned, rough.norms, synthesis)?;
     drop(prepared);
-    progress.advance(OF_SYSTEM);
+    progress.advance(UNITS_OF_SYSTEM);
     let RankedSystem { ranking, last } = optimise(world, case, synthesis, &mut progress)?;
     let (unitary, not_unitary) = match unitary(world, case, rough.norms, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
     };
-    progress.advance(OF_SYSTEM);
+    progress.advance(UNITS_OF_SYSTEM);
     let comparison = Comparison {
         cheapest: own.clone(),
         cheapest_settings: None,
@@ -230,7 +229,7 @@ fn unitary(
     norms: StateNorms,
     synthesis: RotationSynthesis,
 ) -> Result<Unitary> {
-    let prepared = prepare(world, &unitary_of(case)?)?;
+    let prepared = Prepared::here(world, &unitary_of(case)?)?;
     let accesses = accesses(&prepared, 1.0, synthesis);
     Ok(Unitary::new(&accesses, case.tolerance, norms.no_start()))
 }
@@ -253,7 +252,7 @@ fn optimise(
         // Frees the system of the `δ` before.
         drop(last.take());
         let ProbedCase { prepared, rough } = ProbedCase::new(world, &with_delta(&case, delta))?;
-        progress.advance(OF_SYSTEM);
+        progress.advance(UNITS_OF_SYSTEM);
         let accesses = &accesses(&prepared, rough.ratio, synthesis);
         let system = System {
             world: Some(&world.group()),
@@ -275,7 +274,7 @@ fn optimise(
 /// # Errors
 /// As [`Prepared::new`].
 fn largest_inflow(world: &World, case: &Case) -> Result<f64> {
-    let prepared = prepare(world, case)?;
+    let prepared = Prepared::here(world, case)?;
     let inflow = prepared.system.matrix.inflow.iter();
     let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
     Ok(prepared.communicator.space.max(largest))
@@ -306,9 +305,4 @@ pub(super) fn has_counts(case: &Case) -> Result<()> {
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     Ok(())
-}
-
-fn prepare(world: &World, case: &Case) -> Result<Prepared> {
-    refuse_too_large_here(world, case)?;
-    Prepared::new(world, case, &Resources::here(world))
 }

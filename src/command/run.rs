@@ -44,7 +44,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if args.resume && run::is_done(world, &directory, &case) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
-        return run::refuse_missed(world, &directory, &case);
+        return run::refuse_missed(world, &directory, case.strict);
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),
@@ -64,7 +64,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         print(world, &line);
     }
     let inherited = summary.continued.as_ref().map(Continued::line);
-    let goal = goal_line(&case, &summary);
+    let goal = goal_line(case.accuracy, &summary);
     for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
         print(world, &line);
     }
@@ -118,8 +118,8 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
 
 /// A line that says whether the density meets the case's accuracy. `None` if the case has none, or
 /// if the accuracy is missed, which `Summary::missed` reports at the end.
-fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
-    let goal = case.accuracy?;
+fn goal_line(goal: Option<f64>, summary: &Summary) -> Option<String> {
+    let goal = goal?;
     let found = match (summary.accuracy.goal_error, summary.accuracy.goal_estimate) {
         (Some(error), _) if error <= goal => format!("reached, {error:.1e}"),
         (Some(_), _) => return None,

@@ -9,10 +9,11 @@ use crate::command::loading::load;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::Plan;
 use crate::plan::here::{announce_slow_steps, memory_per_rank, refuse_too_large_here};
 use crate::plan::layout::Resources;
+use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Interface, Method};
+use crate::problem::limits::MOST_CELLS;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum::{self, Extremes, SpectrumEnd};
@@ -94,7 +95,9 @@ fn measure(
         plans.push(plan(world, case)?);
     }
     let mut found = Vec::new();
-    for ((case, (bounds, plan)), &refinement) in grids.iter().zip(&plans).zip(refine) {
+    for ((case, ProvisionalPlan { bounds, plan }), &refinement) in
+        grids.iter().zip(&plans).zip(refine)
+    {
         let grows = law_of(case.interface).may_grow();
         let systems = match (case.enters(), case.varies()) {
             (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
@@ -126,9 +129,7 @@ fn measure(
 
 /// Bounds and layout of a grid that fits into the memory of this machine. The memory is that of the
 /// classical method, which stores the same: the matrix and a few real vectors.
-fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
-    /// The largest number of cells that is measured.
-    const MOST_CELLS: f64 = 1e12;
+fn plan(world: &World, case: &Case) -> Result<ProvisionalPlan> {
     let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
     if cells > MOST_CELLS {
         return Err(Error::Memory {
@@ -142,10 +143,7 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     classical.method = Method::Classical;
     refuse_too_large_here(world, &classical)?;
     announce_slow_steps(world, case);
-    let bounds = Bounds::new(case)?;
-    let resources = Resources::here(world);
-    let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
-    Ok((bounds, plan))
+    ProvisionalPlan::new(&classical, &Resources::here(world))
 }
 
 /// The spectrum of one system on one grid. The caller fills in `refinement` and `system`.
@@ -157,7 +155,7 @@ fn on_grid(
     steps: usize,
 ) -> Result<GridSpectrum> {
     let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
-    announce_steps(world, case, &mut prepared, steps)?;
+    announce_steps(world, &mut prepared, steps)?;
     let space = &prepared.communicator.space;
     let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
     let system = &prepared.system;
@@ -186,10 +184,10 @@ fn on_grid(
 }
 
 /// Reports on the first rank how long the Lanczos steps take, if that is long. Collective.
-fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: usize) -> Result<()> {
+fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Result<()> {
     const FEW: usize = 1 << 18;
     const LONG: f64 = 4.0;
-    if case.space.cells() <= FEW {
+    if prepared.case.space.cells() <= FEW {
         return Ok(());
     }
     let started = Instant::now();
@@ -199,7 +197,7 @@ fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: us
         let seconds = seconds_text(seconds);
         report(&format!(
             "{} cells: {steps} Lanczos steps take up to {seconds}",
-            case.space.cells()
+            prepared.case.space.cells()
         ));
     }
     Ok(())

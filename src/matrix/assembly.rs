@@ -21,6 +21,7 @@ use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::rows::{MatrixEntry, Rows, RowsBuilder};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
+use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
 use std::ops::Range;
 
@@ -168,15 +169,15 @@ struct Layers<'a> {
 
 impl<'a> Layers<'a> {
     /// The layers of `block`, which has `rows` rows.
-    fn new(case: &Case, block: &Block, alike: &'a AlikeCells, rows: usize) -> Self {
+    fn new(space: &PhaseSpace, block: &Block, alike: &'a AlikeCells, rows: usize) -> Self {
         let velocities = block.velocity_cells;
-        let leading = &case.space.x[0];
+        let leading = &space.x[0];
         let count = leading.nodes.count();
         let range = block.ranges[0].start / count..block.ranges[0].end / count;
         let mut this = Self {
             alike,
             cells: Vec::with_capacity(block.space_cells() + block.ghosts() / velocities),
-            global_size: case.space.cells() / leading.elements(),
+            global_size: space.cells() / leading.elements(),
             local_size: block.cells() / range.len(),
             range,
             velocities,
@@ -294,7 +295,7 @@ impl Collector<'_> {
 /// Calls `finish` with the contributions of the rows of `A` to each layer of `block`, one after the
 /// other, as soon as a layer is complete.
 fn collect_layers(
-    case: &Case,
+    space: &PhaseSpace,
     scheme: &Scheme<'_>,
     block: &Block,
     layers: &Layers<'_>,
@@ -309,7 +310,7 @@ fn collect_layers(
         window: Default::default(),
         wrapped: Vec::new(),
     };
-    if case.space.is_periodic(0) && range.len() > 2 {
+    if space.is_periodic(0) && range.len() > 2 {
         collector.add_wrapped(scheme, row);
     }
     let mut next = range.start;
@@ -346,7 +347,7 @@ fn rows_by_layers(
     row: &mut Row,
 ) -> Rows {
     let rows = block.cells() + inflow.unknowns();
-    let layers = Layers::new(case, block, alike, rows);
+    let layers = Layers::new(&case.space, block, alike, rows);
     // Time-dependent couplings are not stored in the matrix.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
     let coupled = inflow.list.iter().enumerate();
@@ -354,7 +355,7 @@ fn rows_by_layers(
     let mut builder = RowsBuilder::with_capacity(rows);
     let mut sorter = Sorter::default();
     let mut done = 0;
-    collect_layers(case, scheme, block, &layers, row, |layer| {
+    collect_layers(&case.space, scheme, block, &layers, row, |layer| {
         sorter.drain(layer, layers.local_size, |entries| {
             if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
                 let column = block.cells() + if inflow.shared { 0 } else { m };

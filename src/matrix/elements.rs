@@ -105,16 +105,26 @@ fn advance(m: &mut [usize], shape: &[usize]) {
 
 /// Applies a matrix along each axis to `values`, the last axis fastest.
 pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
-    apply_in_elements(values, &matrices.iter().map(|m| (1, &m[..])).collect::<Vec<_>>())
+    apply_in_elements(
+        values,
+        &matrices.iter().map(|m| AxisMatrix { elements: 1, matrix: m }).collect::<Vec<_>>(),
+    )
 }
 
-/// Applies a matrix along each axis in each of its elements. `axes` gives for each axis the number
-/// of elements and the matrix, which has a column for each cell of an element. The last axis of
-/// `values` is the fastest.
-pub fn apply_in_elements(values: &[f64], axes: &[(usize, &[Vec<f64>])]) -> Vec<f64> {
+/// The matrix that is applied along an axis in each of its elements.
+pub struct AxisMatrix<'a> {
+    /// Number of elements of the axis.
+    pub elements: usize,
+    /// Rows of the matrix, with a column for each cell of an element.
+    pub matrix: &'a [Vec<f64>],
+}
+
+/// Applies a matrix along each of the `axes` in each of its elements. The last axis of `values` is
+/// the fastest.
+pub fn apply_in_elements(values: &[f64], axes: &[AxisMatrix<'_>]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut stride = 1;
-    for (elements, matrix) in axes.iter().rev() {
+    for AxisMatrix { elements, matrix } in axes.iter().rev() {
         let (rows, columns) = (matrix.len(), matrix[0].len());
         let outer = values.len() / (columns * stride);
         let mut next = vec![0.0; outer * rows * stride];

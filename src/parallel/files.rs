@@ -36,19 +36,28 @@ impl Deref for SharedFile<'_> {
 }
 
 impl<'a> SharedFile<'a> {
-    /// Opens a file for reading. Collective over `world`, as are all methods.
+    /// Opens a file, returns what `read` makes of it, and closes it, also after an error. `read` must
+    /// have the same outcome on all ranks. Collective over `world`, as are all methods.
     ///
     /// # Errors
-    /// What `fail` makes of HDF5's error, the same on all ranks.
-    pub fn open(world: &'a Group, path: &Path, fail: MakeError<'_>) -> Result<Self> {
+    /// What `fail` makes of HDF5's error, the same on all ranks; as `read`.
+    pub fn read<T>(
+        world: &'a Group,
+        path: &Path,
+        fail: MakeError<'_>,
+        read: impl FnOnce(&File) -> Result<T>,
+    ) -> Result<T> {
         let file = || File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path);
-        Self::new(world, fail, file)
+        let file = Self::new(world, fail, file)?;
+        let found = read(&file);
+        file.close(fail)?;
+        found
     }
 
     /// Creates a file for writing.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// What `fail` makes of HDF5's error, the same on all ranks.
     pub fn create(world: &'a Group, path: &Path, fail: MakeError<'_>) -> Result<Self> {
         let file = || {
             File::with_options()
@@ -73,7 +82,7 @@ impl<'a> SharedFile<'a> {
     /// Closes the file. All ranks must have had the same outcomes before.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// As [`create`](Self::create).
     pub fn close(self, fail: MakeError<'_>) -> Result<()> {
         let late = fail(&"could not be closed on all ranks");
         let file = ManuallyDrop::into_inner(self.file);

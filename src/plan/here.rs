@@ -51,8 +51,8 @@ pub fn seconds_to_evaluate(case: &Case) -> f64 {
 
 /// Seconds to plan a cell of space and a cell of phase space, beside evaluating `V`: 5.4 s were
 /// measured for 2e6 × 8 cells, 1.7 s for 4000 × 4000.
-const SECONDS_A_CELL_OF_SPACE: f64 = 2e-6;
-const SECONDS_A_CELL: f64 = 1e-7;
+const SECONDS_PER_SPACE_CELL: f64 = 2e-6;
+const SECONDS_PER_PHASE_CELL: f64 = 1e-7;
 
 /// Reports on the first rank that the steps before the solve take long: evaluating `V` and planning
 /// on a fine grid, as far as it fits into this machine's memory, and planning millions of modes.
@@ -69,7 +69,7 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
         report(&format!("solver.warp.points = {points}: {each}"));
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);
-    let plan = SECONDS_A_CELL_OF_SPACE * space + SECONDS_A_CELL * all;
+    let plan = SECONDS_PER_SPACE_CELL * space + SECONDS_PER_PHASE_CELL * all;
     let seconds = seconds_to_evaluate(case) + if fits { plan } else { 0.0 };
     if seconds > LONG {
         report(&format!(

@@ -2,6 +2,7 @@
 //! and memory.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
+use crate::base::memory::NamedBytes;
 use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
@@ -41,7 +42,7 @@ pub struct Layout {
     /// Largest modelled cost of a group over the mean.
     pub imbalance: f64,
     /// Names of arrays with their bytes on the fullest rank.
-    pub arrays: Vec<(String, u64)>,
+    pub arrays: Vec<NamedBytes>,
 }
 
 /// The ranks and the memory that a layout may use.
@@ -104,7 +105,7 @@ impl Layout {
         let ranks = resources.ranks;
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if let Some(space) = &resources.ranks_x {
-            let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
+            let layout = Self::of_mesh(case, bounds, warp, mesh_of(&case.space, space, ranks)?);
             return layout.within(case, bounds, warp, resources)?.numbered(&case.space);
         }
         // The cheapest mesh that fits. Fewest blocks come first; more must be faster by a factor.
@@ -150,7 +151,7 @@ impl Layout {
         warp: Option<&WarpPlan>,
         ranks: usize,
     ) -> impl Iterator<Item = Self> {
-        meshes(case, ranks).map(move |mesh| Self::of_mesh(case, bounds, warp, mesh))
+        meshes(&case.space, ranks).map(move |mesh| Self::of_mesh(case, bounds, warp, mesh))
     }
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: ProcessMesh) -> Self {
@@ -177,8 +178,8 @@ impl Layout {
     ) -> Option<(usize, ProcessMesh)> {
         let limit = resources.memory_per_rank?;
         let meshes = match &resources.ranks_x {
-            Some(space) => vec![mesh_of(case, space, resources.ranks).ok()?],
-            None => meshes(case, resources.ranks).collect(),
+            Some(space) => vec![mesh_of(&case.space, space, resources.ranks).ok()?],
+            None => meshes(&case.space, resources.ranks).collect(),
         };
         let mut best: Option<(usize, ProcessMesh)> = None;
         for mesh in meshes {
@@ -227,7 +228,7 @@ impl Layout {
 
     /// Planned bytes on the fullest rank.
     pub fn memory(&self) -> u64 {
-        self.arrays.iter().map(|a| a.1).sum()
+        self.arrays.iter().map(|a| a.bytes).sum()
     }
 
     /// Refuses a plan, made for `case`, `bounds` and `warp`, that does not fit into the memory of
@@ -246,7 +247,8 @@ impl Layout {
         if self.memory() <= limit {
             return Ok(self);
         }
-        let (name, bytes) = self.arrays.iter().max_by_key(|a| a.1).cloned().unwrap_or_default();
+        let largest = self.arrays.iter().max_by_key(|a| a.bytes).cloned();
+        let NamedBytes { name, bytes } = largest.unwrap_or_default();
         Err(Error::Memory {
             needed: bytes_text(self.memory()),
             available: bytes_text(limit),
@@ -260,10 +262,10 @@ impl Layout {
 }
 
 /// Every split of `ranks` into blocks × groups, fewest blocks first.
-fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = ProcessMesh> {
+fn meshes(grid: &PhaseSpace, ranks: usize) -> impl Iterator<Item = ProcessMesh> {
     let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
     blocks.filter_map(move |blocks| {
-        Some(ProcessMesh { space: split_axes(case, blocks)?, groups: ranks / blocks })
+        Some(ProcessMesh { space: split_axes(grid, blocks)?, groups: ranks / blocks })
     })
 }
 
@@ -304,8 +306,8 @@ fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option
     Some(2 * low).filter(|points| *points > 0)
 }
 
-fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<ProcessMesh> {
-    let n = case.space.dimension();
+fn mesh_of(grid: &PhaseSpace, space: &[usize], ranks: usize) -> Result<ProcessMesh> {
+    let n = grid.dimension();
     if space.len() > n {
         return Err(Error::Ranks(format!(
             "--ranks-x: {} numbers given, the case has {n} x-axes",
@@ -315,7 +317,7 @@ fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<ProcessMesh> {
     let mut space = space.to_vec();
     space.resize(n, 1);
     let mesh = ProcessMesh { space, groups: 1 };
-    mesh.validate(&case.space)?;
+    mesh.validate(grid)?;
     let blocks = mesh.blocks();
     if !ranks.is_multiple_of(blocks) {
         let divisors: Vec<String> =
@@ -329,15 +331,15 @@ fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<ProcessMesh> {
 }
 
 /// `blocks` split over the x-axes with the fewest ghosts; `None` if no axis has that many cells.
-fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
+fn split_axes(grid: &PhaseSpace, blocks: usize) -> Option<Vec<usize>> {
     fn visit(
-        case: &Case,
+        grid: &PhaseSpace,
         axis: usize,
         left: usize,
         parts: &mut Vec<usize>,
         best: &mut Option<(usize, Vec<usize>)>,
     ) {
-        let axes = &case.space.x;
+        let axes = &grid.x;
         if axis == axes.len() {
             if left == 1 {
                 // Ghost cells of an inner block.
@@ -356,14 +358,14 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
             }
             return;
         }
-        for p in (1..=left.min(case.space.most_blocks(axis))).filter(|p| left.is_multiple_of(*p)) {
+        for p in (1..=left.min(grid.most_blocks(axis))).filter(|p| left.is_multiple_of(*p)) {
             parts.push(p);
-            visit(case, axis + 1, left / p, parts, best);
+            visit(grid, axis + 1, left / p, parts, best);
             parts.pop();
         }
     }
     let mut best = None;
-    visit(case, 0, blocks, &mut Vec::new(), &mut best);
+    visit(grid, 0, blocks, &mut Vec::new(), &mut best);
     best.map(|(_, parts)| parts)
 }
 

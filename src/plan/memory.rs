@@ -1,5 +1,6 @@
 //! Memory of a run on a rank, in bytes, before anything is allocated.
 
+use crate::base::memory::NamedBytes;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -27,11 +28,11 @@ const EXCHANGE_BYTES: u64 = 1 << 20;
 /// two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
 mod chunk {
     /// The first step, for each chunk of the dataset.
-    pub const OF_ALL: u64 = 4720;
+    pub const FIRST_STEP: u64 = 4720;
     /// The second step, for each chunk of the dataset.
-    pub const WRITING: u64 = 950;
+    pub const SECOND_STEP: u64 = 950;
     /// The second step in addition, for each chunk that the rank writes a part of.
-    pub const WRITING_OWN: u64 = 10_430;
+    pub const SECOND_STEP_OWN: u64 = 10_430;
 }
 
 /// Bytes of a rank, of `ranks` in all, that are pages of the files of the program and its
@@ -74,7 +75,7 @@ pub(crate) fn memory_of_points(
     let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
     let warp = WarpPlan { points: Some(points), modes, ..warp.clone() };
     let list = arrays(case, bounds, Some(&warp), mesh, most);
-    list.iter().map(|a| a.1).sum()
+    list.iter().map(|a| a.bytes).sum()
 }
 
 /// Bytes that HDF5 takes while it writes a dataset of the user's grid in chunks. Measured: 11.4 kB
@@ -90,7 +91,7 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + shared).min(layers);
     let own = (chunks.div_ceil(layers) * own_layers).min(chunks);
     let [chunks, own] = [chunks, own].map(|n| n as u64);
-    (chunk::OF_ALL * chunks).max(chunk::WRITING * chunks + chunk::WRITING_OWN * own)
+    (chunk::FIRST_STEP * chunks).max(chunk::SECOND_STEP * chunks + chunk::SECOND_STEP_OWN * own)
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
@@ -102,7 +103,7 @@ pub(crate) fn arrays(
     warp: Option<&WarpPlan>,
     mesh: &ProcessMesh,
     most: usize,
-) -> Vec<(String, u64)> {
+) -> Vec<NamedBytes> {
     let rank = FullestRank::new(case, bounds, mesh);
     let solving = match warp {
         Some(warp) => rank.modes(warp, most),
@@ -111,7 +112,7 @@ pub(crate) fn arrays(
     let results = rank.results(warp);
     let [estimating, expanding] = [rank.estimate(), rank.expanded()]
         .map(|more| results.iter().cloned().chain(more).collect::<Vec<_>>());
-    let bytes = |list: &Vec<(String, u64)>| -> u64 { list.iter().map(|a| a.1).sum() };
+    let bytes = |list: &Vec<NamedBytes>| -> u64 { list.iter().map(|a| a.bytes).sum() };
     let largest =
         [expanding, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
     [rank.system(), largest].concat()
@@ -178,7 +179,7 @@ impl<'a> FullestRank<'a> {
     }
 
     /// Arrays that exist during the whole run: matrix, states, inflow.
-    fn system(&self) -> Vec<(String, u64)> {
+    fn system(&self) -> Vec<NamedBytes> {
         let (case, bounds, rows) = (self.case, self.bounds, self.rows());
         let n = case.space.dimension() as u64;
         // Equal rows are stored once: those of cells of one kind with neighbours of the same kinds.
@@ -198,35 +199,38 @@ impl<'a> FullestRank<'a> {
         let ranks = self.mesh.ranks();
         let allocated = PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES;
         let mut list = vec![
-            ("program and libraries".to_owned(), allocated + program_file_bytes(ranks)),
-            ("matrix (S, K)".to_owned(), matrix),
-            ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
+            NamedBytes::new("program and libraries", allocated + program_file_bytes(ranks)),
+            NamedBytes::new("matrix (S, K)", matrix),
+            NamedBytes::new("states, weights", 8 * (1 + self.fields()) * self.length()),
         ];
         if case.method == Method::Schrodingerized {
             // They are freed, but the allocator keeps their memory.
-            list.push(("values at the start".to_owned(), 8 * self.cells));
+            list.push(NamedBytes::new("values at the start", 8 * self.cells));
         }
         let chunks = chunk_bytes(case, self.mesh);
         if chunks > 0 {
-            list.push(("chunks being written".to_owned(), chunks));
+            list.push(NamedBytes::new("chunks being written", chunks));
         }
         list.extend(self.exact());
         for (file, table) in case.table_values() {
             // Copies of a case share the table.
-            list.push((format!("table of {}", file.of.key()), 8 * table.values().len() as u64));
+            list.push(NamedBytes::new(
+                format!("table of {}", file.of.key()),
+                8 * table.values().len() as u64,
+            ));
         }
         if self.inflow_rows > 0 {
             let each = size_of::<AuxiliaryRow>() as u64 + 8 * bounds.stages as u64;
-            list.push(("inflow".to_owned(), self.inflow_rows * each));
+            list.push(NamedBytes::new("inflow", self.inflow_rows * each));
         }
         if bounds.stages > 0 {
-            list.push(("field of the time steps".to_owned(), 8 * self.cells));
+            list.push(NamedBytes::new("field of the time steps", 8 * self.cells));
         }
         list
     }
 
     /// Arrays of a run by modes in addition to the system, with at most `most` modes on a rank.
-    fn modes(&self, warp: &WarpPlan, most: usize) -> Vec<(String, u64)> {
+    fn modes(&self, warp: &WarpPlan, most: usize) -> Vec<NamedBytes> {
         let case = self.case;
         let share = MatrixShare {
             case,
@@ -242,10 +246,10 @@ impl<'a> FullestRank<'a> {
             let most = most as u64;
             let groups = self.mesh.groups as u64;
             buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
-            list.push(("kept modes".to_owned(), kept_modes_bytes(self.rows(), most)));
-            list.push(("buffers of the transpose".to_owned(), buffers));
+            list.push(NamedBytes::new("kept modes", kept_modes_bytes(self.rows(), most)));
+            list.push(NamedBytes::new("buffers of the transpose", buffers));
             if case.start.is_some() {
-                list.push(("start between its points".to_owned(), line_bytes(points as u64)));
+                list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));
             }
         }
         // Sums of one field at a time on the block; recovered fields on a rank's share of it.
@@ -254,45 +258,45 @@ impl<'a> FullestRank<'a> {
         let sums = 16 * (readings + plateau + steps) * self.cells;
         // They are freed before kept modes are written, but the allocator keeps a part of them
         // beside the buffers for that: about half, as was measured.
-        list.push(("recovery sums".to_owned(), sums - sums.min(buffers) / 2));
+        list.push(NamedBytes::new("recovery sums", sums - sums.min(buffers) / 2));
         // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
         if case.start.is_some() && warp.legs.len() == 1 {
-            list.push(("start of a batch".to_owned(), between));
+            list.push(NamedBytes::new("start of a batch", between));
         }
         if warp.legs.len() > 1 {
-            list.push(("between legs".to_owned(), between));
+            list.push(NamedBytes::new("between legs", between));
         }
         let passed = warp.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
         if passed > 0 {
             let largest = warp.largest_work() as u64;
             let bytes = PassedMoments::bytes(&share, self.points, passed as u64, largest);
-            list.push(("moments on the way".to_owned(), bytes));
+            list.push(NamedBytes::new("moments on the way", bytes));
         }
         if !case.times.is_empty() {
             let early = self.early_sums(warp.points.is_some())
                 + self.early(self.fields() - 1)
                 + TIME_BYTES * case.times.len() as u64;
-            list.push(("output times".to_owned(), early));
+            list.push(NamedBytes::new("output times", early));
         }
         list.extend(self.at_start(self.share()));
         // For each earlier field; the last field stores one number in place of the two integers of
         // a sum.
         let before = (readings + steps) * (self.fields() - 1);
-        list.push(("recovered fields".to_owned(), 8 * (before + 1) * self.share()));
-        list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
+        list.push(NamedBytes::new("recovered fields", 8 * (before + 1) * self.share()));
+        list.push(NamedBytes::new("ghost exchange", 2 * 128 * self.ghosts));
         list
     }
 
     /// The fields at time zero, of `cells` cells each, if they are kept to be written.
-    fn at_start(&self, cells: u64) -> Option<(String, u64)> {
+    fn at_start(&self, cells: u64) -> Option<NamedBytes> {
         self.case.at_start.filter(|start| start.fields)?;
-        Some(("fields at time 0".to_owned(), 8 * self.fields() * cells))
+        Some(NamedBytes::new("fields at time 0", 8 * self.fields() * cells))
     }
 
     /// Arrays of a classical run in addition to the system: initial values, results and the vectors
     /// of the integrator.
-    fn classical(&self) -> Vec<(String, u64)> {
+    fn classical(&self) -> Vec<NamedBytes> {
         let (case, cells, length) = (self.case, self.cells, self.length());
         // Only vectors whose memory is touched count.
         let vectors = match case.integrator {
@@ -301,11 +305,11 @@ impl<'a> FullestRank<'a> {
         };
         let mut list = vec![
             // All fields, and the state of the current one.
-            ("fields".to_owned(), 8 * (self.fields() * cells + length)),
-            ("integrator".to_owned(), 8 * vectors * length),
+            NamedBytes::new("fields", 8 * (self.fields() * cells + length)),
+            NamedBytes::new("integrator", 8 * vectors * length),
         ];
         if !case.times.is_empty() {
-            list.push(("output times".to_owned(), self.early(self.fields())));
+            list.push(NamedBytes::new("output times", self.early(self.fields())));
         }
         list.extend(self.at_start(cells));
         if case.limiter != Limiter::None {
@@ -316,22 +320,22 @@ impl<'a> FullestRank<'a> {
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
             let lines = force * cells / case.space.v[0].cells as u64;
             let slopes = 8 * length + 16 * n * self.points + 72 * ends + 8 * n * lines;
-            list.push(("slopes".to_owned(), slopes));
+            list.push(NamedBytes::new("slopes", slopes));
         }
         list
     }
 
     /// The results, which exist in addition to the system after the solve.
-    fn results(&self, warp: Option<&WarpPlan>) -> Vec<(String, u64)> {
+    fn results(&self, warp: Option<&WarpPlan>) -> Vec<NamedBytes> {
         let case = self.case;
         let (readings, plateau) =
             warp.map_or((1, 0), |w| (w.readings.len() as u64, w.plateau.len() as u64));
         let steps = u64::from(warp.is_some() && case.propagator.method.order() > 0);
         let numbers = (readings + steps) * self.fields() + plateau;
-        let mut list = vec![("recovered fields".to_owned(), 8 * numbers * self.share())];
+        let mut list = vec![NamedBytes::new("recovered fields", 8 * numbers * self.share())];
         if !case.times.is_empty() {
             let early = self.early(self.fields()) + self.early_moments();
-            list.push(("output times".to_owned(), early));
+            list.push(NamedBytes::new("output times", early));
         }
         list.extend(self.at_start(self.share()));
         list
@@ -339,7 +343,7 @@ impl<'a> FullestRank<'a> {
 
     /// Memory of the estimate of the grid's error: vectors for one axis after the other, or the
     /// coefficients of elements.
-    fn estimate(&self) -> Option<(String, u64)> {
+    fn estimate(&self) -> Option<NamedBytes> {
         let space = &self.case.space;
         let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
         let of_a_cell = match &self.case.data {
@@ -348,11 +352,11 @@ impl<'a> FullestRank<'a> {
             Data::Density if space.axes().any(is_coarse) => 4 * 8 + 2,
             Data::Density => 2 * 8,
         };
-        Some(("estimate of the grid's error".to_owned(), of_a_cell * self.cells))
+        Some(NamedBytes::new("estimate of the grid's error", of_a_cell * self.cells))
     }
 
     /// The results on the user's grid, if the computed one is another.
-    fn expanded(&self) -> Option<(String, u64)> {
+    fn expanded(&self) -> Option<NamedBytes> {
         let Self { case, mesh, .. } = self;
         let shown = grid(case);
         if shown == case.space {
@@ -365,7 +369,7 @@ impl<'a> FullestRank<'a> {
         let mesh = ProcessMesh { space: mesh.space.clone(), groups };
         let share = cells / layers * largest_share(&shown.x[0], &mesh);
         let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
-        Some(("results as shown".to_owned(), 8 * self.fields() * times * share))
+        Some(NamedBytes::new("results as shown", 8 * self.fields() * times * share))
     }
 
     /// Cells of the block on the user's grid.
@@ -375,7 +379,7 @@ impl<'a> FullestRank<'a> {
     }
 
     /// The exact solution, which is stored once.
-    fn exact(&self) -> Option<(String, u64)> {
+    fn exact(&self) -> Option<NamedBytes> {
         let case = self.case;
         case.exact.as_ref()?;
         let shown = grid(case);
@@ -395,7 +399,7 @@ impl<'a> FullestRank<'a> {
         let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
         let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
-        Some(("exact solution".to_owned(), values + 80 * points + moments))
+        Some(NamedBytes::new("exact solution", values + 80 * points + moments))
     }
 
     /// Numbers that are stored for a field at a point of space, at each output time: its moments,

@@ -3,7 +3,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, Settings, differing_setting};
+use crate::problem::case::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -46,9 +46,9 @@ pub struct Owner {
 }
 
 impl Owner {
-    /// The owner of an export of `case`.
-    pub fn new(export: ExportKind, case: &Case) -> Self {
-        Self { export, settings: case.settings.clone() }
+    /// The owner of an export of the case with these `settings`.
+    pub fn new(export: ExportKind, settings: &Settings) -> Self {
+        Self { export, settings: settings.clone() }
     }
 
     /// Refuses to replace, in `directory`, an export of another case or another kind, and files

@@ -45,6 +45,9 @@ pub const LARGEST_NUMBER: f64 = 1e100;
 /// Largest `solver.tolerance`.
 pub const LARGEST_TOLERANCE: f64 = 0.1;
 
+/// Largest `|p|` that is given: beyond it `e^p` overflows or vanishes.
+pub const LARGEST_P: f64 = 300.0;
+
 /// Largest `|σT|` of a spectral shift.
 pub const LARGEST_SHIFT: f64 = 25.0;
 

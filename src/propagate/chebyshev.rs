@@ -27,6 +27,7 @@
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
 use crate::base::error::{Error, Result};
+use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
@@ -349,15 +350,15 @@ impl Descriptor for ChebyshevMethod {
         true
     }
 
-    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes> {
         // For an inflow that varies, the start of a stage and its rounding errors are stored beside
         // the recurrence.
         let vectors = 2 + 2 * u64::from(share.case.varies());
         let batch = vectors * size_of::<Lanes>() as u64 * share.length;
         let velocities = share.case.space.velocity_cells() as u64;
         vec![
-            (format!("batch of {LANES} modes"), batch),
-            ("order of the blocking".to_owned(), Blocking::most_bytes(share.rows, velocities)),
+            NamedBytes::new(format!("batch of {LANES} modes"), batch),
+            NamedBytes::new("order of the blocking", Blocking::most_bytes(share.rows, velocities)),
         ]
     }
 

@@ -19,6 +19,7 @@
 //! Modes are propagated one after the other, so that one set of factors is stored.
 
 use crate::base::error::{Error, Result};
+use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
@@ -187,15 +188,15 @@ impl Descriptor for ImplicitMethod {
         20.0
     }
 
-    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes> {
         let &MatrixShare { rows, length, entries, .. } = share;
         let vectors = vectors(share.mesh.blocks() > 1) as u64;
         let batch = 2 * size_of::<Lanes>() as u64 * rows;
         let factors = 60 * entries + (factor_bytes(share) * rows as f64) as u64;
         vec![
-            (format!("batch of {LANES} modes"), batch),
-            ("vectors of the solver".to_owned(), vectors * 16 * length),
-            ("factors (estimated)".to_owned(), factors),
+            NamedBytes::new(format!("batch of {LANES} modes"), batch),
+            NamedBytes::new("vectors of the solver", vectors * 16 * length),
+            NamedBytes::new("factors (estimated)", factors),
         ]
     }
 

@@ -28,6 +28,7 @@
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
+use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Interval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
@@ -463,11 +464,11 @@ impl Descriptor for KrylovMethod {
         2
     }
 
-    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes> {
         let (lanes, vectors) = (size_of::<Lanes>() as u64, DIMENSION as u64 + 1);
         vec![
-            (format!("batch of {LANES} modes"), lanes * share.rows),
-            ("Krylov space".to_owned(), vectors * lanes * share.length),
+            NamedBytes::new(format!("batch of {LANES} modes"), lanes * share.rows),
+            NamedBytes::new("Krylov space", vectors * lanes * share.length),
         ]
     }
 

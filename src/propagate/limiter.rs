@@ -28,6 +28,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::parallel::communicator::GhostExchange;
 use crate::parallel::partition::LocalIndex;
 use crate::problem::case::{Case, Limiter};
+use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
 
 /// The longest step of forward Euler that keeps the maximum principle, times the largest rate:
@@ -131,7 +132,7 @@ impl Reconstruction {
             limiter: case.limiter,
             velocity_cells: matrix.block.velocity_cells,
             transport: (0..n)
-                .map(|a| LimitedTransport::new(case, &scheme, matrix, a, field, &mut row))
+                .map(|a| LimitedTransport::new(&case.space, &scheme, matrix, a, field, &mut row))
                 .collect(),
             force: (0..n)
                 .map(|a| LimitedForce::new(case, &scheme, matrix, a, field, &mut row))
@@ -168,14 +169,14 @@ impl Reconstruction {
 
 impl LimitedTransport {
     fn new(
-        case: &Case,
+        space: &PhaseSpace,
         scheme: &Scheme<'_>,
         matrix: &BlockMatrix,
         axis: usize,
         field: usize,
         row: &mut Row,
     ) -> Self {
-        let (space, block) = (&case.space, &matrix.block);
+        let block = &matrix.block;
         let (nv, rows) = (block.velocity_cells, matrix.rows());
         let local = |global: usize| match block.local(global) {
             Some(LocalIndex::Own(i)) => Some(i as u32),

@@ -4,6 +4,7 @@
 //! plan needs beforehand.
 
 use crate::base::error::Result;
+use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::problem::case::Propagation;
@@ -172,7 +173,7 @@ pub trait Descriptor: Sync {
     }
 
     /// The propagator's arrays and their bytes.
-    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)>;
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes>;
 
     /// Method and work in words.
     fn summary(&self, work: &RunWork) -> String;

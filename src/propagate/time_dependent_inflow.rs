@@ -30,7 +30,7 @@ use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Delta, Embedding};
-use crate::problem::grid::describe_point;
+use crate::problem::grid::{PhaseSpace, describe_point};
 use crate::propagate::classical::{Classical, ClassicalSpan};
 
 /// The part of the tolerance that the time steps may take.
@@ -189,14 +189,14 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
 /// the space group.
 fn norm(
     communicator: &Communicator,
-    case: &Case,
+    space: &PhaseSpace,
     matrix: &BlockMatrix,
     f: impl Fn(usize) -> f64,
 ) -> f64 {
     let nv = matrix.block.velocity_cells;
     let square = |c: usize| [(c * nv..(c + 1) * nv).map(|i| f(i) * f(i)).sum::<f64>()];
     let points = 0..matrix.block.cells() / nv;
-    let [sum] = (communicator.space).sum_lanes(case.space.space_cells(), points.map(square));
+    let [sum] = (communicator.space).sum_lanes(space.space_cells(), points.map(square));
     sum.sqrt()
 }
 
@@ -275,7 +275,7 @@ impl StepSearch<'_> {
             true => f(i),
             false => f(i) / self.start.weights[i].sqrt(),
         };
-        norm(self.communicator, self.case, self.matrix, unweighted)
+        norm(self.communicator, &self.case.space, self.matrix, unweighted)
     }
 
     /// The growth by each row from one unknown for all rows, times `δ²`: `π b²/(2 g)`, for elements

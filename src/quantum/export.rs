@@ -197,8 +197,8 @@ impl Export {
     /// of two, or a start that is zero; as [`Complete::new`].
     pub fn new(prepared: &mut Prepared, estimate: Option<usize>) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
-        let warp = planned_modes(case, plan)?;
-        let grid = PointGrid::new(case, warp)?;
+        let warp = planned_modes(&case.name, plan)?;
+        let grid = PointGrid::new(&case.name, warp)?;
         let (cells, rows) = (case.space.cells(), system.matrix.rows());
         let registers = CircuitRegisters::new(case, grid.points, rows)?;
         let unknowns = cells << registers.label;
@@ -312,7 +312,7 @@ impl ExportDescription {
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
         Self {
-            owner: Owner::new(ExportKind::Quantum, case),
+            owner: Owner::new(ExportKind::Quantum, &case.settings),
             title: case.title.clone(),
             interface: case.interface,
             qubits_p: registers.p,

@@ -77,11 +77,11 @@ struct MatrixDescription<'a> {
 }
 
 /// Names of all files but the description.
-pub fn names(case: &Case) -> Vec<String> {
+pub fn names(fields: &[LiouvilleField]) -> Vec<String> {
     let vectors =
         |field: &LiouvilleField| ["b", "initial"].map(|what| format!("{what}_{}.npy", field.name));
     let fixed = ["A.mtx", "S.mtx", "K.mtx", "weights.npy"].map(str::to_owned);
-    fixed.into_iter().chain(case.fields.iter().flat_map(vectors)).collect()
+    fixed.into_iter().chain(fields.iter().flat_map(vectors)).collect()
 }
 
 /// Refuses a case whose matrices are not all of it.
@@ -125,7 +125,7 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
     }
     scheme.inflow_is_finite(&row)?;
     let entries = a.entries;
-    write("A.mtx", a.text(case).as_bytes())?;
+    write("A.mtx", a.text(&case.title).as_bytes())?;
 
     let mut s = MatrixMarket::new(unknowns, Symmetry::Symmetric);
     let mut k = MatrixMarket::new(unknowns, Symmetry::SkewSymmetric);
@@ -135,8 +135,8 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
             k.entry(i, j, of_k);
         }
     }
-    write("S.mtx", s.text(case).as_bytes())?;
-    write("K.mtx", k.text(case).as_bytes())?;
+    write("S.mtx", s.text(&case.title).as_bytes())?;
+    write("K.mtx", k.text(&case.title).as_bytes())?;
 
     let roots: Vec<f64> = system.weights.pi[..unknowns].iter().map(|pi| pi.sqrt()).collect();
     write("weights.npy", &numpy::real(&roots))?;
@@ -145,7 +145,7 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
         write(&format!("initial_{}.npy", field.name), &numpy::real(&state[..unknowns]))?;
     }
     let counts = MatrixCounts { cells, unknowns, entries };
-    let owner = Owner::new(ExportKind::Matrix, case);
+    let owner = Owner::new(ExportKind::Matrix, &case.settings);
     exported::write(directory, &MatrixDescription { owner, title: &case.title, counts })?;
     Ok(counts)
 }
@@ -172,9 +172,9 @@ impl MatrixMarket {
     }
 
     /// The file, with the title of the case.
-    fn text(&self, case: &Case) -> String {
+    fn text(&self, title: &str) -> String {
         let Self { order, entries, lines, .. } = self;
-        let (word, title) = (self.symmetry.word(), case.title.replace(['\n', '\r'], " "));
+        let (word, title) = (self.symmetry.word(), title.replace(['\n', '\r'], " "));
         format!(
             "%%MatrixMarket matrix coordinate real {word}\n% {title}\n\
              {order} {order} {entries}\n{lines}"

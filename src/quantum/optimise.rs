@@ -23,12 +23,14 @@ mod tests;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::problem::case::{
-    Alpha, Case, Delta, EndFlux, Interface, Limiter, Method, ProfileChoice,
+    Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, EndFlux, Interface, Limiter,
+    Method, ProfileChoice,
 };
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::optimise::grid::PricedGrid;
 use crate::quantum::optimise::pricing::choice;
+use crate::scheme::interface::law_of;
 use crate::schrodingerization::placement::takes_one_mode;
 
 /// The default profiles of a run, for comparison.
@@ -36,21 +38,21 @@ const DEFAULTS: [ProfileChoice; 8] = [
     ProfileChoice::Designed,
     ProfileChoice::Gaussian { sigma: None },
     ProfileChoice::LowSomma { c: None },
-    ProfileChoice::Acl { beta: 0.75 },
-    ProfileChoice::Smooth { order: 8 },
+    ProfileChoice::Acl { beta: DEFAULT_BETA },
+    ProfileChoice::Smooth { order: DEFAULT_ORDER },
     ProfileChoice::Smooth { order: 2 },
-    ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) },
+    ProfileChoice::Exponential { alpha: Alpha::Constant(DEFAULT_ALPHA) },
     ProfileChoice::Exponential { alpha: Alpha::Constant(10.0) },
 ];
 /// The furthest that `p◇` is moved beyond where the profile is first `e^{−p}`: there the
 /// probability is `e^{−4}` times as large.
 const FURTHEST: f64 = 2.0;
 
-/// `case` with the scheme that is taken on a quantum computer: of degree 0 the conservative
-/// interface, which is stable without weights.
+/// `case` with the scheme that is taken on a quantum computer: in place of an interface law that
+/// needs weights the conservative one, which is stable without them.
 pub fn scheme_of(case: &Case) -> Case {
     let mut case = case.clone();
-    if case.interface == Interface::Hat {
+    if law_of(case.interface).may_grow() {
         (case.interface, case.warp.weights) = (Interface::Conservative, false);
     }
     case

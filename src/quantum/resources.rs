@@ -34,7 +34,8 @@ use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
 use crate::quantum::walk::{
-    OF_ROTATIONS, OF_ROUNDING, OF_SERIES, OracleQueries, WalkCost, WalkRegisters, of_evolution,
+    OracleQueries, ROTATIONS_PART, ROUNDING_PART, SERIES_PART, WalkCost, WalkRegisters,
+    evolution_part,
 };
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -171,8 +172,8 @@ impl ErrorBudget {
     fn new(points: usize, planned: f64, window_error: Option<f64>) -> Self {
         let profile =
             if points == 1 { 0.0 } else { planned * window_error.unwrap_or(1.0).max(1.0) };
-        let evolution = of_evolution(points > 1);
-        let parts = [OF_SERIES, OF_ROUNDING, OF_ROTATIONS].map(|part| part * evolution);
+        let evolution = evolution_part(points > 1);
+        let parts = [SERIES_PART, ROUNDING_PART, ROTATIONS_PART].map(|part| part * evolution);
         let [series, rounding, rotations] = parts.map(LabelledNumber::bound);
         Self {
             profile_and_window: LabelledNumber::bound(profile),
@@ -280,7 +281,7 @@ pub struct Unitary {
 /// The properties of the unitary scheme.
 const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid does not resolve are \
                        not damped, and what reaches an end of the box comes back as such waves. \
-                       Its error is another: `--accuracy` compares at equal error of the density";
+                       Its error differs: `--accuracy` compares at equal error of the density";
 
 /// The set-up that is cheapest on a quantum computer, and the case's own and the unitary scheme
 /// beside it.
@@ -331,7 +332,7 @@ pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -
     // A unitary flow keeps the norm; a rough solution does so to some digits. Of f = 0 no rounding
     // changes anything.
     let ratio = if bounds.is_skew() || ratio.is_nan() { 1.0 } else { ratio };
-    let rounding = OF_ROUNDING * of_evolution(!bounds.is_skew()) * case.tolerance / ratio;
+    let rounding = ROUNDING_PART * evolution_part(!bounds.is_skew()) * case.tolerance / ratio;
     Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
 }
 
@@ -399,7 +400,7 @@ impl Record {
         let exact = LabelledNumber::exact;
         let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
         let probabilities = Probabilities::new(&state, norms, &estimate);
-        let fine = probabilities.amplitude().times(&exact(of_evolution(points > 1) * tolerance));
+        let fine = probabilities.amplitude().times(&exact(evolution_part(points > 1) * tolerance));
         let error_budget =
             ErrorBudget::new(points, field_tolerance / tolerance, probabilities.window_error);
         let tau = exact(d * largest * time);

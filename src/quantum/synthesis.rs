@@ -2,13 +2,13 @@
 //!
 //! A rotation about z to accuracy `ε` in norm takes `3 log₂ 1/ε` T gates and a few more (Ross and
 //! Selinger 2016, without ancillas); one about y takes the same between Clifford gates. All
-//! rotations of an evolution have equal shares of [`OF_ROTATIONS`] of its tolerance.
+//! rotations of an evolution have equal shares of [`ROTATIONS_PART`] of its tolerance.
 //!
 //! To compare gates of both kinds a Toffoli gate counts as [`T_OF_TOFFOLI_STATE`] T gates: as many
 //! prepare its state, where a measurement undoes what is left (Jones 2013; Gidney 2018).
 
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::walk::OF_ROTATIONS;
+use crate::quantum::walk::ROTATIONS_PART;
 use serde::Serialize;
 use std::fmt;
 
@@ -44,9 +44,9 @@ impl RotationSynthesis {
         let Self { factor, constant } = self;
         let why = format!(
             "{factor} log2(1/e) + {constant} T gates of a rotation to e, all of them to \
-             {OF_ROTATIONS} of the tolerance"
+             {ROTATIONS_PART} of the tolerance"
         );
-        let bits = (rotations.max(1.0) / (OF_ROTATIONS * tolerance)).log2().max(0.0);
+        let bits = (rotations.max(1.0) / (ROTATIONS_PART * tolerance)).log2().max(0.0);
         LabelledNumber::model((factor * bits + constant).ceil(), &why)
     }
 }
@@ -63,8 +63,11 @@ mod tests {
         for (rotations, tolerance) in [(1.0, 0.1), (3e4, 1e-3), (1e9, 1e-10)] {
             let each = synthesis.t_of_each(rotations, tolerance).value().expect("a number");
             let off = |t: f64| rotations * ((synthesis.constant - t) / synthesis.factor).exp2();
-            assert!(off(each) <= OF_ROTATIONS * tolerance, "{rotations} {tolerance}: {each}");
-            assert!(off(each - 1.0) > OF_ROTATIONS * tolerance, "{rotations} {tolerance}: {each}");
+            assert!(off(each) <= ROTATIONS_PART * tolerance, "{rotations} {tolerance}: {each}");
+            assert!(
+                off(each - 1.0) > ROTATIONS_PART * tolerance,
+                "{rotations} {tolerance}: {each}"
+            );
         }
     }
 }

@@ -25,10 +25,10 @@
 //! is off by `X/(√2 (2^{m−1} − 1))`, `H` by `d` times that, and `e^{−iHT}` by `τ/(√2 (2^{m−1} −
 //! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems.
 //!
-//! **Budget.** Of the tolerance of the field the profile in its window has [`OF_PROFILE`], and the
-//! evolution [`OF_EVOLUTION`]; without a profile the evolution has all of it ([`of_evolution`]). Of
-//! the evolution's tolerance the cut series has [`OF_SERIES`], rounded values, or jumps that are
-//! rounded to levels, have [`OF_ROUNDING`], and rotations by Clifford and T gates [`OF_ROTATIONS`].
+//! **Budget.** Of the tolerance of the field the profile in its window has [`PROFILE_PART`], and the
+//! evolution [`EVOLUTION_PART`]; without a profile the evolution has all of it ([`evolution_part`]). Of
+//! the evolution's tolerance the cut series has [`SERIES_PART`], rounded values, or jumps that are
+//! rounded to levels, have [`ROUNDING_PART`], and rotations by Clifford and T gates [`ROTATIONS_PART`].
 //! A series whose rest is `t` is within `2t` of the exponential as a sequence of steps
 //! ([`phases`](crate::quantum::phases)): so `K` is the least degree with `2t` in its part.
 //!
@@ -51,16 +51,16 @@ pub const LOCATION_CALLS: f64 = 2.0;
 /// Calls of the value oracle in a step of the walk, inverses included.
 pub const VALUE_CALLS: f64 = 4.0;
 /// Part of the tolerance of the field that the profile may take, in the window or at the point.
-pub const OF_PROFILE: f64 = 0.5;
+pub const PROFILE_PART: f64 = 0.5;
 /// Part of the tolerance of the field that the evolution may take, relative to the state.
-pub const OF_EVOLUTION: f64 = 0.5;
+pub const EVOLUTION_PART: f64 = 0.5;
 /// Part of the evolution's tolerance that the cut series may take.
-pub const OF_SERIES: f64 = 0.5;
+pub const SERIES_PART: f64 = 0.5;
 /// Part of the evolution's tolerance that rounding may take, of values or of jumps of `V` to
 /// levels.
-pub const OF_ROUNDING: f64 = 0.25;
+pub const ROUNDING_PART: f64 = 0.25;
 /// Part of the evolution's tolerance that the synthesis of rotations may take.
-pub const OF_ROTATIONS: f64 = 0.25;
+pub const ROTATIONS_PART: f64 = 0.25;
 
 /// The cost of `e^{−iHT}`.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,10 +84,10 @@ impl WalkCost {
         let (Some(tau), Some(tolerance)) = (tau.value(), tolerance.value()) else {
             return Self { degree: both.clone(), steps: both.clone(), bits: both };
         };
-        let order = degree(&mut Vec::new(), tau, 0.5 * OF_SERIES * tolerance) as f64;
+        let order = degree(&mut Vec::new(), tau, 0.5 * SERIES_PART * tolerance) as f64;
         let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
         let degree = both.with(1.0).times(&label(order));
-        let bits = value_bits(tau, OF_ROUNDING * tolerance);
+        let bits = value_bits(tau, ROUNDING_PART * tolerance);
         Self { steps: degree.with(2.0 * order), bits: both.with(f64::from(bits)), degree }
     }
 
@@ -137,8 +137,8 @@ impl OracleQueries {
 }
 
 /// Part of the field's tolerance that the evolution has: all of it without a profile.
-pub fn of_evolution(has_profile: bool) -> f64 {
-    if has_profile { OF_EVOLUTION } else { 1.0 }
+pub fn evolution_part(has_profile: bool) -> f64 {
+    if has_profile { EVOLUTION_PART } else { 1.0 }
 }
 
 /// `d`: calls of a sequence of steps forward and back, for a series of this degree and `τ`.
@@ -204,9 +204,9 @@ mod tests {
         // The sequence is within 2t, and that is in the part of the series.
         for tolerance in [1e-2, 1e-5] {
             let bound = Phases::new(20.0, count(20.0, tolerance) as usize).expect("phases").bound;
-            assert!(bound <= OF_SERIES * tolerance, "{tolerance}: {bound:e}");
+            assert!(bound <= SERIES_PART * tolerance, "{tolerance}: {bound:e}");
         }
-        assert_eq!(OF_SERIES + OF_ROUNDING + OF_ROTATIONS, 1.0);
+        assert_eq!(SERIES_PART + ROUNDING_PART + ROTATIONS_PART, 1.0);
         let evolution = cost(50.0, 1e-6);
         assert_eq!(number(&evolution.steps), 2.0 * count(50.0, 1e-6));
         assert_eq!(number(&evolution.calls(VALUE_CALLS)), 8.0 * count(50.0, 1e-6));

@@ -5,7 +5,7 @@
 
 use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
-use crate::matrix::elements::apply_in_elements;
+use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::dataset::Results;
@@ -82,7 +82,8 @@ fn averages(axes: &[&Axis], ranges: &[Range<usize>], values: &[f64]) -> Vec<f64>
     let matrices: Vec<Vec<Vec<f64>>> = (axes.iter())
         .map(|axis| vec![axis.nodes.reference().weights.iter().map(|w| 0.5 * w).collect()])
         .collect();
-    let lines = ranges.iter().map(Range::len).zip(matrices.iter().map(Vec::as_slice));
+    let lines = ranges.iter().zip(&matrices);
+    let lines = lines.map(|(range, matrix)| AxisMatrix { elements: range.len(), matrix });
     apply_in_elements(values, &lines.collect::<Vec<_>>())
 }
 

@@ -40,13 +40,11 @@ pub type ChecksumParts = BTreeMap<String, [u64; 2]>;
 /// [`crate::base::error::Error::Output`], naming the first dataset that is not as written.
 pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let fail = |e: &dyn std::fmt::Display| failure(path, e);
-    let file = SharedFile::open(world, path, &fail)?;
     let share = FileShare { rank: world.rank(), ranks: world.size() };
-    let sums = datasets(&file).and_then(|all| sums_of(share, all, |_, _| Ok(())));
-    let sums = sums.map_err(|e| fail(&e));
-    let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
-    file.close(&fail)?;
-    compared
+    SharedFile::read(world, path, &fail, |file| {
+        let sums = datasets(file).and_then(|all| sums_of(share, all, |_, _| Ok(())));
+        compare(world, path, &world.agree(sums.map_err(|e| fail(&e)))?)
+    })
 }
 
 /// Compares the sums of the ranks' parts with the stored checksums; returns the number of datasets.

@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
 use crate::problem::case::{Case, Origin, StartField};
-use crate::problem::grid::{Axis, axis_names};
+use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::untrusted::{self, Inspection};
@@ -53,7 +53,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<Origin> {
     if !is_same(time, case.begin, time) {
         return Err(format!("is f at t = {time}, time.start is {}", case.begin));
     }
-    same_grid(&file, &f, case)?;
+    same_grid(&file, &f, &case.space)?;
     let checksum = f.attr(CHECKSUM).and_then(|a| a.read_scalar());
     let case_of = stored_case(&file);
     Ok(Origin {
@@ -90,9 +90,9 @@ fn is_same(a: f64, b: f64, size: f64) -> bool {
     (a - b).abs() <= SAME * size.abs()
 }
 
-/// Refuses a grid other than that of `case`; a merged axis represents all of its cells.
-fn same_grid(file: &File, f: &Dataset, case: &Case) -> FileResult<()> {
-    let whole = case.space.whole();
+/// Refuses a grid other than `space`; a merged axis represents all of its cells.
+fn same_grid(file: &File, f: &Dataset, space: &PhaseSpace) -> FileResult<()> {
+    let whole = space.whole();
     let names = axis_names(whole.dimension());
     let shape = f.shape();
     if shape.len() != names.len() {

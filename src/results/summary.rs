@@ -4,7 +4,9 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::{OF_ALGORITHM, OF_GRID, one_digit, percent, quoted, rounded_down, short};
+use crate::base::text::{
+    ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
+};
 use crate::problem::case::{Case, Data, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::problem::grid::PhaseSpace;
@@ -150,13 +152,13 @@ impl Accuracy {
         let advice = self.advice_after();
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = match (self.algorithm, self.asked) {
-            (Some(error), _) => format!("; {OF_ALGORITHM} {error:.1e}"),
+            (Some(error), _) => format!("; {ALGORITHM_ERROR} {error:.1e}"),
             (None, Some(asked)) => {
-                format!("; {OF_ALGORITHM} not estimated (planned within {asked:e})")
+                format!("; {ALGORITHM_ERROR} not estimated (planned within {asked:e})")
             }
             (None, None) => String::new(),
         };
-        Some(format!("{head}: {OF_GRID} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
+        Some(format!("{head}: {GRID_ERROR} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
     }
 
     /// The grid's errors as text, in significant digits; `None` if none is known.

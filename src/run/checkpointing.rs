@@ -1,7 +1,6 @@
 //! The checkpoints of a run: where they are, and the one that it continues from.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::solve::checkpoint::store::{Generation, Store};
@@ -10,7 +9,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The checkpoints that a run by modes makes.
 pub(crate) struct Checkpointing {
@@ -57,7 +56,11 @@ impl Checkpointing {
             }
             None
         };
-        Ok(Some(Self { store, generation, times: times(case, output, program_start) }))
+        Ok(Some(Self {
+            store,
+            generation,
+            times: times(case.checkpoint_every, output, program_start),
+        }))
     }
 
     /// Deletes the checkpoints of a finished run. On rank 0.
@@ -82,10 +85,10 @@ fn refuse_link(folder: &Path) -> Result<()> {
     }
 }
 
-fn times(case: &Case, output: &Output<'_>, program_start: Instant) -> CheckpointTimes {
+fn times(every: Option<Duration>, output: &Output<'_>, program_start: Instant) -> CheckpointTimes {
     let wall = output.options.walltime;
     CheckpointTimes {
-        every: case.checkpoint_every,
+        every,
         wall: wall.map(|wall| (program_start, wall)),
         stop: Arc::clone(&output.options.stop),
     }

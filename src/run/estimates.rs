@@ -28,15 +28,15 @@ use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 
 /// Factor on `T ‖D f(T)‖` in the estimate.
-const OF_TRANSPORT: f64 = 2.0;
+const TRANSPORT_FACTOR: f64 = 2.0;
 /// Least part of `‖f‖²` on cells where `D f` is known for which there is an estimate.
 const LEAST_KNOWN: f64 = 0.1;
 /// Factor on the estimated coefficients beyond the highest one, in the estimate of elements.
-const OF_COEFFICIENTS: f64 = 3.0;
+const COEFFICIENTS_FACTOR: f64 = 3.0;
 /// Least ratio of a coefficient to the one before it, at a front.
-const OF_FRONTS: f64 = 0.5;
+const LEAST_RATIO_AT_FRONTS: f64 = 0.5;
 /// The ratio that is assumed for degree 1, whose coefficients do not show one.
-const OF_DEGREE_1: f64 = 0.5;
+const RATIO_OF_DEGREE_1: f64 = 0.5;
 
 /// Estimates of the relative L2 errors of `f` and of the density due to the grid, at the end of a
 /// run. None for measure-valued data, or if `V` jumps nearly everywhere. Collective.
@@ -117,7 +117,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         }
     }
     let (of, transport) = (norms(f), norms(&added_term[rank_cells.mine.clone()]));
-    let scale = OF_TRANSPORT * case.end;
+    let scale = TRANSPORT_FACTOR * case.end;
     Ok([0, 1].map(|k| f64::hypot(error[k], scale * transport[k]) / of[k]))
 }
 
@@ -229,7 +229,7 @@ impl Squares {
 
     /// The estimated relative error. Collective.
     fn error(&self, world: &Group) -> f64 {
-        OF_COEFFICIENTS * (world.sum_terms(&self.beyond) / world.sum_terms(&self.all)).sqrt()
+        COEFFICIENTS_FACTOR * (world.sum_terms(&self.beyond) / world.sum_terms(&self.all)).sqrt()
     }
 }
 
@@ -237,10 +237,10 @@ impl Squares {
 /// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`,
 /// taken over two pairs if there are enough.
 fn beyond(squares: &[f64]) -> f64 {
-    let of_front = OF_FRONTS * OF_FRONTS;
+    let of_front = LEAST_RATIO_AT_FRONTS * LEAST_RATIO_AT_FRONTS;
     let [highest, ratio] = match *squares {
         [] | [_] => return 0.0,
-        [_, b] => return OF_DEGREE_1 * OF_DEGREE_1 * b,
+        [_, b] => return RATIO_OF_DEGREE_1 * RATIO_OF_DEGREE_1 * b,
         [_, b, c] => [c, c / b],
         [.., a, b, c] => [c, (b + c) / (a + b)],
     };

@@ -17,7 +17,7 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{Domain, ReadField, WarpedFile};
+use crate::results::warped::given::{Domain, ModesFromFile, ReadField, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
 use crate::run::files::{EarlyStates, RunFiles, Solved, WarpedOutput};
@@ -93,7 +93,7 @@ pub(crate) fn by_modes(
     });
     let schedule = system.schedule.as_ref();
     let mode_run = ModeRun { case, plan, spread: &spread, rank_cells, schedule, initial: &initial };
-    let kept = start.kept.as_mut().map(|kept| (kept, warped.as_mut()));
+    let kept = start.kept.as_mut().map(|modes| KeptForRun { modes, files: warped.as_mut() });
     let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
@@ -161,6 +161,12 @@ impl ModeStart {
     }
 }
 
+/// The modes that a run keeps, and their files if it writes any.
+struct KeptForRun<'a, 'f> {
+    modes: &'a mut KeptModes,
+    files: Option<&'a mut WarpedFiles<'f>>,
+}
+
 /// All modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
     case: &'a Case,
@@ -181,7 +187,7 @@ impl ModeRun<'_> {
         &self,
         evolution: &mut Evolution<'_>,
         progress: &mut Progress,
-        kept: Option<(&mut KeptModes, Option<&mut WarpedFiles<'_>>)>,
+        kept: Option<KeptForRun<'_, '_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<Recovered> {
         let Self { plan, spread, rank_cells, .. } = self;
@@ -205,10 +211,13 @@ impl ModeRun<'_> {
             shares: &rank_cells.ranges,
             moments: Some(&moments),
         };
-        let (kept, mut files) = kept.unzip();
+        let (kept, mut files) = match kept {
+            Some(KeptForRun { modes, files }) => (Some(modes), files),
+            None => (None, None),
+        };
         let mut after = |field: usize, leg: usize, kept: &KeptModes| match files.as_mut() {
-            Some(Some(files)) => self.write(files, field, leg, kept),
-            _ => Ok(()),
+            Some(files) => self.write(files, field, leg, kept),
+            None => Ok(()),
         };
         let begun = self.case.start.is_some();
         let mut keeping = kept.map(|kept| Keeping { kept, begun, after: &mut after });
@@ -383,7 +392,7 @@ fn read_start(
     };
     let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
     let ReadField { checksum, largest: peak, unevenness } =
-        given.read(spread, &warp.series, kept, domain)?;
+        given.read(ModesFromFile { spread, series: &warp.series, kept, domain })?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });

@@ -16,7 +16,7 @@ const BEYOND: f64 = 0.1;
 /// axes, of settings without effect, and of tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
-    let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(case, &found));
+    let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(&case.space, &found));
     // Edges first: no grid resolves them, and they are the reason of other warnings.
     of_edges
         .chain(of_formulas)
@@ -27,8 +27,8 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
 }
 
 /// The key that gives `V` in a region.
-fn potential_key(case: &Case, region: usize) -> String {
-    match case.potential[region].value.table() {
+fn potential_key(potential: &[Region], region: usize) -> String {
+    match potential[region].value.table() {
         Some(_) => TableOf::Potential(region).key(),
         None => format!("potential.{region}.value"),
     }
@@ -48,7 +48,7 @@ fn between_points(case: &Case, found: &Unresolved) -> String {
         "{}: the grid does not resolve V between {name} = {lower} and {upper}{more}: at {} it is \
          {} as written, and {} as the scheme takes it between its points; jumps need a region of \
          their own with where, narrow features more cells",
-        potential_key(case, *region),
+        potential_key(&case.potential, *region),
         at_point(&case.space, point),
         short(*written),
         short(*taken),
@@ -64,12 +64,12 @@ fn at_point(space: &PhaseSpace, point: &[f64; 6]) -> String {
     axes.map(text).collect::<Vec<_>>().join(", ")
 }
 
-fn oblique_edge(case: &Case, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
+fn oblique_edge(space: &PhaseSpace, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
     format!(
         "potential.{region}: its edge at {} is not along the axes; the grid replaces it by a \
          staircase of faces, which reflect and refract particles along the axes only. More cells \
          do not help",
-        at_point(&case.space, point)
+        at_point(space, point)
     )
 }
 

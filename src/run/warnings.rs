@@ -26,7 +26,7 @@ pub fn warnings(case: &Case) -> Vec<String> {
     (found.edges.iter().take(MOST_SHOWN).map(stray_edge))
         .chain(more_stray_edges(found.edges.len()))
         .chain(found.empty.iter().map(empty_region))
-        .chain(case.potential.iter().enumerate().filter_map(staircase))
+        .chain(case.potential.iter().enumerate().filter_map(|(k, region)| staircase(k, region)))
         .chain(unresolved_parts(case))
         .chain(idle)
         .chain(unread)
@@ -60,13 +60,13 @@ fn stray_edge(edge: &StrayEdge) -> String {
 }
 
 /// The warning of a table with a jump of `V` between more than half of its points.
-fn staircase((region, potential): (usize, &Region)) -> Option<String> {
-    let table = potential.value.table().filter(|table| table.is_stepped())?;
+fn staircase(k: usize, region: &Region) -> Option<String> {
+    let table = region.value.table().filter(|table| table.is_stepped())?;
     let [jumps, pairs] = table.steps();
     (jumps >= 8 && 2 * jumps > pairs).then(|| {
         format!(
-            "potential.{region}.table: V jumps between {jumps} of {pairs} pairs of neighbouring \
-             points; potential.{region}.interpolation = \"linear\" makes it continuous"
+            "potential.{k}.table: V jumps between {jumps} of {pairs} pairs of neighbouring \
+             points; potential.{k}.interpolation = \"linear\" makes it continuous"
         )
     })
 }

@@ -23,7 +23,7 @@
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Region};
 use crate::problem::element::ReferenceElement;
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::{JumpKind, Potential};
@@ -53,7 +53,7 @@ impl Elements {
         let mut couplings: [HashMap<JumpKind, Coupling>; MAX_DIMENSION] = Default::default();
         for (a, axis) in case.space.v.iter().enumerate() {
             for kind in potential.jump_kinds(a) {
-                couplings[a].insert(kind, coupling(case, axis, kind)?);
+                couplings[a].insert(kind, coupling(&case.potential, axis, kind)?);
             }
         }
         Ok(Self {
@@ -76,8 +76,8 @@ struct Coupling {
 }
 
 /// The coupling at a jump, for the velocities of `axis`.
-fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<Coupling> {
-    let region = kind.higher.map(|region| &case.potential[region]);
+fn coupling(potential: &[Region], axis: &Axis, kind: JumpKind) -> Result<Coupling> {
+    let region = kind.higher.map(|region| &potential[region]);
     let jump = kind.jump();
     let wrong = std::cell::Cell::new(None);
     let reflection = |energy: f64| {

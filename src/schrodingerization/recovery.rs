@@ -1,6 +1,7 @@
 //! Reading `u(T)` from the warped field `v(T, p) = e^{−p} u(T)`.
 
 use crate::problem::case::RecoveryMethod;
+use crate::schrodingerization::profile::designed::circle::TURN;
 use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -62,12 +63,11 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 
     /// data have a spectrum of length 1e-3 or so: their error is that at one end.
     const SPREADS: [f64; 5] = [0.002, 0.06, 0.6, 6.0, 20.0];
     const SAMPLES: u32 = 24;
-    /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.
-    const TURN: i64 = 1 << 20;
     let weights: Vec<[Complex64; 2]> = (0..series.modes())
         .map(|l| [first, second].map(|r| series.factor(l) * r.of_wave(series.wavenumber(l))))
         .collect();
     let errors = |s: f64| {
+        // A whole multiple of a small angle, so that long ones keep their digits.
         let k = (s / series.period * TURN as f64).round() as i64;
         let mut read = [-libm::exp(-(k as f64 / TURN as f64 * series.period)); 2];
         for (l, weight) in (0i64..).zip(&weights) {

@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Propagation, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::legs::Leg;
 use crate::propagate;
@@ -116,7 +116,7 @@ impl WarpPlan {
         }
         let placement = plan_placement(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
-        let modes = PropagatedModes::of(case, series);
+        let modes = PropagatedModes::of(&case.reductions, series);
         let of_modes = case.tolerance / ratio;
         let mode_tolerances: Vec<f64> = match placement.profile {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
@@ -132,7 +132,7 @@ impl WarpPlan {
         let (legs, leg_work) = cheapest_legs(case, bounds, &modes, &mode_tolerances);
         let work: Vec<usize> =
             (0..modes.count).map(|l| leg_work.iter().map(|work| work[l]).sum()).collect();
-        let total = case.fields.len() * total_work(case, bounds, &modes, &work);
+        let total = case.fields.len() * total_work(case.duration(), bounds, &modes, &work);
         let (applications, solves) = match case.propagator.method.order() {
             0 => (total, 0),
             _ => (0, total),
@@ -166,7 +166,7 @@ impl WarpPlan {
     /// As [`new`](Self::new).
     pub fn modes_of(case: &Case, bounds: &Bounds, ratio: f64) -> Result<usize> {
         let placement = plan_placement(case, bounds, ratio)?;
-        Ok(PropagatedModes::of(case, &placement.series).count)
+        Ok(PropagatedModes::of(&case.reductions, &placement.series).count)
     }
 
     /// Estimates, from a sample of the modes, the applications or solves over all modes and fields
@@ -178,7 +178,7 @@ impl WarpPlan {
         /// The approximate number of sampled modes.
         const SAMPLE: usize = 64;
         let placement = plan_placement(case, bounds, ratio)?;
-        let modes = PropagatedModes::of(case, &placement.series);
+        let modes = PropagatedModes::of(&case.reductions, &placement.series);
         let (count, stages) = (modes.count, bounds.stages.max(1));
         let mut scratch = Vec::new();
         let stride = count.div_ceil(SAMPLE);
@@ -248,7 +248,7 @@ fn cheapest_legs(
     tolerances: &[f64],
 ) -> (Vec<Leg>, Vec<Vec<usize>>) {
     let with_work = |legs: Vec<Leg>| {
-        let work = leg_work(case, bounds, modes, tolerances, &legs);
+        let work = leg_work(&case.propagator, bounds, modes, tolerances, &legs);
         (legs, work)
     };
     let single = with_work(Leg::all(case));
@@ -280,7 +280,7 @@ fn cost_of_passing(space: &PhaseSpace, times: usize) -> f64 {
 
 /// The work of each mode, leg by leg.
 fn leg_work(
-    case: &Case,
+    propagator: &Propagation,
     bounds: &Bounds,
     modes: &PropagatedModes<'_>,
     tolerances: &[f64],
@@ -291,14 +291,14 @@ fn leg_work(
         let of_mode = |l: usize| {
             let span = Span { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
-            let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
+            let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
             // For `k ≥ ht`, `J_k(ht)` grows with the time: the truncation error is largest at the
             // end.
             let turn = bounds.interval(mu).half_width * leg.time;
             if leg.passed.is_empty() { work } else { work.max(turn.ceil() as usize) }
         };
         let mut work: Vec<usize> = (0..modes.count).map(of_mode).collect();
-        if descriptor(case.propagator.method).batch_coupling() == BatchCoupling::Coupled {
+        if descriptor(propagator.method).batch_coupling() == BatchCoupling::Coupled {
             // Each mode takes as many steps as the longest of its block.
             for block in work.rchunks_mut(LANES) {
                 let most = block.iter().copied().max().unwrap_or(0);
@@ -311,14 +311,19 @@ fn leg_work(
 }
 
 /// The sum of `work` over the modes, all stages of a varying inflow included.
-fn total_work(case: &Case, bounds: &Bounds, modes: &PropagatedModes<'_>, work: &[usize]) -> usize {
+fn total_work(
+    duration: f64,
+    bounds: &Bounds,
+    modes: &PropagatedModes<'_>,
+    work: &[usize],
+) -> usize {
     let (stages, mut scratch) = (bounds.stages, Vec::new());
     if stages == 0 {
         return work.iter().sum();
     }
     let of_mode = |(l, &work): (usize, &usize)| {
         let interval = bounds.interval(modes.wavenumber(l));
-        stages * stage_degree(&mut scratch, interval.half_width * case.duration(), work, stages)
+        stages * stage_degree(&mut scratch, interval.half_width * duration, work, stages)
     };
     work.iter().enumerate().map(of_mode).sum()
 }
@@ -339,10 +344,10 @@ pub(crate) struct PropagatedModes<'a> {
 }
 
 impl<'a> PropagatedModes<'a> {
-    /// The modes of `series` in a run of `case`.
-    fn of(case: &Case, series: &'a Series) -> Self {
+    /// The modes of `series` in a run of a case with these `reductions`.
+    fn of(reductions: &Reductions, series: &'a Series) -> Self {
         let own = series.modes();
-        let conjugates = match case.reductions.every_mode {
+        let conjugates = match reductions.every_mode {
             true => (0..own).filter(|&l| !series.is_alone(l)).count(),
             false => 0,
         };

@@ -42,6 +42,14 @@ impl Prepared {
         Self::assemble(world, case, ProvisionalPlan::new(case, resources)?)
     }
 
+    /// As [`new`](Self::new), on all ranks of `world` with the memory of this machine. Collective.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn here(world: &World, case: &Case) -> Result<Self> {
+        Self::new(world, case, &Resources::here(world))
+    }
+
     /// Assembles `case` on the mesh of its plan, with the plan's limit on sweeps for the weights.
     /// Collective.
     ///
@@ -75,7 +83,7 @@ impl Prepared {
         memory::give_back();
         let assembled = Some(assembled_size(&communicator.world, &system.matrix));
         Ok(Self {
-            bounds: Bounds { assembled, ..system.bounds(case, bounds) },
+            bounds: Bounds { assembled, ..system.bounds(&case.space, bounds) },
             case: case.clone(),
             communicator,
             rank_cells,
@@ -97,6 +105,14 @@ impl Prepared {
     pub fn rough_solution(&mut self) -> RoughSolution {
         let (legs, time) = (self.case.legs(), self.case.duration());
         self.system.rough_solution(&self.communicator, &self.bounds, &legs, time)
+    }
+
+    /// The same with the bounds, the modes and their groups of `plan`, which has the same blocks.
+    pub fn with_modes_of(mut self, plan: &Plan) -> Self {
+        self.plan.bounds = plan.bounds.clone();
+        self.plan.warp.clone_from(&plan.warp);
+        self.plan.layout.groups.clone_from(&plan.layout.groups);
+        self
     }
 
     /// `ũ` on this rank's share to `f`: undoes the weights.

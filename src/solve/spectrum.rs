@@ -15,7 +15,7 @@ use crate::solve::system::DiscreteSystem;
 /// An end of the spectrum is found when its residual is this fraction of it …
 const RELATIVE: f64 = 1e-6;
 /// … or this fraction of the spectrum's length: eigenvalues next to zero are no more accurate.
-const OF_LENGTH: f64 = 1e-8;
+const RELATIVE_TO_LENGTH: f64 = 1e-8;
 /// The ends are checked again when the number of steps has grown by this fraction.
 const BETWEEN_LOOKS: usize = 16;
 
@@ -113,7 +113,7 @@ fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [SpectrumEnd; 2] {
         SpectrumEnd {
             value: sign * theta,
             residual,
-            converged: residual <= (RELATIVE * theta.abs()).max(OF_LENGTH * length),
+            converged: residual <= (RELATIVE * theta.abs()).max(RELATIVE_TO_LENGTH * length),
         }
     })
 }

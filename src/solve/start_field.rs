@@ -30,15 +30,12 @@ pub fn read(
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
     };
-    let file = SharedFile::open(world, &start.path, &wrong)?;
-    let dataset = file.dataset("f").map_err(|e| wrong(&e));
-    let read = world.agree(dataset).and_then(|dataset| {
+    let values = SharedFile::read(world, &start.path, &wrong, |file| {
+        let dataset = world.agree(file.dataset("f").map_err(|e| wrong(&e)))?;
         let part = StoredPart::of(&dataset, space, block);
         let part = world.agree(part.ok_or_else(|| wrong(&"/f has another shape than the grid")))?;
         part.read(&communicator.space, world, &dataset, &wrong)
-    });
-    file.close(&wrong)?;
-    let values = read?;
+    })?;
     let largest = world.max(values.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
     if largest != 0.0 && !(1e-100..=1e100).contains(&largest) {
         return Err(Error::Magnitude { key: start.place.clone(), value: largest });

@@ -8,6 +8,7 @@ use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
 use crate::problem::formula::Expression;
+use crate::problem::grid::PhaseSpace;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
@@ -132,7 +133,7 @@ fn initial_values(
 
 /// `√π` times the `values` of field `k` and its auxiliary unknowns.
 fn weighted_state(
-    case: &Case,
+    fields: &[LiouvilleField],
     matrix: &BlockMatrix,
     pi: &[f64],
     k: usize,
@@ -143,7 +144,7 @@ fn weighted_state(
     for (i, f) in values.iter().enumerate() {
         state[i] = pi[i].sqrt() * f;
     }
-    for (m, r) in matrix.auxiliary(k, case.fields[k].enters()).enumerate() {
+    for (m, r) in matrix.auxiliary(k, fields[k].enters()).enumerate() {
         state[cells + m] = pi[cells + m].sqrt() * r;
     }
     state
@@ -195,7 +196,7 @@ impl DiscreteSystem {
         let cells = matrix.block.cells();
         let initial = initial_values(case, &matrix, communicator, rank_cells)?;
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
-            .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
+            .map(|(k, values)| weighted_state(&case.fields, &matrix, &weights.pi, k, values))
             .collect();
         let field = WeightedField { weights: &weights.pi, state: &states[0], rate: bounds.rate };
         let schedule = scheduled(case, &matrix, &mut exchange, communicator, &field)?;
@@ -226,8 +227,8 @@ impl DiscreteSystem {
     }
 
     /// `bounds` with the measured growth instead of the assumed one.
-    pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
-        let inflow = self.terms > case.space.space_cells();
+    pub fn bounds(&self, space: &PhaseSpace, bounds: &Bounds) -> Bounds {
+        let inflow = self.terms > space.space_cells();
         // An auxiliary unknown alone neither grows nor decays.
         let growth = match inflow {
             true => self.coupled_growth,

@@ -34,6 +34,7 @@ use crate::problem::case::{Case, Limiter, Method};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::report::warnings;
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,
@@ -135,15 +136,15 @@ impl<'a> Study<'a> {
         };
         self.try_own_grid()?;
         let found = self.grids_by_scheme()?;
-        for (scheme, reached) in &found {
+        for SchemeWithGrid { scheme, reached } in &found {
             self.add_classical(*scheme, reached)?;
             if scheme.limiter == Limiter::None {
                 self.add_schrodingerized(*scheme, reached)?;
             }
         }
         self.try_fluxes(&found)?;
-        let given = match found.iter().find(|(scheme, _)| *scheme == SchemeChoice::of(self.case)) {
-            Some((scheme, reached)) => self.given(*scheme, reached)?,
+        let given = match found.iter().find(|found| found.scheme == SchemeChoice::of(self.case)) {
+            Some(SchemeWithGrid { scheme, reached }) => self.given(*scheme, reached)?,
             None => None,
         };
         self.ended = true;
@@ -192,7 +193,7 @@ impl<'a> Study<'a> {
             refused.then(seconds(a).total_cmp(&seconds(b)))
         });
         if entries.iter().all(|e| e.refused.is_some()) {
-            return Err(out_of_reach(case, request.accuracy, &entries));
+            return Err(out_of_reach(&case.name, request.accuracy, &entries));
         }
         let [best, best_classical] =
             best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
@@ -213,7 +214,7 @@ impl<'a> Study<'a> {
 
 /// The error for an accuracy that none of `entries` reaches, with the reason of the set-up that has
 /// the fewest cells.
-fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
+fn out_of_reach(name: &str, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
     let verdict = match entries.iter().any(one_grid) {
         true => "is not settled within this budget",
@@ -224,7 +225,6 @@ fn out_of_reach(case: &Case, accuracy: f64, entries: &[SetupReport]) -> Error {
         format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
     });
     Error::Input(format!(
-        "{}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}",
-        case.name
+        "{name}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}"
     ))
 }

@@ -20,7 +20,7 @@ const MOST_MORE: f64 = 4.0;
 
 /// Seconds that a study takes for a cell of space before its first trial, beside evaluating `V`: to
 /// locate jumps, to bound the matrix and to reduce the case. 13 s for 4e6 cells were measured.
-const SECONDS_A_CELL: f64 = 1.5e-6;
+const SECONDS_PER_SPACE_CELL: f64 = 1.5e-6;
 
 /// Budgets below this are no reason to refuse a grid here.
 const SHORTEST: f64 = 0.1;
@@ -32,7 +32,7 @@ const SHORTEST: f64 = 0.1;
 /// [`Error::Input`].
 pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
     let cells = case.space.space_cells() as f64;
-    world.group().on_first_rank(|| match seconds_to_evaluate(case) + SECONDS_A_CELL * cells {
+    world.group().on_first_rank(|| match seconds_to_evaluate(case) + SECONDS_PER_SPACE_CELL * cells {
         seconds if seconds > limit.max(SHORTEST) => Err(Error::Input(format!(
             "{}: --budget {limit} s: evaluating V and bounds on {cells:.3e} cells of space takes \
              about {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",

@@ -122,9 +122,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         drop(block);
         block = run.block(&plan, &mut watch)?;
     }
-    block.plan.bounds = plan.bounds.clone();
-    block.plan.warp.clone_from(&plan.warp);
-    (block.plan.layout.groups).clone_from(&plan.layout.groups);
+    let mut block = block.with_modes_of(&plan);
     time_observables(&mut block, &mut watch);
     let SolveTime { solve, application } = match &plan.warp {
         Some(warp) => modes::expected(&mut block, warp, run.whole())?,
@@ -191,7 +189,7 @@ impl CalibratedCase<'_> {
         if self.provisional.warp.is_none() {
             return Ok(self.provisional.clone());
         }
-        let mut bounds = block.system.bounds(case, &self.bounds);
+        let mut bounds = block.system.bounds(&case.space, &self.bounds);
         let mut ratio = block.probe();
         if case.verify {
             let verify = self.seconds_to_verify(block, watch.last.elapsed().as_secs_f64());

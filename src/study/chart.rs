@@ -31,6 +31,7 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
+use crate::study::choices::DEGREES;
 use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
@@ -97,9 +98,6 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     chart.sentences.extend(left_out);
     Ok(chart)
 }
-
-/// Degrees that are compared with that of the case.
-const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 
 /// The case with elements of other degrees.
 struct Degrees {

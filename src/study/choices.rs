@@ -9,6 +9,7 @@ use crate::problem::case::{
     PropagatorMethod,
 };
 use crate::study::grids::degree_settings;
+use std::ops::RangeInclusive;
 
 /// A choice of a case.
 pub struct Choice {
@@ -54,6 +55,9 @@ pub static PROFILES: [(&str, ProfileChoice); 6] = [
     ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
     ("exponential", ProfileChoice::Exponential { alpha: Alpha::Constant(DEFAULT_ALPHA) }),
 ];
+
+/// Degrees that are compared.
+pub const DEGREES: RangeInclusive<usize> = 0..=4;
 
 /// Propagators that are compared, with their names.
 pub const PROPAGATORS: [(&str, PropagatorMethod); 4] = [

@@ -35,15 +35,17 @@ use crate::base::progress::Progress;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
+use crate::problem::grid::PhaseSpace;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::advise::density::exact_density;
+use crate::study::choices::DEGREES;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{
-    Candidate, DensityTask, OF_PRICE, OF_TRIALS, OVER_CHARACTERISTICS,
+    Candidate, DensityTask, OVER_CHARACTERISTICS, UNITS_OF_PRICE, UNITS_OF_TRIALS,
 };
 use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
@@ -51,10 +53,8 @@ use crate::study::end_to_end::traced::{
 };
 use crate::study::grids::of_degree;
 
-/// Degrees that are compared.
-const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
 /// Units of progress: two schemes of every degree, and one with slopes.
-const UNITS: usize = 10 * (OF_TRIALS + OF_PRICE) + OF_TRIALS;
+const UNITS: usize = 10 * (UNITS_OF_TRIALS + UNITS_OF_PRICE) + UNITS_OF_TRIALS;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
 /// Names of methods.
@@ -107,7 +107,7 @@ impl EndToEnd {
                 true => QuantumMethod::unavailable(OVER_CHARACTERISTICS, BRANCHES),
                 false => {
                     let segments = at_point.most_segments(traced.density, accuracy)?;
-                    task.over_characteristics(case, &traced, segments)
+                    task.over_characteristics(&case.space, &traced, segments)
                 }
             },
         ];
@@ -144,7 +144,7 @@ fn classical_methods(
 ) -> Vec<ClassicalMethod> {
     let DensityTask { world, exact, accuracy, .. } = *task;
     let case = at_point.case;
-    let mut baselines = vec![fastest_stepping(upwind, case, accuracy)];
+    let mut baselines = vec![fastest_stepping(upwind, &case.title, accuracy)];
     let steeper = match case.is_galerkin() {
         true => Err(no_slopes(case)),
         false => {
@@ -153,8 +153,8 @@ fn classical_methods(
             found.map_err(|error| case.reason(&error))
         }
     };
-    baselines.push(stepped("time stepping, van Leer", &steeper, case, accuracy));
-    task.advance(OF_TRIALS);
+    baselines.push(stepped("time stepping, van Leer", &steeper, &case.space, accuracy));
+    task.advance(UNITS_OF_TRIALS);
     baselines.extend(match case.reflects() {
         true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
         false => [
@@ -260,7 +260,7 @@ fn candidates(
     };
     let of_degree = |degree: usize| {
         let scheme = measured(degree).map_err(|error| case.reason(&error));
-        task.advance(OF_TRIALS);
+        task.advance(UNITS_OF_TRIALS);
         Candidate { degree, scheme }
     };
     DEGREES.map(of_degree).collect()
@@ -274,26 +274,26 @@ fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
 }
 
 /// The exponential integrator by the degree that takes the fewest seconds.
-fn fastest_stepping(upwind: &[Candidate], case: &Case, accuracy: f64) -> ClassicalMethod {
+fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> ClassicalMethod {
     const NAME: &str = "time stepping, exponential";
     let all = upwind.iter().map(|Candidate { degree, scheme }| match scheme {
-        Ok((scheme, found)) => stepping(NAME, found, scheme, accuracy),
+        Ok((scheme, found)) => stepping(NAME, found, &scheme.space, accuracy),
         Err(why) => ClassicalMethod { degree: Some(*degree), ..no_stepping(NAME, why) },
     });
     let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
     let least = all.reduce(|a, b| if seconds(&b) < seconds(&a) { b } else { a });
-    least.unwrap_or_else(|| no_stepping(NAME, &case.title))
+    least.unwrap_or_else(|| no_stepping(NAME, title))
 }
 
 /// A grid method whose seconds grow with the cells and the steps; or why it has none.
 fn stepped(
     name: &'static str,
     found: &std::result::Result<MeasuredScheme, String>,
-    case: &Case,
+    space: &PhaseSpace,
     accuracy: f64,
 ) -> ClassicalMethod {
     match found {
-        Ok(found) => stepping(name, found, case, accuracy),
+        Ok(found) => stepping(name, found, space, accuracy),
         Err(why) => no_stepping(name, why),
     }
 }
@@ -303,24 +303,24 @@ fn no_stepping(name: &'static str, why: &str) -> ClassicalMethod {
     ClassicalMethod { name, degree: None, size: None, seconds: LabelledNumber::unavailable(why) }
 }
 
-/// A grid method of `case` with these errors.
+/// A grid method on `space` with these errors.
 fn stepping(
     name: &'static str,
     found: &MeasuredScheme,
-    case: &Case,
+    space: &PhaseSpace,
     accuracy: f64,
 ) -> ClassicalMethod {
     let factor = found.factor(accuracy);
-    let n = case.space.dimension() as i32;
+    let n = space.dimension() as i32;
     let finest = &found.grids[found.grids.len() - 1];
     let cells: f64 = finest.iter().map(|&n| n as f64 * factor).product();
-    let unknowns = cells * case.space.cells() as f64
-        / case.space.elements().iter().map(|&n| n as f64).product::<f64>();
+    let unknowns =
+        cells * space.cells() as f64 / space.elements().iter().map(|&n| n as f64).product::<f64>();
     let seconds = found.seconds * factor.powi(2 * n + 1);
     let why = "measured on the case's grid, and the cells and steps that the measured order needs";
     ClassicalMethod {
         name,
-        degree: Some(case.space.degree()),
+        degree: Some(space.degree()),
         size: Some(unknowns),
         seconds: LabelledNumber::model(seconds, why),
     }

@@ -292,8 +292,11 @@ impl fmt::Display for RankTable {
         }
         if let Some(first) = self.costs().next() {
             let ranks = counted(first.ranks, "rank", "ranks");
-            let seconds = if timed { "" } else { "; --calibrate predicts seconds" };
-            writeln!(f, "rel. time       the time over that of {ranks}, no unit{seconds}")?;
+            let (what, seconds) = match timed {
+                true => ("the time of the whole job", ""),
+                false => ("the time of solving alone", "; --calibrate predicts seconds"),
+            };
+            writeln!(f, "rel. time       {what} over that of {ranks}, no unit{seconds}")?;
         }
         writeln!(f, "{}", self.conclusion())
     }

@@ -5,7 +5,7 @@ use crate::base::memory;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
+use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod, Warp};
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
 use std::ops::Range;
@@ -80,13 +80,12 @@ pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
 
 /// Removes the settings of the series in `p`, so that interval, points, recovery point,
 /// coefficients and the scale of the inflow are planned.
-pub fn plan_series(case: &mut Case) {
-    let warp = &mut case.warp;
+pub fn plan_series(warp: &mut Warp) {
     (warp.interval, warp.points, warp.recovery) = (None, None, None);
     (warp.coefficients, warp.delta) = (Coefficients::Analytic, Delta::Planned);
 }
 
-/// A propagator that takes `steps` equal steps to `T`, or none.
-pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
-    Propagation { method, step: steps.map(|n| case.duration() / n as f64) }
+/// A propagator that takes `steps` equal steps over `duration`, or none.
+pub fn propagation(duration: f64, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
+    Propagation { method, step: steps.map(|n| duration / n as f64) }
 }

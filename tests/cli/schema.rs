@@ -358,7 +358,7 @@ impl Files {
                 origin(&world, start, field).map(drop)
             }
             FileReader::WarpedField => {
-                WarpedFile::new(&world, &path, warped, "initial.warped").map(drop)
+                WarpedFile::new(&world, &path, &warped.space, "initial.warped").map(drop)
             }
             FileReader::Table => with_tables(&world, table).map(drop),
         };

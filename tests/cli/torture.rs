@@ -175,10 +175,11 @@ const fn fault(
 
 const FAULTS: [FaultKind; 10] = [
     fault("SIGKILL to mpirun", Fault::Launcher, &[137], &[137]),
-    fault("SIGKILL to a rank", Fault::Rank(0), &[137], &[9]),
-    fault("SIGKILL to a rank", Fault::Rank(1), &[137], &[9]),
+    fault("SIGKILL to a rank", Fault::Rank(0), &[137], &[9, 255]),
+    fault("SIGKILL to a rank", Fault::Rank(1), &[137], &[9, 255]),
     // For these signals mpirun has its own exit code or ends by the signal. MPICH's hands them on;
-    // in a set-up the first rank that ends with 75 makes it kill the others, and it returns 9.
+    // in a set-up the first rank that ends with 75 makes it kill the others, and it returns 9. It
+    // returns 255 if it was about to write to a rank that was killed.
     fault("SIGTERM to mpirun", Fault::Terminate, &[1, 143], &[75, 143, 9]),
     fault("SIGINT to mpirun", Fault::Interrupt, &[1, 130], &[75, 130, 9]),
     fault("SIGUSR1 to mpirun", Fault::Signal, &[75], &[75, 9]),
@@ -188,8 +189,9 @@ const FAULTS: [FaultKind; 10] = [
     fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 
-/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe.
-const CRASHES: [i32; 3] = [134, 139, 141];
+/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe. With MPICH, a rank may
+/// end by invalid memory where another one ends while MPI starts.
+const CRASHES: [i32; 4] = [134, 139, 141, libc::SIGSEGV];
 
 impl FaultKind {
     /// Whether a run may end with this exit code. If mpirun itself hangs or crashes after its ranks
@@ -203,6 +205,8 @@ impl FaultKind {
             Fault::Signal | Fault::Send("-USR1", _) => of_signal + libc::SIGUSR1,
             Fault::Send("-TERM", _) => of_signal + libc::SIGTERM,
             Fault::Send("-INT", _) => of_signal + libc::SIGINT,
+            Fault::Terminate if by_hydra() => libc::SIGTERM,
+            Fault::Interrupt if by_hydra() => libc::SIGINT,
             _ => 0,
         };
         code == 0

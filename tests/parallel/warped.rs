@@ -17,7 +17,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{Domain, WarpedFile};
+use phasewarp::results::warped::given::{Domain, ModesFromFile, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};
@@ -172,7 +172,8 @@ impl WarpedField<'_> {
         let datasets = readback::check(&group, path).expect("a file as written");
         let axes = self.case.space.shape().len();
         assert_eq!(datasets, axes + 4, "w, axes, p, case, plan");
-        let given = WarpedFile::new(&group, path, self.case, "here").expect("a warped field");
+        let given =
+            WarpedFile::new(&group, path, &self.case.space, "here").expect("a warped field");
         let length = given.interval[1] - given.interval[0];
         assert!((length - self.series.period).abs() < 1e-13);
         if group.rank() == 0 {
@@ -210,7 +211,10 @@ impl WarpedField<'_> {
         let modes = dealt(ones.modes(), groups);
         let spread = self.rank.spread(self.case, &modes, self.buffers);
         let mut back = self.rank.room(&modes);
-        given.read(&spread, &ones, &mut back, ANYWHERE).expect("it can be read");
+        let (kept, domain) = (&mut back, ANYWHERE);
+        given
+            .read(ModesFromFile { spread: &spread, series: &ones, kept, domain })
+            .expect("it can be read");
         let rows = self.rank.rows();
         for (k, &l) in modes[self.rank.communicator.modes.rank()].iter().enumerate() {
             let found = &back.values()[k * rows..(k + 1) * rows];
@@ -255,7 +259,7 @@ impl Files<'_> {
             write(&File::create(&self.path).expect("a file"));
         }
         self.group.barrier();
-        let found = WarpedFile::new(self.group, &self.path, &self.case, "initial.warped");
+        let found = WarpedFile::new(self.group, &self.path, &self.case.space, "initial.warped");
         self.group.barrier();
         found
     }
@@ -308,7 +312,7 @@ pub fn warped_files_refused(world: &World) {
         (&shared.path, "is no file"),
         (&readme, "cannot be read as HDF5"),
     ] {
-        let found = WarpedFile::new(&group, path, &files.case, "initial.warped");
+        let found = WarpedFile::new(&group, path, &files.case.space, "initial.warped");
         check_refusal(&found.expect_err(message), message);
     }
     refused_contents(world, &files);
@@ -388,7 +392,12 @@ fn refused_contents(world: &World, files: &Files<'_>) {
             }
         });
         let mut kept = rank.room(&modes);
-        let read = given.expect("a file").read(&spread, &ones, &mut kept, ANYWHERE);
+        let read = given.expect("a file").read(ModesFromFile {
+            spread: &spread,
+            series: &ones,
+            kept: &mut kept,
+            domain: ANYWHERE,
+        });
         check_refusal(&read.expect_err(message), message);
         files.group.barrier();
     }

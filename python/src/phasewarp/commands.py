@@ -206,11 +206,9 @@ def resources(case: CaseLike, *, ranks: int = 1, program: StrPath | None = None)
     ranks, program
         As for :func:`run`.
     """
+    given = options(format="json")
     with as_case(case).arguments() as words:
-        found: dict[str, Any] = json.loads(
-            call(["resources", *words, "--format", "json"], ranks=ranks, program=program)
-        )
-    return found
+        return as_dict(call(["resources", *words, *given], ranks=ranks, program=program))
 
 
 def optimise(
@@ -229,15 +227,10 @@ def optimise(
     ranks, program
         As for :func:`run`.
     """
+    given = options(format="json", optimise=True)
     with as_case(case).arguments() as words:
-        found: list[dict[str, Any]] = json.loads(
-            call(
-                ["resources", *words, "--format", "json", "--optimise"],
-                ranks=ranks,
-                program=program,
-            )
-        )
-    return found
+        found = call(["resources", *words, *given], ranks=ranks, program=program)
+    return list(json.loads(found))
 
 
 def spectrum(

@@ -206,10 +206,10 @@ impl Patch<'_> {
                 xi[b] = sample.xi;
                 weight *= sample.weight;
             }
-            let rows: Vec<(usize, Option<Vec<f64>>)> = (self.lines.iter().enumerate())
+            let rows: Vec<AxisRow> = (self.lines.iter().enumerate())
                 .map(|(b, line)| {
                     let row = basis(line.nodes.degree, line.coordinate(xi[b]));
-                    (line.nodes.count(), (!is_solved(b)).then_some(row))
+                    AxisRow { count: line.nodes.count(), row: (!is_solved(b)).then_some(row) }
                 })
                 .collect();
             let restricted = |c: &Vec<f64>| {
@@ -316,10 +316,16 @@ fn smooth_step(u: f64) -> f64 {
     u * u * (3.0 - 2.0 * u)
 }
 
+/// An axis of coefficients: their number, and the row with which the axis is contracted, if it is.
+struct AxisRow {
+    count: usize,
+    row: Option<Vec<f64>>,
+}
+
 /// Appends to `out` the coefficients along the axes without a row; the other axes are contracted
 /// with their rows.
-fn restrict(coefficients: &[f64], axes: &[(usize, Option<Vec<f64>>)], out: &mut Vec<f64>) {
-    let Some(((count, row), rest)) = axes.split_first() else {
+fn restrict(coefficients: &[f64], axes: &[AxisRow], out: &mut Vec<f64>) {
+    let Some((AxisRow { count, row }, rest)) = axes.split_first() else {
         out.extend_from_slice(coefficients);
         return;
     };

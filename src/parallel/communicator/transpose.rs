@@ -81,15 +81,10 @@ impl<'a> Transpose<'a> {
     ) {
         let (rank, size, count) = (self.rank(), self.size(), self.count);
         let own = cells[rank].len();
-        for step in 0..size {
-            let (to, from) = ((rank + step) % size, (rank + size - step) % size);
-            if step == 0 {
-                for (k, &l) in self.modes[rank].iter().enumerate() {
-                    let line = &by_mode[k * stride..][cells[rank].clone()];
-                    scatter(line, all, l, count);
-                }
-                continue;
-            }
+        for (k, &l) in self.modes[rank].iter().enumerate() {
+            scatter(&by_mode[k * stride..][cells[rank].clone()], all, l, count);
+        }
+        for Partners { to, from } in partners(rank, size) {
             let length = cells[to].len();
             for k in 0..self.modes[rank].len() {
                 let line = &by_mode[k * stride..][cells[to].clone()];
@@ -114,15 +109,10 @@ impl<'a> Transpose<'a> {
     ) {
         let (rank, size, count) = (self.rank(), self.size(), self.count);
         let own = cells[rank].len();
-        for step in 0..size {
-            let (to, from) = ((rank + step) % size, (rank + size - step) % size);
-            if step == 0 {
-                for (k, &l) in self.modes[rank].iter().enumerate() {
-                    let line = &mut by_mode[k * stride..][cells[rank].clone()];
-                    gather(line, all, l, count);
-                }
-                continue;
-            }
+        for (k, &l) in self.modes[rank].iter().enumerate() {
+            gather(&mut by_mode[k * stride..][cells[rank].clone()], all, l, count);
+        }
+        for Partners { to, from } in partners(rank, size) {
             for (k, &l) in self.modes[to].iter().enumerate() {
                 gather(&mut self.send[k * own..][..own], all, l, count);
             }
@@ -152,6 +142,18 @@ impl<'a> Transpose<'a> {
             send_receive_into(&send[piece(outgoing)], &to, into, &from);
         }
     }
+}
+
+/// The ranks to which a rank sends, and from which it receives, in a step.
+struct Partners {
+    to: usize,
+    from: usize,
+}
+
+/// The partners of `rank` among `size` ranks, step by step: each other rank once.
+fn partners(rank: usize, size: usize) -> impl Iterator<Item = Partners> {
+    let of = move |step| Partners { to: (rank + step) % size, from: (rank + size - step) % size };
+    (1..size).map(of)
 }
 
 /// A message to or from a rank.

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::List;
 use crate::problem::grid::PhaseSpace;
-use crate::problem::limits::{CHUNK, MOST_CHUNKS};
+use crate::problem::limits::{CHUNK, LARGEST_P, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -252,8 +252,6 @@ impl PlateauTable {
     fn check(&self, file: &CaseFile<'_>) -> Result<Plateau> {
         /// Each point takes 24 bytes per cell.
         const MOST_POINTS: usize = 1000;
-        /// Beyond this magnitude of `p`, `e^p` overflows or vanishes.
-        const HIGHEST: f64 = 300.0;
         let key = "output.plateau.points";
         let points = file.count(key, self.points.unwrap_or(9), 2)?;
         if points > MOST_POINTS {
@@ -261,8 +259,8 @@ impl PlateauTable {
         }
         let ends = [("output.plateau.from", self.from), ("output.plateau.to", self.to)];
         for (key, value) in ends {
-            file.within(key, value.unwrap_or(0.0), -HIGHEST..=HIGHEST, || {
-                format!("must be between -{HIGHEST} and {HIGHEST}")
+            file.within(key, value.unwrap_or(0.0), -LARGEST_P..=LARGEST_P, || {
+                format!("must be between -{LARGEST_P} and {LARGEST_P}")
             })?;
         }
         if let (Some(from), Some(to)) = (self.from, self.to)

@@ -295,12 +295,13 @@ impl Propagation {
     pub(super) fn check(self, file: &CaseFile<'_>, time: f64) -> Result<Self> {
         let key = "solver.propagator.step";
         match self.step {
-            None if self.method.order() > 0 => file
-                .refuse(key, "missing; crank-nicolson and backward-euler need a time step above 0"),
+            None if self.method.order() > 0 => {
+                file.refuse(key, "missing; an implicit method needs a time step above 0")
+            }
             Some(_) if !self.method.takes_step() => file.refuse(
                 key,
-                "the Chebyshev series takes the whole time at once; leave it out, or choose \
-                 another method",
+                "this method takes the whole time at once; leave it out, or choose a \
+                 solver.propagator.method with time steps",
             ),
             Some(step) if !(time / step > 0.0 && time / step <= MOST_STEPS) => file.refuse(
                 key,

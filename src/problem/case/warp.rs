@@ -6,7 +6,7 @@ use crate::problem::case::data::LiouvilleField;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, List, NumberOr, Words};
 use crate::problem::limits::{
-    BETAS, CS, LARGEST_NUMBER, LARGEST_SHIFT, MOST_MODES, MOST_ORDER, SIGMAS,
+    BETAS, CS, LARGEST_NUMBER, LARGEST_P, LARGEST_SHIFT, MOST_MODES, MOST_ORDER, SIGMAS,
 };
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -409,11 +409,9 @@ impl WarpTable {
 
     /// `recovery = p◇`.
     fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
-        /// For larger `p◇`, `e^{p◇}` overflows.
-        const HIGHEST: f64 = 300.0;
         let key = "solver.warp.recovery";
         let Some(point) = self.recovery else { return Ok(None) };
-        file.within(key, point, 0.0..=HIGHEST, || format!("must be between 0 and {HIGHEST}"))?;
+        file.within(key, point, 0.0..=LARGEST_P, || format!("must be between 0 and {LARGEST_P}"))?;
         match interval {
             Some([_, upper]) if point >= upper => {
                 let message = format!("must be below the end of solver.warp.interval, {upper}");

@@ -117,7 +117,7 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
-    if is_one_piece(case) {
+    if is_one_piece(&case.potential) {
         return found;
     }
     // Where a condition is undefined, there is no piece.
@@ -161,7 +161,7 @@ pub fn overlooked(case: &Case) -> Overlooked {
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<StrayEdge> = Vec::new();
     let mut used = vec![false; case.potential.len()];
-    if is_one_piece(case) {
+    if is_one_piece(&case.potential) {
         return Overlooked::default();
     }
     // Undefined conditions are reported by `Potential::new`.

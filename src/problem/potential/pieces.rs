@@ -1,6 +1,6 @@
 //! The pieces of `V`: the region, or the value of a stepped table, that holds at a point.
 
-use crate::problem::case::{Case, Region};
+use crate::problem::case::Region;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 
@@ -40,8 +40,8 @@ pub(super) fn piece<'r>(
 }
 
 /// Whether one formula gives `V` on the whole grid.
-pub(super) fn is_one_piece(case: &Case) -> bool {
-    case.potential.len() == 1 && !case.potential[0].value.is_stepped()
+pub(super) fn is_one_piece(potential: &[Region]) -> bool {
+    potential.len() == 1 && !potential[0].value.is_stepped()
 }
 
 /// Centre of space cell `i`, which is its node, as formulas take it.

@@ -2,7 +2,7 @@
 //! the scheme evaluates the formula.
 
 use crate::base::quadrature::gauss_legendre;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Region};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::pieces::{ElementLines, energy_scale, piece, region};
@@ -15,7 +15,7 @@ const MOST_LINES: usize = 1 << 16;
 /// Differences below this part of the range of `V` in the region are ignored.
 const NOTICED: f64 = 0.01;
 /// Differences below this part of the largest `v²/2` of the box are ignored.
-const OF_ENERGY: f64 = 1e-3;
+const NOTICED_PART_OF_ENERGY: f64 = 1e-3;
 
 /// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -134,13 +134,14 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
                 point[a] = case.space.x[a].at(element[a] as i64, *xi);
                 point
             };
-            let place = worst_on_line(case, taken, own.region, at, &mut ranges[own.region]);
+            let place =
+                worst_on_line(&case.potential, taken, own.region, at, &mut ranges[own.region]);
             found[own.region][a].add(Unresolved { axis: a, ..place });
         }
     }
-    let limits = ranges
-        .into_iter()
-        .map(|[least, most]| (NOTICED * (most - least)).max(OF_ENERGY * energy_scale(&case.space)));
+    let limits = ranges.into_iter().map(|[least, most]| {
+        (NOTICED * (most - least)).max(NOTICED_PART_OF_ENERGY * energy_scale(&case.space))
+    });
     let regions = found.into_iter().zip(limits);
     regions
         .flat_map(|(axes, limit)| axes.into_iter().filter_map(move |found| found.beyond(limit)))
@@ -150,13 +151,13 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
 /// The point of the largest difference, within region `own`, on the line of an element whose points
 /// are `at(ξ)`. Widens `range` to include the values of `V` on the line.
 fn worst_on_line(
-    case: &Case,
+    potential: &[Region],
     taken: &LineApproximation,
     own: usize,
     at: impl Fn(&f64) -> [f64; 6],
     range: &mut [f64; 2],
 ) -> Unresolved {
-    let formula = &case.potential[own].value;
+    let formula = &potential[own].value;
     let nodal: Vec<f64> = taken.nodes.iter().map(|xi| formula.eval(&at(xi))).collect();
     let mut worst = Unresolved { region: own, ..Unresolved::default() };
     for (point, row) in taken.points.iter().map(at).zip(&taken.rows) {
@@ -164,7 +165,7 @@ fn worst_on_line(
         let taken: f64 = row.iter().zip(&nodal).map(|(weight, value)| weight * value).sum();
         // `Potential::new` reports values that are not finite where the scheme needs them.
         let finite = written.is_finite() && taken.is_finite();
-        if !finite || region(&case.potential, &point).ok() != Some(own) {
+        if !finite || region(potential, &point).ok() != Some(own) {
             continue;
         }
         *range = [range[0].min(written), range[1].max(written)];

@@ -21,6 +21,14 @@ use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
 use crate::quantum::circuit::transport::Force;
 use crate::quantum::circuit::wires::{Along, Wires};
 
+/// Where the term of a force acts.
+pub(super) struct ForceTerm<'a> {
+    /// Where it is chosen.
+    pub chosen: &'a [Literal],
+    /// Where it is `T` or `T†`, and not `D`.
+    pub moving: Literal,
+}
+
 impl Force {
     /// Appends the term of this force, where it is chosen: `T` or `T†` where `moving` holds, else
     /// `D`.
@@ -29,9 +37,8 @@ impl Force {
         c: &mut Circuit,
         wires: &Wires,
         along: &Along,
-        term: (&[Literal], Literal),
+        ForceTerm { chosen, moving }: ForceTerm<'_>,
     ) {
-        let (chosen, moving) = term;
         let chosen = wires.given(chosen);
         if let Some(flag) = wires.weaker.filter(|_| self.shares.iter().any(|&share| share < 1.0)) {
             c.comment("the strength of the force at this cell");

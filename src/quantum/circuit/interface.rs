@@ -40,6 +40,7 @@
 //! The circuit is its own inverse on the states that it starts from.
 
 use crate::quantum::circuit::arithmetic::{Literal, equals};
+use crate::quantum::circuit::force::ForceTerm;
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
 use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Levels, bits_of,
@@ -117,7 +118,8 @@ impl CaseTransport {
             }
             for (term, force) in (self.axes.len()..).zip(&self.forces) {
                 let chosen = wires.terms.chosen(term);
-                force.apply(c, wires, &wires.along[force.axis], (&chosen, moving));
+                let term = ForceTerm { chosen: &chosen, moving };
+                force.apply(c, wires, &wires.along[force.axis], term);
             }
         });
         c.push(match wires.control {

@@ -155,7 +155,8 @@ impl CircuitCase {
     pub fn new(case: &Case, bins: Bins) -> Result<Self> {
         let potential = Potential::whole(case)?;
         let n = case.space.dimension();
-        let faces: Vec<Vec<JumpFaces>> = (0..n).map(|a| faces(case, &potential, a)).collect();
+        let faces: Vec<Vec<JumpFaces>> =
+            (0..n).map(|a| faces(&case.space, &potential, a)).collect();
         let fits = |&bits: &usize| faces.iter().flatten().all(|f| f.height.off(bits) == 0.0);
         let forces = forces(case, &potential)?;
         let of = |bin_bits: usize| {
@@ -202,7 +203,7 @@ impl CircuitCase {
         let speeds = v.cells / 2;
         // Walls above all energies of the box are equivalent.
         let highest = (speeds * speeds) as f64 * scale;
-        let others = bits_of_others(case, a);
+        let others = bits_of_others(space, a);
         let (mut jumps, mut change) = (Vec::new(), 0.0f64);
         for face in faces {
             let levels = (face.height.levels * scale).round().clamp(-highest, highest);
@@ -232,7 +233,7 @@ impl CircuitCase {
 fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
     let (space, n) = (&case.space, case.space.dimension());
     // Of all axes.
-    let places = bits_of_others(case, n);
+    let places = bits_of_others(space, n);
     let mut found = Vec::new();
     for axis in 0..n {
         let mut speeds = vec![None; 1 << places.bits];
@@ -260,19 +261,19 @@ fn number_of_others(space: &PhaseSpace, a: usize, cell: &[usize]) -> usize {
     others.fold(0, |number, (_, (x, i))| number << bits_of(x.cells) | i)
 }
 
-fn bits_of_others(case: &Case, a: usize) -> Others {
-    let axes = case.space.x.iter().enumerate().filter(|(b, _)| *b != a);
+fn bits_of_others(space: &PhaseSpace, a: usize) -> Others {
+    let axes = space.x.iter().enumerate().filter(|(b, _)| *b != a);
     let bits: usize = axes.map(|(_, x)| bits_of(x.cells)).sum();
     let mut cells = vec![false; 1 << bits];
-    for_each_cell(&ranges(&case.space), |i| cells[number_of_others(&case.space, a, i)] = true);
+    for_each_cell(&ranges(space), |i| cells[number_of_others(space, a, i)] = true);
     Others { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
 }
 
 /// The jumps of `V` along axis `a`, by face and height.
-fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<JumpFaces> {
-    let width = case.space.v[a].width();
+fn faces(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<JumpFaces> {
+    let width = space.v[a].width();
     let mut found: BTreeMap<(usize, u64), JumpFaces> = BTreeMap::new();
-    for_each_cell(&ranges(&case.space), |i| {
+    for_each_cell(&ranges(space), |i| {
         let mut cell: Cell = [0; 2 * MAX_DIMENSION];
         cell[..MAX_DIMENSION].copy_from_slice(i);
         let rise = potential.jump_above(&cell, a);
@@ -280,7 +281,7 @@ fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<JumpFaces> {
             let height = Height { rise, levels: 2.0 * rise / (width * width) };
             let face = found.entry((i[a], rise.to_bits()));
             let face = face.or_insert(JumpFaces { below: i[a], height, places: Vec::new() });
-            face.places.push(number_of_others(&case.space, a, i));
+            face.places.push(number_of_others(space, a, i));
         }
     });
     found.into_values().collect()

@@ -16,6 +16,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
+use crate::problem::grid::PhaseSpace;
 use crate::propagate::chebyshev::degree;
 use crate::quantum::circuit::arithmetic::equals;
 use crate::quantum::circuit::evolution::Walk;
@@ -150,7 +151,7 @@ impl Complete {
                 builder.circuit.clean_scratch().len()
             )));
         }
-        let cell = densest(reading, case);
+        let cell = densest(reading, &case.space);
         builder.run(&StageParts { start: &start, profile: &profile, phases: &phases, grid, cell });
         let CircuitBuilder { mut circuit, stages, .. } = builder;
         circuit.finish();
@@ -176,8 +177,8 @@ impl Complete {
 }
 
 /// The number of the space cell where the density is largest.
-fn densest(reading: &MeasuredField, case: &Case) -> usize {
-    let cells = reading.field.chunks_exact(case.space.velocity_cells());
+fn densest(reading: &MeasuredField, space: &PhaseSpace) -> usize {
+    let cells = reading.field.chunks_exact(space.velocity_cells());
     let densities = cells.map(|f| f.iter().sum::<f64>());
     let largest = densities.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
     largest.map_or(0, |found| found.0)

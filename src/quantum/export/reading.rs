@@ -76,15 +76,14 @@ impl PointGrid {
     ///
     /// # Errors
     /// [`Error::Input`] for a given number of points that is no power of two.
-    pub(super) fn new(case: &Case, warp: &WarpPlan) -> Result<Self> {
+    pub(super) fn new(name: &str, warp: &WarpPlan) -> Result<Self> {
         let series = &warp.series;
         let given = points(series);
         let points = given.next_power_of_two();
         if series.alone && given != points {
             return Err(Error::Input(format!(
-                "{}: {given} points in p; a register of qubits takes a power of two: \
-                 solver.warp.points = {points}",
-                case.name
+                "{name}: {given} points in p; a register of qubits takes a power of two: \
+                 solver.warp.points = {points}"
             )));
         }
         let (point, period) = (warp.readings[0].point, series.period);

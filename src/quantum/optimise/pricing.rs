@@ -8,7 +8,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::probability::{PlannedState, Probabilities, WINDOW, amplification_rounds};
 use crate::quantum::resources::Preparation;
-use crate::quantum::walk::{OF_PROFILE, of_evolution};
+use crate::quantum::walk::{PROFILE_PART, evolution_part};
 use crate::schrodingerization::placement::Outline;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
@@ -17,8 +17,8 @@ use std::f64::consts::TAU;
 /// The largest number of modes of a candidate that is compared.
 pub(super) const MOST_MODES: usize = 1 << 17;
 /// Part of the field's tolerance to which a profile is planned at `p◇`, so that its window has
-/// [`OF_PROFILE`].
-pub const PLANNED: f64 = OF_PROFILE / WINDOW;
+/// [`PROFILE_PART`].
+pub const PLANNED: f64 = PROFILE_PART / WINDOW;
 
 /// The modes of a state that is planned to be measured: on a period so long that the window ends
 /// where hardly anything is left of `e^{−p}`, and that the modes fill a register, whose highest
@@ -149,7 +149,7 @@ impl PlannedCandidate {
             points: first.points,
             period: register.period,
             tolerance: LabelledNumber::exact(
-                most.sqrt() * of_evolution(first.points > 1) * system.case.tolerance,
+                most.sqrt() * evolution_part(first.points > 1) * system.case.tolerance,
             ),
         };
         let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
@@ -180,7 +180,7 @@ impl PlannedCandidate {
             period: series.period,
             tolerance: found
                 .amplitude()
-                .times(&LabelledNumber::exact(of_evolution(points > 1) * system.case.tolerance)),
+                .times(&LabelledNumber::exact(evolution_part(points > 1) * system.case.tolerance)),
         };
         let LeastCost { cost: least, queries } =
             system.accesses.least(&demand, &found.evolutions());

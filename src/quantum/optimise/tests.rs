@@ -13,7 +13,7 @@ use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::Preparation;
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::{OF_EVOLUTION, OF_ROUNDING};
+use crate::quantum::walk::{EVOLUTION_PART, ROUNDING_PART};
 use crate::scheme::rows::{Row, Scheme};
 use crate::schrodingerization::profile::series::points;
 use crate::solve::system::StateNorms;
@@ -115,7 +115,7 @@ fn with_system(cells: [usize; 2], test: impl Fn(&System<'_>, &Dense)) {
     let entries = LargestEntries::new(dense.pairs().flatten().collect(), dense.fullest());
     let norms = dense.norms;
     let ratio = norms.start / norms.field;
-    let rounding = OF_EVOLUTION * OF_ROUNDING * case.tolerance / ratio;
+    let rounding = EVOLUTION_PART * ROUNDING_PART * case.tolerance / ratio;
     let synthesis = RotationSynthesis::default();
     let accesses = &Accesses::new(&case, &bounds, entries, 6, rounding, synthesis);
     let system = System { world: None, case: &case, bounds: &bounds, ratio, norms, accesses };

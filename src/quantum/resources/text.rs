@@ -247,7 +247,7 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
         None => writeln!(
             f,
             "the paper's bounds are for the hat interface and velocity cells symmetric about 0; \
-             this case is another"
+             this case has others"
         )?,
     }
     Ok(())

@@ -1,6 +1,6 @@
 //! Uniform meshes on which the polynomials of elements are drawn.
 
-use crate::matrix::elements::apply_in_elements;
+use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::problem::grid::Axis;
 
 /// Least number of points that are drawn for each node of an element.
@@ -78,7 +78,11 @@ impl FineMesh {
 /// one and all of the second. The second axis runs fastest.
 pub fn drawn(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
     let [first, second] = meshes;
-    apply_in_elements(values, &[(elements, &first.matrix), (second.elements, &second.matrix)])
+    let axes = [
+        AxisMatrix { elements, matrix: &first.matrix },
+        AxisMatrix { elements: second.elements, matrix: &second.matrix },
+    ];
+    apply_in_elements(values, &axes)
 }
 
 /// Values at the nodes of `axis` as points of a line: for degree 0 the values, else the polynomial

@@ -1,6 +1,6 @@
 //! Whether a result can be trusted: the first section of the page.
 
-use crate::base::text::{OF_ALGORITHM, OF_GRID, percent, sentence, short};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
 use crate::results::summary::{Accuracy, Missed};
@@ -106,7 +106,7 @@ fn steps(summary: &Value) -> Finding {
             "the classical scheme has no modes; its time steps are not measured",
         ),
     };
-    Finding { what: sentence(OF_ALGORITHM), mark: Mark::Unknown, value, text: text.to_owned() }
+    Finding { what: sentence(ALGORITHM_ERROR), mark: Mark::Unknown, value, text: text.to_owned() }
 }
 
 /// The finding on the distance to the exact solution of the scheme's equations.
@@ -115,7 +115,7 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
         return Finding {
-            what: sentence(OF_ALGORITHM),
+            what: sentence(ALGORITHM_ERROR),
             mark: Mark::Unknown,
             value: "not known".to_owned(),
             text: format!("planned, and not estimated{asked}; solver.verify measures it"),
@@ -131,12 +131,12 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
         format!(", {} of it inherited from the run that it continues", short(error))
     });
     let text = format!("relative l2{inherited}{asked}");
-    Finding { what: sentence(OF_ALGORITHM), mark, value: short(error), text }
+    Finding { what: sentence(ALGORITHM_ERROR), mark, value: short(error), text }
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
 fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
-    let what = sentence(OF_GRID);
+    let what = sentence(GRID_ERROR);
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
         let text = "neither measured nor estimated; a run on twice as many cells would show it";

@@ -5,7 +5,6 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
-use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::untrusted::{self, Inspection};
@@ -142,19 +141,31 @@ pub struct WarpedFile {
     pub points: usize,
 }
 
+/// What is read from a file with a warped field.
+pub struct ModesFromFile<'a> {
+    /// The distribution of cells and modes over the ranks.
+    pub spread: &'a Spread<'a>,
+    /// The series whose factors the modes are for.
+    pub series: &'a Series,
+    /// The modes of this rank, which are overwritten.
+    pub kept: &'a mut KeptModes,
+    /// Where it is measured how flat the field is.
+    pub domain: Domain,
+}
+
 impl WarpedFile {
-    /// Checks that `/w` of the file is a warped field on the grid of `case`, and reads its points.
+    /// Checks that `/w` of the file is a warped field on the grid `space`, and reads its points.
     /// `key` is the file, line and key that names it. Collective over `world`.
     ///
     /// # Errors
     /// [`Error::Input`], which says what is wrong with it.
-    pub fn new(world: &Group, path: &Path, case: &Case, key: &str) -> Result<Self> {
+    pub fn new(world: &Group, path: &Path, space: &PhaseSpace, key: &str) -> Result<Self> {
         let wrong = |what: &dyn std::fmt::Display| {
             Error::Input(format!("{key} = \"{}\": {what}", path.display()))
         };
         // One rank reads the file without MPI.
         let found = if world.rank() == 0 {
-            checked_points(path, &case.space).map_err(|e| wrong(&e))
+            checked_points(path, space).map_err(|e| wrong(&e))
         } else {
             Ok(([f64::NEG_INFINITY; 2], 0))
         };
@@ -163,39 +174,26 @@ impl WarpedFile {
         Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`, and measures how flat it
-    /// is on `domain`. Collective over the world.
+    fn wrong(&self, what: &dyn std::fmt::Display) -> Error {
+        Error::Input(format!("{}: {what}", self.path.display()))
+    }
+
+    /// Reads the field into modes and measures how flat it is. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] if the file cannot be read, has changed since it was written, or holds NaN
     /// or infinity.
-    pub fn read(
-        &self,
-        spread: &Spread<'_>,
-        series: &Series,
-        kept: &mut KeptModes,
-        domain: Domain,
-    ) -> Result<ReadField> {
-        let world = &spread.communicator.world;
-        let wrong =
-            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
-        let file = SharedFile::open(world, &self.path, &wrong)?;
-        let read = self.read_from(&file, spread, series, kept, domain);
-        file.close(&wrong)?;
-        read
+    pub fn read(&self, wanted: ModesFromFile<'_>) -> Result<ReadField> {
+        let world = &wanted.spread.communicator.world;
+        SharedFile::read(world, &self.path, &|what| self.wrong(what), |file| {
+            self.read_from(file, wanted)
+        })
     }
 
-    fn read_from(
-        &self,
-        file: &File,
-        spread: &Spread<'_>,
-        series: &Series,
-        kept: &mut KeptModes,
-        domain: Domain,
-    ) -> Result<ReadField> {
+    fn read_from(&self, file: &File, wanted: ModesFromFile<'_>) -> Result<ReadField> {
+        let ModesFromFile { spread, series, kept, domain } = wanted;
         let world = &spread.communicator.world;
-        let wrong =
-            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        let wrong = |what: &dyn std::fmt::Display| self.wrong(what);
         let dataset = world.agree(file.dataset("w").map_err(|e| wrong(&e)))?;
         let shape = dataset.shape();
         let mut transform = Transform::new(series, self.interval[0]);

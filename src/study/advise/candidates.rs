@@ -2,9 +2,8 @@
 
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, rounded_down};
-use crate::matrix::bounds::Bounds;
-use crate::plan::Plan;
 use crate::plan::layout::Resources;
+use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::overlooked;
 use crate::run::planning;
@@ -14,6 +13,7 @@ use crate::study::advise::grid_search::{
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::{cells, mode_updates};
@@ -180,10 +180,10 @@ impl Study<'_> {
             let mut case = scheme.schrodingerized(base, &grid.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
-            let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
+            let found = ProvisionalPlan::new(&case, &Resources::here(self.world));
             let is_small =
                 |plan: Plan| (self.trials.budget).holds(mode_updates(&case, &plan), FOR_MODES);
-            if plan.is_ok_and(is_small) {
+            if found.map(|found| found.plan).is_ok_and(is_small) {
                 return Ok(grid.shape.clone());
             }
         }
@@ -297,7 +297,7 @@ impl Study<'_> {
 
     /// Tries other fluxes between elements for the set-up of least work by each method, on grids
     /// near its own, unless that grid is extrapolated. Collective.
-    pub(super) fn try_fluxes(&mut self, found: &[(SchemeChoice, ReachedGrid)]) -> Result<()> {
+    pub(super) fn try_fluxes(&mut self, found: &[SchemeWithGrid]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
             let can = self.candidates.iter().map(|candidate| &candidate.entry);
@@ -305,12 +305,12 @@ impl Study<'_> {
             let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
             let is_best =
                 |scheme: &SchemeChoice| best.as_ref() == Some(&self.name(method, *scheme));
-            let Some((scheme, reached)) = found.iter().find(|(scheme, reached)| {
-                is_best(scheme) && reached.known != Evidence::Extrapolated
+            let Some(SchemeWithGrid { scheme, reached }) = found.iter().find(|found| {
+                is_best(&found.scheme) && found.reached.known != Evidence::Extrapolated
             }) else {
                 continue;
             };
-            for scheme in scheme.other_fluxes(&self.trials.degree_case(*scheme).base) {
+            for scheme in scheme.other_fluxes(self.trials.degree_case(*scheme).base.flux) {
                 self.try_flux(method, scheme, reached)?;
             }
         }

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
-use crate::matrix::elements::apply_in_elements;
+use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::element::Nodes;
@@ -31,8 +31,9 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
         return Ok(density);
     }
     let matrices: Vec<_> = space.x.iter().map(|axis| part_averages(axis.nodes)).collect();
-    let axes: Vec<_> =
-        space.x.iter().zip(&matrices).map(|(axis, m)| (axis.elements(), &m[..])).collect();
+    let axes: Vec<_> = (space.x.iter().zip(&matrices))
+        .map(|(axis, matrix)| AxisMatrix { elements: axis.elements(), matrix })
+        .collect();
     Ok(apply_in_elements(&density, &axes))
 }
 

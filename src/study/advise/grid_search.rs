@@ -1,7 +1,7 @@
 //! The search for the coarsest grid on which a scheme meets an accuracy, from a few coarse grids.
 
 use crate::base::error::Result;
-use crate::study::advise::order::{Order, Range};
+use crate::study::advise::order::{Order, OrderRange};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::{Trials, cells};
 use crate::study::grids::Grids;
@@ -135,7 +135,7 @@ struct ErrorSequence {
     found: Vec<f64>,
     exact: bool,
     /// Orders that the scheme may have.
-    orders: Range,
+    orders: OrderRange,
 }
 
 impl ErrorSequence {

@@ -9,7 +9,7 @@ const SPREAD: f64 = 0.15;
 
 /// Orders that a scheme may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
+pub struct OrderRange {
     /// The order of a discontinuous solution; assumed if fewer than two errors are known.
     pub least: f64,
     /// The highest order that is trusted.
@@ -34,14 +34,14 @@ pub struct Order {
 impl Order {
     /// The order of `errors` of a scheme with orders in `range`, coarsest grid first. Distances
     /// between consecutive grids have the same order and may stand for errors.
-    pub fn of(errors: &[f64], range: Range) -> Self {
+    pub fn of(errors: &[f64], range: OrderRange) -> Self {
         Self::of_steps(errors, &vec![1.0; errors.len().saturating_sub(1)], range)
     }
 
     /// The order of `errors` on grids each of which is `2^s` times as fine as the one before, with
     /// `s` from `steps`.
-    pub fn of_steps(errors: &[f64], steps: &[f64], range: Range) -> Self {
-        let Range { least, most } = range;
+    pub fn of_steps(errors: &[f64], steps: &[f64], range: OrderRange) -> Self {
+        let OrderRange { least, most } = range;
         let pairs = errors.windows(2).zip(steps);
         let pairs: Vec<f64> = pairs.map(|(pair, s)| (pair[0] / pair[1]).log2() / s).collect();
         let (mean, lower, settled) = match pairs[..] {
@@ -87,7 +87,7 @@ impl Order {
 mod tests {
     use super::*;
 
-    const FIRST: Range = Range { least: 0.5, most: 2.0 };
+    const FIRST: OrderRange = OrderRange { least: 0.5, most: 2.0 };
 
     #[test]
     fn powers_of_the_width_are_found_and_extrapolated() {

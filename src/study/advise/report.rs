@@ -1,6 +1,6 @@
 //! Advice as text.
 
-use crate::base::text::{OF_ALGORITHM, OF_GRID, bytes_text, counted, quoted, seconds_text};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::order::Order;
@@ -80,11 +80,11 @@ fn evidence(known: Evidence) -> &'static str {
 
 fn parts(parts: &ErrorParts) -> String {
     let mut text = match parts.space.zip(parts.velocity) {
-        Some((space, velocity)) => format!("{OF_GRID} in x {space:.1e}, in v {velocity:.1e}"),
-        None => format!("{OF_GRID} {:.1e} (x and v not measured apart)", parts.discretisation),
+        Some((space, velocity)) => format!("{GRID_ERROR} in x {space:.1e}, in v {velocity:.1e}"),
+        None => format!("{GRID_ERROR} {:.1e} (x and v not measured apart)", parts.discretisation),
     };
     let others = [
-        (OF_ALGORITHM, parts.schrodingerization),
+        (ALGORITHM_ERROR, parts.schrodingerization),
         ("error of the implicit step", parts.step),
         ("error of the readout", parts.readout),
     ];

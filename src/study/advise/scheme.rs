@@ -2,7 +2,8 @@
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
-use crate::study::advise::order::Range;
+use crate::study::advise::order::OrderRange;
+use crate::study::choices::DEGREES;
 use crate::study::grids::on_grid;
 use crate::study::treatment::Treatment;
 
@@ -44,9 +45,6 @@ impl Flux {
     }
 }
 
-/// Highest degree that is tried, where the case has no higher one.
-const HIGHEST_DEGREE: usize = 4;
-
 impl SchemeChoice {
     /// The scheme of `case`; Schrödingerization has no slopes.
     pub fn of(case: &Case) -> Self {
@@ -69,7 +67,7 @@ impl SchemeChoice {
             }
         };
         let elements = Self { interface: Interface::Conservative, ..own };
-        (1..=HIGHEST_DEGREE).for_each(|degree| add(Self { degree, ..elements }));
+        DEGREES.skip(1).for_each(|degree| add(Self { degree, ..elements }));
         if !case.has_upwind_cells() {
             add(Self { degree: 0, ..elements });
             return schemes;
@@ -86,10 +84,10 @@ impl SchemeChoice {
     /// The orders in the elements' width that its errors may show. The lowest is that of
     /// discontinuous data in L1, `(k + 1)/(k + 2)`. The highest is one more than that of smooth
     /// data, `k + 1`. Slopes count as degree 1.
-    pub fn orders(self) -> Range {
+    pub fn orders(self) -> OrderRange {
         let k = if self.limiter == Limiter::None { self.degree } else { 1 } as f64;
         let most = if self.limiter == Limiter::None { k + 2.0 } else { 2.0 };
-        Range { least: (k + 1.0) / (k + 2.0), most }
+        OrderRange { least: (k + 1.0) / (k + 2.0), most }
     }
 
     /// A classical run of this scheme on `shape` elements. `case` has elements of its degree.
@@ -111,10 +109,9 @@ impl SchemeChoice {
         Case { interface: self.interface, flux, ..on_grid(case, shape) }
     }
 
-    /// This scheme with each flux but that of `case`, which has elements of its degree. Degree 0
-    /// has no other flux.
-    pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
-        let (own, elements) = (case.flux, self.degree > 0);
+    /// This scheme with each flux but `own`. Degree 0 has no other flux.
+    pub fn other_fluxes(self, own: f64) -> impl Iterator<Item = Self> + use<> {
+        let elements = self.degree > 0;
         let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);
         fluxes.map(move |flux| Self { flux: Some(flux), ..self })
     }

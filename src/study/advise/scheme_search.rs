@@ -28,6 +28,20 @@ enum SearchResult {
     Failed(Error),
 }
 
+/// A scheme, and the result of the search for its grid.
+struct SearchedScheme {
+    scheme: SchemeChoice,
+    tried: SearchResult,
+}
+
+/// A scheme, and the grid that was found for it.
+pub(super) struct SchemeWithGrid {
+    /// The scheme.
+    pub scheme: SchemeChoice,
+    /// Its grid.
+    pub reached: ReachedGrid,
+}
+
 impl Study<'_> {
     /// Tries the case's own grid first if that is cheap, so that its error is not extrapolated.
     /// Collective.
@@ -78,7 +92,7 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last one, if no scheme could be tried.
-    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
+    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<SchemeWithGrid>> {
         let schemes = self.schemes();
         let first = self.start(schemes[0]);
         // The first scheme is tried even if the budget holds it only roughly.
@@ -90,7 +104,7 @@ impl Study<'_> {
                 shape_text(&first)
             )));
         }
-        let mut found: Vec<(SchemeChoice, SearchResult)> = Vec::new();
+        let mut found: Vec<SearchedScheme> = Vec::new();
         for (k, &scheme) in schemes.iter().enumerate() {
             // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
@@ -98,7 +112,7 @@ impl Study<'_> {
                 0 => self.search_grid_from(scheme, &first, share),
                 _ => self.search_grid(scheme, share)?,
             };
-            found.push((scheme, tried));
+            found.push(SearchedScheme { scheme, tried });
         }
         self.spend_rest_on_modes(&mut found)?;
         self.reached_grids(found)
@@ -107,13 +121,13 @@ impl Study<'_> {
     /// If no scheme that modes can run reaches the accuracy: gives the shares that others left over
     /// to these schemes one by one, fewest expected unknowns first, until one reaches it.
     /// Collective.
-    fn spend_rest_on_modes(&mut self, found: &mut [(SchemeChoice, SearchResult)]) -> Result<()> {
+    fn spend_rest_on_modes(&mut self, found: &mut [SearchedScheme]) -> Result<()> {
         let by_modes = |scheme: &SchemeChoice| scheme.limiter == Limiter::None;
-        if found.iter().any(|(scheme, tried)| by_modes(scheme) && !self.misses_accuracy(tried)) {
+        if found.iter().any(|s| by_modes(&s.scheme) && !self.misses_accuracy(&s.tried)) {
             return Ok(());
         }
         found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
-        for (scheme, tried) in found {
+        for SearchedScheme { scheme, tried } in found {
             if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
                 continue;
             }
@@ -133,15 +147,12 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last error, if there is no grid at all.
-    fn reached_grids(
-        &mut self,
-        found: Vec<(SchemeChoice, SearchResult)>,
-    ) -> Result<Vec<(SchemeChoice, ReachedGrid)>> {
+    fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<SchemeWithGrid>> {
         let (mut grids, mut failure) = (Vec::new(), None);
-        for (scheme, tried) in found {
+        for SearchedScheme { scheme, tried } in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
-                SearchResult::Found(grid) => grids.push((scheme, grid)),
+                SearchResult::Found(reached) => grids.push(SchemeWithGrid { scheme, reached }),
                 SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
                     self.left_out.push(format!("{name}: the budget does not hold a run on {grid}"));
@@ -185,10 +196,10 @@ impl Study<'_> {
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
-    fn expected_unknowns(&self, tried: &(SchemeChoice, SearchResult)) -> f64 {
-        match tried {
-            (scheme, SearchResult::Found(reached)) => {
-                let nodes = (scheme.degree + 1) as f64;
+    fn expected_unknowns(&self, searched: &SearchedScheme) -> f64 {
+        match &searched.tried {
+            SearchResult::Found(reached) => {
+                let nodes = (searched.scheme.degree + 1) as f64;
                 cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
             }
             _ => f64::INFINITY,

@@ -7,7 +7,7 @@ use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::plan::Plan;
 use crate::plan::balance::Batch;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Propagation};
 use crate::problem::legs::Leg;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::evolution::{Evolution, Initial};
@@ -145,7 +145,7 @@ impl<'a> ModeTrials<'a> {
     }
 
     fn shortened(&self, part: usize) -> Shortened<'a> {
-        Shortened::new(self.case, self.plan, self.warp, self.schedule, part)
+        Shortened::new(&self.case.propagator, self.plan, self.warp, self.schedule, part)
     }
 
     /// Runs `batches` for a part of the time, as a full run does but for the files. Collective.
@@ -207,7 +207,7 @@ impl<'a> Shortened<'a> {
     /// `plan` cut down to `part` of [`PARTS`] equal parts of the time, rounded up to whole steps.
     /// The error that a mode may have is cut down in proportion.
     fn new(
-        case: &Case,
+        propagator: &Propagation,
         plan: &'a Plan,
         warp: &WarpPlan,
         schedule: Option<&Schedule>,
@@ -243,7 +243,7 @@ impl<'a> Shortened<'a> {
             for l in 0..warp.modes {
                 let span = Span { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
-                let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
+                let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
         }

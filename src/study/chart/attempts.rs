@@ -7,8 +7,6 @@ use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::reduce::reduced;
@@ -390,9 +388,7 @@ impl<'a> Attempts<'a> {
 
     /// Bounds of the case's matrix, with the growth measured if needed. Collective.
     fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
-        refuse_too_large_here(self.world, case)?;
-        let here = Resources::here(self.world);
-        Ok(Prepared::new(self.world, case, &here)?.bounds)
+        Ok(Prepared::here(self.world, case)?.bounds)
     }
 
     /// The finest grid, up to the case's own, on which the budget holds the comparison of methods

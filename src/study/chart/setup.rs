@@ -106,7 +106,7 @@ impl Modes {
         plan_modes(case);
         case.warp.profile = self.profile.clone();
         case.tolerance = self.tolerance;
-        case.propagator = propagation(case, self.propagator, self.steps);
+        case.propagator = propagation(case.duration(), self.propagator, self.steps);
         case.warp.weights = false;
         if let Some(treatment) = self.treatment {
             *case = treatment.of(case);
@@ -136,14 +136,14 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
         Some(_) => PropagatorMethod::CrankNicolson,
         None => PropagatorMethod::Chebyshev,
     };
-    case.propagator = propagation(case, method, steps);
+    case.propagator = propagation(case.duration(), method, steps);
 }
 
 /// Sets Schrödingerization by modes, with everything planned from the tolerance.
 fn plan_modes(case: &mut Case) {
     case.method = Method::Schrodingerized;
     case.limiter = Limiter::None;
-    plan_series(case);
+    plan_series(&mut case.warp);
     case.warp.recovery_method = RecoveryMethod::Point;
     case.warp.shift = Shift::Given(0.0);
 }

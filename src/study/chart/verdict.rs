@@ -1,6 +1,6 @@
 //! Sentences on which method to take at which accuracy.
 
-use crate::base::text::{OF_ALGORITHM, OF_GRID, counted, sentence, time_text};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, sentence, time_text};
 use crate::problem::case::Method;
 use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
@@ -146,7 +146,7 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option<String
         left_out: left_out_on_any_grid,
     };
     let text = sentence_of.text(chart)?;
-    let what = sentence(OF_GRID);
+    let what = sentence(GRID_ERROR);
     Some(format!("{what} (relative L1 distance to the exact {of}), {kind}: {text}."))
 }
 
@@ -166,7 +166,7 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option
         format!(" (the exponential is that solution to round-off: {seconds})")
     });
     let (text, grid) = (sentence_of.text(chart)?, &chart.compared_on);
-    let what = sentence(OF_ALGORITHM);
+    let what = sentence(ALGORITHM_ERROR);
     Some(format!(
         "{what} (relative l2 distance to the semi-discrete solution on {grid}), {kind}{also}: \
          {text}."

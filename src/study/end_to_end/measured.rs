@@ -4,14 +4,14 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Exact};
 use crate::study::advise::density::{density_of, distance, exact_density, spread};
-use crate::study::advise::order::{Order, Range};
+use crate::study::advise::order::{Order, OrderRange};
 use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, on_grid, shape_text};
 use crate::study::trial::{final_fields_only, trial};
 
 /// Grids on which errors are measured.
 const GRIDS: usize = 3;
 /// The least order of a smooth part of a solution: that of a jump.
-const OF_JUMP: f64 = 0.5;
+const ORDER_OF_JUMP: f64 = 0.5;
 /// The highest order that counts for degree 0; of a higher degree `k` it is `k + 1`.
 const MOST: f64 = 2.0;
 
@@ -46,10 +46,9 @@ impl MeasuredScheme {
         shapes.reverse();
         if let Some(pair) = shapes.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(Error::Input(format!(
-                "{}: no {GRIDS} grids to measure errors on: half as fine as {} is {} again; more \
-                 cells are needed",
+                "{}: errors are measured on {GRIDS} grids, each half as fine as the one before, and \
+                 {} cannot be made coarser; more cells are needed",
                 case.name,
-                shape_text(&pair[1]),
                 shape_text(&pair[0])
             )));
         }
@@ -63,7 +62,7 @@ impl MeasuredScheme {
         }
         let steps: Vec<f64> = shapes.windows(2).map(|pair| finer(&pair[0], &pair[1])).collect();
         let most = MOST.max(case.space.degree() as f64 + 1.0);
-        let order = Order::of_steps(&errors, &steps, Range { least: OF_JUMP, most });
+        let order = Order::of_steps(&errors, &steps, OrderRange { least: ORDER_OF_JUMP, most });
         if !order.falls() {
             let trials = shapes.iter().zip(&errors);
             let trials = trials.map(|(grid, e)| format!("{e:.1e} on {}", shape_text(grid)));
@@ -100,10 +99,10 @@ impl MeasuredScheme {
         let last = &self.order.pairs[self.order.pairs.len().saturating_sub(2)..];
         let lower = last.iter().copied().fold(f64::INFINITY, f64::min);
         let counted = self.order.counted_on;
-        let what = if counted > lower { "that of a jump" } else { "the most of the degree" };
-        ((counted - lower).abs() > 1e-9).then(|| {
-            format!("the grids show {}; counted on is {counted:.2}, {what}", two_digits(last))
-        })
+        let what =
+            if counted > lower { "the order of a jump" } else { "the highest of the degree" };
+        ((counted - lower).abs() > 1e-9)
+            .then(|| format!("the grids show {}; {counted:.2} is used, {what}", two_digits(last)))
     }
 }
 
@@ -145,7 +144,8 @@ mod tests {
         let grids: Vec<Vec<usize>> = sizes.iter().map(|&n| vec![n; 2]).collect();
         let errors: Vec<f64> = sizes.iter().map(|&n| error(n as f64)).collect();
         let steps: Vec<f64> = grids.windows(2).map(|pair| finer(&pair[0], &pair[1])).collect();
-        let order = Order::of_steps(&errors, &steps, Range { least: OF_JUMP, most: MOST });
+        let order =
+            Order::of_steps(&errors, &steps, OrderRange { least: ORDER_OF_JUMP, most: MOST });
         MeasuredScheme { grids, errors, order, seconds: 1.0, spread: 1.0 }
     }
 
@@ -168,6 +168,6 @@ mod tests {
         let uneven = measured(&[32, 64, 128], |n| if n > 100.0 { 0.2 } else { 16.0 / n });
         assert_eq!(uneven.order.counted_on, 0.5);
         let remark = uneven.remark().unwrap_or_default();
-        assert!(remark.contains("1.00, 0.32; counted on is 0.50"), "{remark}");
+        assert!(remark.contains("1.00, 0.32; 0.50 is used"), "{remark}");
     }
 }

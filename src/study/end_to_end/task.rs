@@ -4,9 +4,8 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_too_large_here;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact, ProfileChoice};
+use crate::problem::grid::PhaseSpace;
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, System};
@@ -16,7 +15,7 @@ use crate::quantum::readout::measurement::{amplitude_bound, preparations, root_e
 use crate::quantum::resources::{entries_of, qubits_of};
 use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::quantum::walk::{OF_ROUNDING, of_evolution};
+use crate::quantum::walk::{ROUNDING_PART, evolution_part};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
@@ -28,12 +27,12 @@ use std::cell::RefCell;
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
 /// Units of progress of the trials of a scheme, and of its price.
-pub(super) const OF_TRIALS: usize = 1;
-pub(super) const OF_PRICE: usize = 1;
+pub(super) const UNITS_OF_TRIALS: usize = 1;
+pub(super) const UNITS_OF_PRICE: usize = 1;
 /// Name of the method.
 pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
 /// What the tolerance of a state follows from.
-const SPREAD: &str = "the density's error beside that of f, measured";
+const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
 /// What the numbers of a grid method follow from.
 const MEASURED: &str = "norms and errors on the case's grid, and the measured order";
 
@@ -81,7 +80,7 @@ impl DensityTask<'_> {
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
-            self.advance(OF_PRICE);
+            self.advance(UNITS_OF_PRICE);
             degrees.push(DegreeCost {
                 degree: *degree,
                 order: found.order,
@@ -110,8 +109,7 @@ impl DensityTask<'_> {
     ) -> Result<QuantumMethod> {
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        refuse_too_large_here(self.world, &scheme)?;
-        let mut prepared = Prepared::new(self.world, &scheme, &Resources::here(self.world))?;
+        let mut prepared = Prepared::here(self.world, &scheme)?;
         let RoughSolution { ratio, norms } = prepared.rough_solution();
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
@@ -178,7 +176,7 @@ impl DensityTask<'_> {
             bounds,
             entries.scaled(factor, fuller, FINER),
             qubits_of(target),
-            OF_ROUNDING * of_evolution(!bounds.is_skew()) * tolerance,
+            ROUNDING_PART * evolution_part(!bounds.is_skew()) * tolerance,
             self.synthesis,
         )
     }
@@ -216,7 +214,7 @@ impl DensityTask<'_> {
     /// A trace has `segments` segments at most.
     pub fn over_characteristics(
         &self,
-        case: &Case,
+        space: &PhaseSpace,
         traced: &TracedDensity,
         segments: usize,
     ) -> QuantumMethod {
@@ -230,7 +228,7 @@ impl DensityTask<'_> {
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";
         const TRACED: &str = "the density and the largest f(0) by quadrature";
-        let mean = traced.density.abs() / (velocity_volume(&case.space) * traced.largest);
+        let mean = traced.density.abs() / (velocity_volume(space) * traced.largest);
         // A probability a is (1 + o)/2 of an overlap o.
         let wanted = 2.0 * self.accuracy * mean;
         let mut register = 2.0;
@@ -242,7 +240,7 @@ impl DensityTask<'_> {
         let trace = LabelledNumber::model(2.0 * products * bits * bits, WHY);
         let evolutions = LabelledNumber::estimate(preparations(register), TRACED);
         let gates = evolutions.times(&trace);
-        let coordinates = 2.0 * case.space.dimension() as f64 + 1.0;
+        let coordinates = 2.0 * space.dimension() as f64 + 1.0;
         let qubits = (coordinates + products) * bits + register.log2();
         let qubits = LabelledNumber::model(qubits, ROOM);
         QuantumMethod {

@@ -158,7 +158,7 @@ impl DensityAtPoint<'_> {
     ) -> SimpsonIntegral {
         /// The part of the tolerance that inner integrals may be off. Their noise must not look
         /// like a jump.
-        const OF_INNER: f64 = 0.05;
+        const INNER_PART: f64 = 0.05;
         let (n, axis) = (self.dimension(), part.len());
         let traces = std::cell::Cell::new(found.traces);
         let inner = std::cell::Cell::new(0.0f64);
@@ -170,7 +170,7 @@ impl DensityAtPoint<'_> {
                 found.largest = found.largest.max(value.abs());
                 value
             } else {
-                let below = self.over_axes(part, OF_INNER * absolute, 0.0, found);
+                let below = self.over_axes(part, INNER_PART * absolute, 0.0, found);
                 inner.set(inner.get().max(below.error));
                 below.value
             };
@@ -179,7 +179,7 @@ impl DensityAtPoint<'_> {
             value
         };
         let may_go_on = || traces.get() < MOST_TRACES;
-        let wanted = [(1.0 - OF_INNER) * absolute, (1.0 - OF_INNER) * relative];
+        let wanted = [(1.0 - INNER_PART) * absolute, (1.0 - INNER_PART) * relative];
         let integral = adaptive(first_panels(n), wanted, &may_go_on, &mut value);
         SimpsonIntegral { error: integral.error + inner.get(), ..integral }
     }

@@ -186,7 +186,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 /// As [`assembled`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let PanelTask { world, case: whole, budget } = *task;
-    refuse_elements(whole)?;
+    refuse_elements(whole.is_galerkin())?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
         return Err(Error::input("V does not jump: no particle grazes a threshold"));

@@ -108,7 +108,7 @@ impl Growth {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
-    refuse_elements(task.case)?;
+    refuse_elements(task.case.is_galerkin())?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid without weights";

@@ -71,7 +71,7 @@ impl ImplicitSteps {
         let mut found = Self { name, method, points: Vec::new(), refused: None, most_steps: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
-            case.propagator = propagation(&case, method, Some(steps as usize));
+            case.propagator = propagation(case.duration(), method, Some(steps as usize));
             let Some(tried) = task.trial(&case) else {
                 found.most_steps = Some(steps / 2);
                 break;
@@ -147,7 +147,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let mut case = coarsened(task.case, CELLS);
     (case.tolerance, case.verify) = (TOLERANCE, true);
-    plan_series(&mut case);
+    plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
     let all: Vec<ImplicitSteps> = implicit_propagators()
         .map(|(name, method)| ImplicitSteps::tried(task, &case, name, method))

@@ -14,7 +14,6 @@
 //! components, but they stay within the same bounds.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
@@ -117,8 +116,8 @@ pub fn plateau(
 ///
 /// # Errors
 /// [`Error::Input`] if it does.
-pub fn refuse_varying(case: &Case) -> Result<()> {
-    if !case.varies() {
+pub fn refuse_varying(varies: bool) -> Result<()> {
+    if !varies {
         return Ok(());
     }
     Err(Error::input(

@@ -41,7 +41,7 @@ impl ReferenceProblem {
     pub fn new(world: &World, case: &Case) -> Result<Self> {
         let mut case = Case { tolerance: TOLERANCE, recovery_points: 1, ..case.clone() };
         let delta = case.warp.delta;
-        plan_series(&mut case);
+        plan_series(&mut case.warp);
         case.warp.delta = delta;
         (case.warp.profile, case.warp.shift) = (ProfileChoice::Planned, Shift::Given(0.0));
         case.warp.recovery_method = RecoveryMethod::Point;

@@ -154,9 +154,9 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let mut case = coarsened(task.case, CELLS);
     case.verify = true;
-    plan_series(&mut case);
+    plan_series(&mut case.warp);
     case.warp.weights = true;
-    case.propagator = propagation(&case, PropagatorMethod::Chebyshev, None);
+    case.propagator = propagation(case.duration(), PropagatorMethod::Chebyshev, None);
     let mut all = Vec::new();
     for (name, profile) in &PROFILES {
         let mut case = case.clone();

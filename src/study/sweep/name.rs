@@ -27,8 +27,11 @@ pub fn with_absolute_paths(case: &mut Value, file: &Path) {
     let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    for key in ["/initial/warped", "/initial/field", "/initial/table/file"] {
-        if let Some(Value::String(path)) = case.pointer_mut(key) {
+    let keys = ["/initial/warped", "/initial/field", "/initial/table/file", "/inflow/table/file"];
+    let regions = case.pointer("/potential").and_then(Value::as_array).map_or(0, Vec::len);
+    let tables = (0..regions).map(|i| format!("/potential/{i}/table/file"));
+    for key in keys.map(str::to_owned).into_iter().chain(tables) {
+        if let Some(Value::String(path)) = case.pointer_mut(&key) {
             let absolute: PathBuf = folder.join(&*path).components().collect();
             *path = absolute.display().to_string();
         }
@@ -66,6 +69,27 @@ mod tests {
         let name = run_name(&case, Some("full"), &keys, &values);
         assert_eq!(name, "end=1e-05_field_times=-0.1,2-_title=-_f18ba48d0e2ddcc6");
         assert_ne!(run_name(&case, None, &keys, &values), name);
+    }
+
+    /// The same paths as in `python/src/phasewarp/case.py`.
+    #[test]
+    fn paths_of_all_tables_are_absolute() {
+        let table = || json!({"table": {"file": "./t.csv"}});
+        let mut case = json!({
+            "initial": {"field": "a.h5", "warped": "/w.h5", "table": {"file": "../t.csv"}},
+            "inflow": table(), "potential": [{"value": "0"}, table()],
+        });
+        with_absolute_paths(&mut case, Path::new("/data/case.toml"));
+        let absolute = || json!({"table": {"file": "/data/t.csv"}});
+        assert_eq!(
+            case,
+            json!({
+                "initial": {
+                    "field": "/data/a.h5", "warped": "/w.h5", "table": {"file": "/data/../t.csv"},
+                },
+                "inflow": absolute(), "potential": [{"value": "0"}, absolute()],
+            })
+        );
     }
 
     #[test]

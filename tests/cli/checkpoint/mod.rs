@@ -119,15 +119,17 @@ pub fn send(signal: &str, process: u32) {
     let _ = Command::new("kill").args([signal, &process.to_string()]).status();
 }
 
-/// The processes that `parent` started. MPICH's launcher starts its ranks by a proxy.
+/// The processes that `parent` started. MPICH's launcher starts its ranks by a proxy, which is a
+/// copy of the launcher at first.
 pub fn children(parent: u32) -> Vec<u32> {
     let path = format!("/proc/{parent}/task/{parent}/children");
     let text = fs::read_to_string(path).unwrap_or_default();
     let started = text.split_whitespace().filter_map(|id| id.parse().ok());
     let name = |id: u32| fs::read_to_string(format!("/proc/{id}/comm")).unwrap_or_default();
-    let ranks = |id| match name(id).starts_with("hydra_pmi_proxy") {
-        true => children(id),
-        false => vec![id],
+    let ranks = |id| match name(id).trim() {
+        "hydra_pmi_proxy" => children(id),
+        "mpirun.mpich" => Vec::new(),
+        _ => vec![id],
     };
     started.flat_map(ranks).collect()
 }
