@@ -25,10 +25,11 @@
 //! is off by `X/(√2 (2^{m−1} − 1))`, `H` by `d` times that, and `e^{−iHT}` by `τ/(√2 (2^{m−1} −
 //! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems.
 //!
-//! **Budget.** Of the tolerance of the field the profile in its window has [`PROFILE_PART`], and the
-//! evolution [`EVOLUTION_PART`]; without a profile the evolution has all of it ([`evolution_part`]). Of
-//! the evolution's tolerance the cut series has [`SERIES_PART`], rounded values, or jumps that are
-//! rounded to levels, have [`ROUNDING_PART`], and rotations by Clifford and T gates [`ROTATIONS_PART`].
+//! **Budget.** Of the tolerance of the field the profile in its window has [`PROFILE_PART`], and
+//! the evolution [`EVOLUTION_PART`]; without a profile the evolution has all of it
+//! ([`evolution_part`]). Of the evolution's tolerance the cut series has [`SERIES_PART`], rounded
+//! values, or jumps that are rounded to levels, have [`ROUNDING_PART`], and rotations by Clifford
+//! and T gates [`ROTATIONS_PART`].
 //! A series whose rest is `t` is within `2t` of the exponential as a sequence of steps
 //! ([`phases`](crate::quantum::phases)): so `K` is the least degree with `2t` in its part.
 //!
