@@ -32,7 +32,8 @@ const SHORTEST: f64 = 0.1;
 /// [`Error::Input`].
 pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
     let cells = case.space.space_cells() as f64;
-    world.group().on_first_rank(|| match seconds_to_evaluate(case) + SECONDS_PER_SPACE_CELL * cells {
+    let evaluate = || seconds_to_evaluate(case) + SECONDS_PER_SPACE_CELL * cells;
+    world.group().on_first_rank(|| match evaluate() {
         seconds if seconds > limit.max(SHORTEST) => Err(Error::Input(format!(
             "{}: --budget {limit} s: evaluating V and bounds on {cells:.3e} cells of space takes \
              about {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",

@@ -46,8 +46,8 @@ impl MeasuredScheme {
         shapes.reverse();
         if let Some(pair) = shapes.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(Error::Input(format!(
-                "{}: errors are measured on {GRIDS} grids, each half as fine as the one before, and \
-                 {} cannot be made coarser; more cells are needed",
+                "{}: errors are measured on {GRIDS} grids, each half as fine as the one before, \
+                 and {} cannot be made coarser; more cells are needed",
                 case.name,
                 shape_text(&pair[0])
             )));
