@@ -189,8 +189,8 @@ const FAULTS: [FaultKind; 10] = [
     fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 
-/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe. With MPICH, a rank may
-/// end by invalid memory where another one ends while MPI starts.
+/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe. With MPICH, a rank
+/// may end by invalid memory where another one ends while MPI starts.
 const CRASHES: [i32; 4] = [134, 139, 141, libc::SIGSEGV];
 
 impl FaultKind {
