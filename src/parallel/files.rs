@@ -36,8 +36,8 @@ impl Deref for SharedFile<'_> {
 }
 
 impl<'a> SharedFile<'a> {
-    /// Opens a file, returns what `read` makes of it, and closes it, also after an error. `read` must
-    /// have the same outcome on all ranks. Collective over `world`, as are all methods.
+    /// Opens a file, returns what `read` makes of it, and closes it, also after an error. `read`
+    /// must have the same outcome on all ranks. Collective over `world`, as are all methods.
     ///
     /// # Errors
     /// What `fail` makes of HDF5's error, the same on all ranks; as `read`.
