@@ -31,10 +31,9 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::study::advise::grid_search::Evidence;
+use crate::study::advise::grid_search::{Evidence, SchemeWithGrid};
 use crate::study::advise::report::warnings;
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,

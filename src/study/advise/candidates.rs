@@ -9,11 +9,10 @@ use crate::problem::potential::overlooked;
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, error_on, grid_near,
+    DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, SchemeWithGrid, error_on, grid_near,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::scheme_search::SchemeWithGrid;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::{cells, mode_updates};

@@ -48,6 +48,14 @@ pub enum Evidence {
     Extrapolated,
 }
 
+/// A scheme, and the grid that was found for it.
+pub(super) struct SchemeWithGrid {
+    /// The scheme.
+    pub scheme: SchemeChoice,
+    /// Its grid.
+    pub reached: ReachedGrid,
+}
+
 /// The coarsest grid on which a scheme reaches the accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ReachedGrid {

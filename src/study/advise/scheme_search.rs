@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
 use crate::study::advise::grid_search::{
-    DISCRETISATION, Evidence, Goal, ReachedGrid, coarsest_grid,
+    DISCRETISATION, Evidence, Goal, ReachedGrid, SchemeWithGrid, coarsest_grid,
 };
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::cells;
@@ -32,14 +32,6 @@ enum SearchResult {
 struct SearchedScheme {
     scheme: SchemeChoice,
     tried: SearchResult,
-}
-
-/// A scheme, and the grid that was found for it.
-pub(super) struct SchemeWithGrid {
-    /// The scheme.
-    pub scheme: SchemeChoice,
-    /// Its grid.
-    pub reached: ReachedGrid,
 }
 
 impl Study<'_> {
