@@ -88,7 +88,7 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
         ("time.end=inf", &["time.end = inf", "finite"]),
         (
             "solver.propagator.step=0.1",
-            &["solver.propagator.step = 0.1", "Chebyshev", "leave it out"],
+            &["solver.propagator.step = 0.1", "\"chebyshev\"", "leave it out"],
         ),
         ("solver.propagator.method=crank", &["solver.propagator.method", "\"crank-nicolson\""]),
         (

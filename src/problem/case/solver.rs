@@ -1,6 +1,7 @@
 //! `[time]`, `[scheme]`, `[checkpoint]`, and `[solver]` without `solver.warp`.
 
 use crate::base::error::Result;
+use crate::base::text::word;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::warp::WarpTable;
 use crate::problem::limits::{LARGEST_NUMBER, LARGEST_TOLERANCE, MOST_STEPS};
@@ -300,8 +301,11 @@ impl Propagation {
             }
             Some(_) if !self.method.takes_step() => file.refuse(
                 key,
-                "this method takes the whole time at once; leave it out, or choose a \
-                 solver.propagator.method with time steps",
+                format!(
+                    "solver.propagator.method = \"{}\" takes the whole time at once; leave it out, \
+                     or choose a method with time steps",
+                    word(&self.method)
+                ),
             ),
             Some(step) if !(time / step > 0.0 && time / step <= MOST_STEPS) => file.refuse(
                 key,
