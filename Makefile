@@ -139,9 +139,10 @@ browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubunt
 # Ranks of MPICH keep their core while they wait: of tests/cli, faults and damage only.
 MPICH_TESTS = torture reliability checkpoint::stalled checkpoint::stopped::runs_killed
 
-mpich: setup ## with MPICH, built in target/mpich: the MPI tests, and faults (TRIALS=)
-	export PHASEWARP_MPIRUN=mpirun.mpich $$(scripts/setup.sh --mpich) \
-	    CARGO_TARGET_DIR=$(or $(CARGO_TARGET_DIR),target)/mpich PHASEWARP_TRIALS=$(TRIALS) && \
+mpich: setup ## with MPICH, built in target/mpich: the MPI tests, and faults (TRIALS=, FIRST=)
+	variables="$$(scripts/setup.sh --mpich)" && export $$variables PHASEWARP_MPIRUN=mpirun.mpich \
+	    CARGO_TARGET_DIR=$(or $(CARGO_TARGET_DIR),target)/mpich PHASEWARP_TRIALS=$(TRIALS) \
+	    PHASEWARP_FIRST_TRIAL=$(FIRST) && \
 	cargo test --release --test parallel $(ARGS) && \
 	cargo test --release --test cli -- --nocapture --test-threads=2 $(MPICH_TESTS)
 

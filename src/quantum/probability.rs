@@ -195,9 +195,12 @@ impl Deviation {
     pub fn window_end(&self, tolerance: f64) -> Option<f64> {
         let Self { point, decay, lower, step, sizes } = self;
         // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
-        let (highest, limit) = (tolerance * (-point).exp(), tolerance * decay.exp());
-        let decayed = Exponentials::new(*lower, *step, sizes.len());
-        let bad = |k: usize| sizes[k] > highest.min(limit * decayed.at(k));
+        // Most places are read from the first point of the window.
+        let at_point = tolerance * (-point).exp();
+        let bad = |k: usize| match lower + k as f64 * step - decay {
+            p if p > *point => sizes[k] > tolerance * (-p).exp(),
+            _ => sizes[k] > at_point,
+        };
         let first = (0..sizes.len()).find(|&k| bad(k)).unwrap_or(sizes.len());
         let end = lower + first as f64 * step - step - decay;
         (end > *point).then_some(end.min(point + Self::LONGEST))
@@ -487,6 +490,19 @@ mod tests {
             });
             assert!(largest.fold(0.0, f64::max) < 1e-13, "{modes}");
             assert!(deviation.sizes.len() as f64 * deviation.step > 14.9);
+        }
+    }
+
+    /// The window ends where a constant deviation is too large, also where `e^{Λ⁻}` is no number.
+    #[test]
+    fn windows_of_strong_decay_end_in_time() {
+        for decay in [10.0, 1000.0] {
+            let sizes = vec![1e-4; ((decay + 12.0) / 0.01) as usize];
+            let deviation = Deviation { point: 0.0, decay, lower: 0.0, step: 0.01, sizes };
+            // 1e-4 is e^{−p}/1000 up to there.
+            let end = deviation.window_end(1e-3).expect("a window");
+            assert!((end - 10.0f64.ln()).abs() < 0.03, "{decay}: {end}");
+            assert_eq!(deviation.window_end(1e-5), None);
         }
     }
 

@@ -52,3 +52,5 @@ mod fuzzing;
 
 #[path = "../support/dense.rs"]
 mod dense;
+#[path = "../support/launcher.rs"]
+mod launcher;

@@ -2,9 +2,10 @@
 //! bits of an undisturbed run. `make test` tries a few, `make torture` many.
 
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
+use crate::launcher::by_hydra;
 use crate::support::{
-    Job, Stored, by_hydra, case, check_all, datasets, differences, directory_on_disk as directory,
-    names_in, number_from_environment, on_results,
+    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory, names_in,
+    number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -189,9 +190,8 @@ const FAULTS: [FaultKind; 10] = [
     fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 
-/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe. With MPICH, a rank
-/// may end by invalid memory where another one ends while MPI starts.
-const CRASHES: [i32; 4] = [134, 139, 141, libc::SIGSEGV];
+/// Exit codes of faults in mpirun itself: abort, invalid memory, closed pipe.
+const CRASHES: [i32; 3] = [134, 139, 141];
 
 impl FaultKind {
     /// Whether a run may end with this exit code. If mpirun itself hangs or crashes after its ranks
@@ -217,7 +217,9 @@ impl FaultKind {
 }
 
 fn launcher_failed(faulty: &Faulty) -> bool {
-    faulty.hung || CRASHES.contains(&faulty.finished.shell_code)
+    let code = faulty.finished.shell_code;
+    // In MPICH a rank may end by invalid memory where another one ends while MPI starts.
+    faulty.hung || CRASHES.contains(&code) || (by_hydra() && code == libc::SIGSEGV)
 }
 
 /// The state of a run at which a fault is injected.

@@ -1,5 +1,6 @@
 //! A job of this program under mpirun, with its output and a time limit.
 
+use crate::support::launcher::{by_hydra, mpirun};
 use std::fs::File;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -8,8 +9,6 @@ use std::time::{Duration, Instant};
 pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// Environment variable: the control that a job runs instead of checks.
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
-/// Environment variable: the program that starts a job, `mpirun` by default.
-const MPIRUN: &str = "PHASEWARP_MPIRUN";
 /// A job without output for longer than this is ended.
 pub const TIME_LIMIT: Duration = Duration::from_secs(600);
 
@@ -17,7 +16,7 @@ pub const TIME_LIMIT: Duration = Duration::from_secs(600);
 /// MPI, waiting ranks may not yield their cores to each other.
 pub fn bears(ranks: usize) -> bool {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    std::env::var_os(MPIRUN).is_none() || ranks <= cores.max(2)
+    !by_hydra() || ranks <= cores.max(2)
 }
 
 /// A running `mpirun` of this program.
@@ -56,8 +55,7 @@ impl Job {
         let output = tempfile::tempdir().expect("a directory for output");
         let file = |name: &str| File::create(output.path().join(name)).expect("a file for output");
         let program = std::env::current_exe().expect("a path of this program");
-        let mpirun = std::env::var_os(MPIRUN).unwrap_or_else(|| "mpirun".into());
-        let mut command = Command::new(mpirun);
+        let mut command = Command::new(mpirun());
         command
             .args(["--bind-to", "none", "-np", &ranks.to_string()])
             .arg(program)

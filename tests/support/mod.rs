@@ -3,5 +3,6 @@
 #![allow(dead_code)] // each test program uses a part of it
 
 pub mod dense;
+pub mod launcher;
 pub mod limited;
 pub mod prepared;

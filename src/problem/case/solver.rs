@@ -297,7 +297,8 @@ impl Propagation {
         let key = "solver.propagator.step";
         match self.step {
             None if self.method.order() > 0 => {
-                file.refuse(key, "missing; an implicit method needs a time step above 0")
+                let method = word(&self.method);
+                file.refuse(key, format!("missing; \"{method}\" needs a time step above 0"))
             }
             Some(_) if !self.method.takes_step() => file.refuse(
                 key,

@@ -2,6 +2,7 @@
 //! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
 use super::outcome::{Finished, Summary, untag, unwrapped};
+use crate::launcher::{by_hydra, mpirun};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -14,22 +15,13 @@ use std::time::{Duration, Instant};
 /// of a small machine.
 pub const SLOTS: usize = 6;
 
-/// Environment variable: the program that starts a job of several ranks, `mpirun` by default.
-const MPIRUN: &str = "PHASEWARP_MPIRUN";
-
-/// Whether jobs are started by another launcher than Open MPI's, namely by MPICH's hydra.
-pub fn by_hydra() -> bool {
-    std::env::var_os(MPIRUN).is_some()
-}
-
 /// The launcher, and its options that bind no rank to a core and mark the output of each.
 fn launcher() -> Vec<String> {
-    let program = std::env::var(MPIRUN).unwrap_or_else(|_| "mpirun".to_owned());
     let marks: &[&str] = match by_hydra() {
         false => &["--bind-to", "none", "--tag-output"],
         true => &["-bind-to", "none", "-prepend-pattern", "[0,%r]<stdout>:"],
     };
-    std::iter::once(program).chain(marks.iter().map(|&word| word.to_owned())).collect()
+    std::iter::once(mpirun()).chain(marks.iter().map(|&word| word.to_owned())).collect()
 }
 
 /// Address space of mpirun and of each rank where a job is capped.
@@ -333,8 +325,8 @@ impl Job {
             // Nor does hwloc read the configuration of every device, which takes a fifth of a job.
             command.env("HWLOC_PLUGINS_PATH", "/nonexistent").env("HWLOC_COMPONENTS", "-linuxio");
         }
-        if self.blocks.is_some() {
-            // MPICH's ranks share memory by files, which are larger.
+        if self.blocks.is_some() && by_hydra() {
+            // These ranks share memory by files, which are larger.
             command.env("UCX_TLS", "tcp,self");
         }
         if self.ranks.is_none() {

@@ -14,7 +14,7 @@ mod shared;
 pub use cases::*;
 pub use checks::*;
 pub use files::*;
-pub use launch::{Job, by_hydra};
+pub use launch::Job;
 pub use outcome::{Finished, Summary};
 pub use refusal::*;
 pub use results::*;
