@@ -33,7 +33,7 @@ use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::method::{PropagatorSetting, RunWork};
-use crate::propagate::{Span, descriptor};
+use crate::propagate::{PropagationSpan, descriptor};
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
@@ -281,7 +281,7 @@ impl Plan {
         let mut scratch = Vec::new();
         let mut of_mode = |l| {
             let (mu, bounds) = (series.wavenumber(l), &self.bounds);
-            let span = Span { time: case.duration(), tolerance };
+            let span = PropagationSpan { time: case.duration(), tolerance };
             propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
         let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();

@@ -83,7 +83,7 @@ pub fn steps(propagation: &Propagation, time: f64) -> usize {
 
 /// A time to propagate over, and the relative error a mode is allowed in it.
 #[derive(Clone, Copy, Debug)]
-pub struct Span {
+pub struct PropagationSpan {
     /// The time.
     pub time: f64,
     /// The error.
@@ -95,7 +95,7 @@ pub fn work(
     propagation: &Propagation,
     bounds: &Bounds,
     mu: f64,
-    span: Span,
+    span: PropagationSpan,
     scratch: &mut Vec<f64>,
 ) -> usize {
     let demand = ModeDemand {

@@ -8,7 +8,7 @@ use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::results::dataset::RESULT;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
@@ -49,7 +49,7 @@ pub(super) struct PictureDirectory {
     /// The directory of the run.
     of_run: PathBuf,
     /// The case that owns the pictures; `None` for pictures among the results of the run.
-    owner: Option<Owner>,
+    owner: Option<ExportOwner>,
 }
 
 impl PictureDirectory {
@@ -65,7 +65,7 @@ impl PictureDirectory {
         let settings = run.case.as_ref().map(|case| case.settings.clone());
         // A case that this program cannot read is identified by its text.
         let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
-        let owner = Some(Owner { export: ExportKind::Pictures, settings });
+        let owner = Some(ExportOwner { export: ExportKind::Pictures, settings });
         Self { directory, of_run, owner }
     }
 

@@ -3,7 +3,7 @@
 //! [`Case::parse`] reads a case in four steps, without MPI:
 //!
 //! 1. `file` reads TOML and `--set` into a tree that remembers the place of each value.
-//! 2. serde makes `Tables` of the tree through `reader`, which refuses unknown keys and wrong
+//! 2. serde makes `CaseTables` of the tree through `reader`, which refuses unknown keys and wrong
 //!    types, and evaluates formulas of constants given for numbers.
 //! 3. `Case::new` makes a [`Case`] of the tables, section by section.
 //! 4. `Case::validate` refuses settings that contradict each other.
@@ -28,7 +28,7 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
-    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Origin, Region, StartField, TIME,
+    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, ResultOrigin, Region, StartField, TIME,
     TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
@@ -36,7 +36,7 @@ pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage}
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
+    AllowedReductions, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
     Propagation, PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
@@ -69,7 +69,7 @@ use std::time::Duration;
 /// The case file as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Tables {
+struct CaseTables {
     title: String,
     reference: String,
     /// Already read by `constants::resolved`, as numbers may be formulas of constants.
@@ -90,7 +90,7 @@ struct Tables {
 
 /// All keys that a case file may have, as a table for the whole file.
 pub fn keys() -> ValueKind {
-    keys::of::<Tables>()
+    keys::of::<CaseTables>()
 }
 
 /// The values of a case file with its `--set` options, as JSON. They are not checked.
@@ -170,7 +170,7 @@ pub struct Case {
     /// `solver.classical.cfl`.
     pub cfl: f64,
     /// `[solver.reduce]`.
-    pub reduce: Allowed,
+    pub reduce: AllowedReductions,
     /// The reductions: what was left out of the computation, and what could not be left out.
     pub reductions: Reductions,
     /// `[exact]`.
@@ -215,7 +215,7 @@ impl Case {
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
         file.constants = constants::resolved(&file)?;
-        let tables: Tables = file.read()?;
+        let tables: CaseTables = file.read()?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);
@@ -237,7 +237,7 @@ impl Case {
     }
 
     /// The case of `tables`, each section checked by itself.
-    fn new(file: &CaseFile<'_>, tables: Tables) -> Result<Self> {
+    fn new(file: &CaseFile<'_>, tables: CaseTables) -> Result<Self> {
         let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
         let degree = space.degree();
         let n = space.dimension();

@@ -57,14 +57,14 @@ pub struct Foot {
 
 /// The end of a path that was followed for a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Followed {
+pub struct TracedPath {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
     /// The time that remained when the particle left the phase-space box; `None` if it did not.
     pub remaining: Option<f64>,
     /// The end of the box through which it left; `None` if it did not, or was outside from the
     /// start.
-    pub exit: Option<Exit>,
+    pub exit: Option<BoxExit>,
     /// A hash of the jumps that the particle met, in order, and of whether they transmitted it.
     /// Among particles with the same hash, the point depends continuously on the start.
     pub history: u64,
@@ -77,7 +77,7 @@ pub struct Followed {
 
 /// An end of the phase-space box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Exit {
+pub struct BoxExit {
     /// The axis, of the `2n`: space first.
     pub axis: usize,
     /// Whether it is the upper end.
@@ -143,11 +143,11 @@ struct TracedParticle {
     rests: [bool; MAX_DIMENSION],
     /// Axes along which it is not moved at all.
     held: [bool; MAX_DIMENSION],
-    /// See [`Followed::history`].
+    /// See [`TracedPath::history`].
     history: u64,
-    /// See [`Followed::turns`].
+    /// See [`TracedPath::turns`].
     turns: [i32; MAX_DIMENSION],
-    /// See [`Followed::segments`].
+    /// See [`TracedPath::segments`].
     segments: usize,
 }
 
@@ -322,7 +322,7 @@ impl<'a> Tracer<'a> {
         if let Some(end) = self.along_line(&particle, a, time) {
             return (end.left == 0.0).then_some([end.x, 0.0 + self.direction * end.w]);
         }
-        let Followed { point, remaining, .. } = self.follow_particle(particle, time, &mut |_| {});
+        let TracedPath { point, remaining, .. } = self.follow_particle(particle, time, &mut |_| {});
         remaining.is_none().then(|| [point[a], point[3 + a]])
     }
 
@@ -373,7 +373,7 @@ impl<'a> Tracer<'a> {
     /// The work is bounded: a particle that has met more faces than physics allows stays where it
     /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
     /// a particle at rest in a circle.
-    pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
+    pub fn follow(&self, point: &[f64; 6], time: f64) -> TracedPath {
         self.follow_with(point, time, &mut |_| {})
     }
 
@@ -383,10 +383,10 @@ impl<'a> Tracer<'a> {
         point: &[f64; 6],
         time: f64,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Followed {
+    ) -> TracedPath {
         match self.start(point) {
             Some(particle) => self.follow_particle(particle, time, meet),
-            None => Followed {
+            None => TracedPath {
                 point: *point,
                 remaining: Some(time.max(0.0)),
                 exit: None,
@@ -403,7 +403,7 @@ impl<'a> Tracer<'a> {
         mut particle: TracedParticle,
         time: f64,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Followed {
+    ) -> TracedPath {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         for _ in 0..self.most_faces(left) {
@@ -432,7 +432,7 @@ impl<'a> Tracer<'a> {
                 None => Some(self.velocity_end(&particle, event.axis, false)),
             };
             if exit.is_some() {
-                return Followed { remaining: Some(left), exit, ..self.followed(&particle) };
+                return TracedPath { remaining: Some(left), exit, ..self.followed(&particle) };
             }
         }
         self.followed(&particle)
@@ -473,7 +473,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The end of the path of a particle that is still in the box.
-    fn followed(&self, particle: &TracedParticle) -> Followed {
+    fn followed(&self, particle: &TracedParticle) -> TracedPath {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
@@ -481,15 +481,15 @@ impl<'a> Tracer<'a> {
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
         let TracedParticle { history, turns, segments, .. } = *particle;
-        Followed { point, remaining: None, exit: None, history, turns, segments }
+        TracedPath { point, remaining: None, exit: None, history, turns, segments }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.
-    fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> Exit {
+    fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> BoxExit {
         let v = &self.space.v[a];
         let velocity = self.direction * particle.w[a];
         let upper = (velocity - v.lower).abs() > (v.upper - velocity).abs();
-        Exit { axis: self.space.dimension() + a, upper, at_jump }
+        BoxExit { axis: self.space.dimension() + a, upper, at_jump }
     }
 
     fn speed_is_inside(&self, particle: &TracedParticle, a: usize) -> bool {
@@ -585,13 +585,13 @@ impl<'a> Tracer<'a> {
         a: usize,
         upper: bool,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Option<Exit> {
+    ) -> Option<BoxExit> {
         let i = particle.cell[a];
         let step = if upper { 1 } else { -1 };
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
         let Some(there) = self.space.wrap(a, beyond) else {
-            return Some(Exit { axis: a, upper, at_jump: false });
+            return Some(BoxExit { axis: a, upper, at_jump: false });
         };
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);

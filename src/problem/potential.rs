@@ -16,7 +16,7 @@ mod pieces;
 pub mod resolution;
 
 pub use crate::problem::potential::edges::{
-    MOST_STRAY_EDGES, Overlooked, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,
+    MOST_STRAY_EDGES, UnresolvedRegions, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,
 };
 
 use crate::base::error::{Error, Result};

@@ -32,7 +32,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare, StateRows};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
@@ -297,7 +297,7 @@ impl Propagator for Chebyshev {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
         let degree = batch.largest_work();
@@ -312,7 +312,7 @@ impl Propagator for Chebyshev {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
         passed: &mut PassedMoments<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);

@@ -245,7 +245,7 @@ impl<'a> Classical<'a> {
         let (start, weights) = poisson_weights(span.courant(), negligible);
         self.sum[..rows].fill(0.0);
         let Self { matrix, sum, held, image, progress, .. } = self;
-        let mut terms = Terms { matrix, held, rate: span.rate, sum };
+        let mut terms = ExponentialTerms { matrix, held, rate: span.rate, sum };
         let left_out = std::iter::repeat_n(None, start);
         let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
         let (mut x, mut next) = (&mut *state, &mut image[..]);
@@ -322,7 +322,7 @@ impl<'a> Classical<'a> {
 const TOGETHER: usize = 4;
 
 /// Terms `Q^k x` of an exponential, one after the other, `Q x = x + (A x + b)/rate`.
-struct Terms<'a> {
+struct ExponentialTerms<'a> {
     matrix: &'a BlockMatrix,
     /// `b`, see [`Classical::hold`].
     held: &'a [f64],
@@ -331,7 +331,7 @@ struct Terms<'a> {
     sum: &'a mut [f64],
 }
 
-impl Terms<'_> {
+impl ExponentialTerms<'_> {
     /// Adds a term `x` with its weight, and turns `A x` into the next one, in some rows.
     fn add(&mut self, rows: Range<usize>, weight: Option<f64>, image: &mut [f64], x: &[f64]) {
         // A constant inflow is an unknown 1 that stays 1.

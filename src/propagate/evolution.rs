@@ -102,14 +102,14 @@ impl StateRows<'_> {
 
 /// A state to propagate and the norms of its lanes.
 #[derive(Clone, Copy)]
-pub struct Initial<'a> {
+pub struct InitialState<'a> {
     /// The state.
     pub state: StateRows<'a>,
     /// Norm of each lane over all ranks of the space group, or a bound on it.
     pub norms: [f64; LANES],
 }
 
-impl<'a> Initial<'a> {
+impl<'a> InitialState<'a> {
     /// The real vector `state` of norm `norm` in every mode.
     pub fn real(state: &'a [f64], norm: f64) -> Self {
         Self { state: StateRows::Real(state), norms: [norm; LANES] }

@@ -30,10 +30,10 @@ use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::bounds::Interval;
+use crate::matrix::bounds::SpectralInterval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
@@ -105,12 +105,12 @@ pub struct Krylov {
     /// `α_j` and `β_j` by lane.
     alpha: Vec<[f64; LANES]>,
     beta: Vec<[f64; LANES]>,
-    projected: Projected,
+    projected: TridiagonalExponential,
     series: Vec<f64>,
 }
 
 /// The exponential of `T_m` by its eigenvalues `θ_k` and -vectors `q_k`.
-struct Projected {
+struct TridiagonalExponential {
     values: [f64; DIMENSION],
     /// `q_k`.
     vectors: [[f64; DIMENSION]; DIMENSION],
@@ -121,7 +121,7 @@ struct Projected {
     turns: [Complex64; DIMENSION],
 }
 
-impl Projected {
+impl TridiagonalExponential {
     fn new() -> Self {
         Self {
             values: [0.0; DIMENSION],
@@ -245,7 +245,7 @@ impl Krylov {
             step,
             alpha: vec![[0.0; LANES]; DIMENSION],
             beta: vec![[0.0; LANES]; DIMENSION],
-            projected: Projected::new(),
+            projected: TridiagonalExponential::new(),
             series: Vec::with_capacity(400),
         }
     }
@@ -313,7 +313,7 @@ impl Krylov {
     /// time `left` of `time`, and the dimension that suffices for all of them.
     fn guaranteed(
         &mut self,
-        intervals: &[Interval; LANES],
+        intervals: &[SpectralInterval; LANES],
         batch: &BatchSpec,
         time: f64,
         left: &[f64; LANES],
@@ -395,7 +395,7 @@ impl Propagator for Krylov {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport> {
         let time = system.time;
         let intervals = (batch.wavenumbers).map(|mu| system.bounds.interval(mu));
@@ -514,7 +514,7 @@ mod tests {
 
     #[test]
     fn tridiagonal_matrices_are_decomposed() {
-        let mut projected = Projected::new();
+        let mut projected = TridiagonalExponential::new();
         // An ordinary matrix; one decoupled in the middle and at the end; a multiple of the
         // identity; a graded one.
         let cases: [&dyn Fn(usize) -> (f64, f64); 4] = [

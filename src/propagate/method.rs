@@ -8,7 +8,7 @@ use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::problem::case::Propagation;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
@@ -49,7 +49,7 @@ pub trait Propagator {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport>;
 
     /// Propagates `initial`, and stores the moments at the times of `passed` in it. Collective over
@@ -64,7 +64,7 @@ pub trait Propagator {
         &mut self,
         _system: &mut Evolution<'_>,
         _batch: &BatchSpec,
-        _initial: &Initial<'_>,
+        _initial: &InitialState<'_>,
         _passed: &mut PassedMoments<'_>,
     ) -> Result<BatchReport> {
         panic!("this method stops at every output time");

@@ -58,13 +58,13 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
 }
 
 /// Solves with `M`, for one `a` and `μ` at a time.
-pub struct Shifted {
-    local: Local,
+pub struct ShiftedSolver {
+    local: LocalFactors,
     gmres: Gmres,
 }
 
 /// `M` on this rank's rows, column by column, with its factors.
-struct Local {
+struct LocalFactors {
     offsets: Vec<usize>,
     rows: Vec<usize>,
     values: Vec<Complex64>,
@@ -110,7 +110,7 @@ fn failure(reason: &dyn std::fmt::Debug) -> Error {
     Error::Factors(format!("{reason:?}"))
 }
 
-impl Local {
+impl LocalFactors {
     fn new(matrix: &BlockMatrix) -> Result<Self> {
         let count = matrix.rows();
         let (mut offsets, mut rows) = (vec![0usize], Vec::new());
@@ -195,14 +195,14 @@ impl Local {
     }
 }
 
-impl Shifted {
+impl ShiftedSolver {
     /// The pattern of `matrix`, analysed; `split` says that space is split over ranks.
     ///
     /// # Errors
     /// [`Error::Factors`] where memory or the range of indices does not suffice. Not collective.
     pub fn new(matrix: &BlockMatrix, split: bool) -> Result<Self> {
         Ok(Self {
-            local: Local::new(matrix)?,
+            local: LocalFactors::new(matrix)?,
             gmres: Gmres::new(matrix.length(), if split { RESTART } else { REFINEMENTS }),
         })
     }
@@ -333,7 +333,7 @@ impl Gmres {
     /// P⁻¹`, until its norm, initially `from`, is below `goal`. Returns the applications.
     fn improve(
         &mut self,
-        local: &mut Local,
+        local: &mut LocalFactors,
         system: &mut Evolution<'_>,
         z: &mut [Complex64],
         from: f64,

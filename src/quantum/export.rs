@@ -36,14 +36,14 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Interface, Method};
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::export::complete::{About, Complete, CompleteCircuitInput};
+use crate::quantum::export::complete::{CompleteDescription, CompleteCircuit, CompleteCircuitInput};
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::Series;
@@ -63,7 +63,7 @@ const TOLERANCE: f64 = 1e-14;
 pub struct ExportDescription {
     /// The case that the files belong to.
     #[serde(flatten)]
-    pub owner: Owner,
+    pub owner: ExportOwner,
     /// Title of the case.
     pub title: String,
     /// `scheme.interface` of the exported matrices, which the case may not name.
@@ -116,7 +116,7 @@ pub struct Export {
     hamiltonian: String,
     transform: String,
     preparation: Option<String>,
-    complete: Option<Complete>,
+    complete: Option<CompleteCircuit>,
 }
 
 /// Names of all files but the description.
@@ -194,7 +194,7 @@ impl Export {
     ///
     /// # Errors
     /// [`Error::Input`] for more than 12 qubits, a number of points that is no power
-    /// of two, or a start that is zero; as [`Complete::new`].
+    /// of two, or a start that is zero; as [`CompleteCircuit::new`].
     pub fn new(prepared: &mut Prepared, estimate: Option<usize>) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
         let warp = planned_modes(&case.name, plan)?;
@@ -228,7 +228,7 @@ impl Export {
         let complete = estimate
             .map(|estimate| {
                 let series = &warp.series;
-                Complete::new(&CompleteCircuitInput {
+                CompleteCircuit::new(&CompleteCircuitInput {
                     case,
                     registers: &registers,
                     grid: &grid,
@@ -294,7 +294,7 @@ impl Export {
     }
 
     /// The description of the complete circuit, if there is one.
-    pub fn complete(&self) -> Option<&About> {
+    pub fn complete(&self) -> Option<&CompleteDescription> {
         self.complete.as_ref().map(|complete| &complete.about)
     }
 }
@@ -312,7 +312,7 @@ impl ExportDescription {
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
         Self {
-            owner: Owner::new(ExportKind::Quantum, &case.settings),
+            owner: ExportOwner::new(ExportKind::Quantum, &case.settings),
             title: case.title.clone(),
             interface: case.interface,
             qubits_p: registers.p,

@@ -21,7 +21,7 @@ use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
 use crate::results::report::trust::{main_warning, trust};
-use crate::results::summary::{Accuracy, Continued};
+use crate::results::summary::{Accuracy, ContinuedResult};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -316,7 +316,7 @@ impl Report<'_> {
         });
         let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
         let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
-        let continued = Continued::deserialize(&self.summary["continued"]).ok();
+        let continued = ContinuedResult::deserialize(&self.summary["continued"]).ok();
         let continued = continued.map(|continued| {
             format!("The run continued from {}: {}.", continued.file, continued.line())
         });

@@ -11,7 +11,7 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::{EarlyStates, Solved};
+use crate::run::files::{EarlyStates, FieldsWithHistory};
 use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.
@@ -51,7 +51,7 @@ pub(crate) fn classically(
     prepared: &mut Prepared,
     prints: bool,
     summary: &mut Summary,
-) -> Result<Solved<EarlyStates>> {
+) -> Result<FieldsWithHistory<EarlyStates>> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
@@ -87,5 +87,5 @@ pub(crate) fn classically(
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(Solved { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
+    Ok(FieldsWithHistory { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
 }

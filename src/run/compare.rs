@@ -14,7 +14,7 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
-use crate::results::summary::{Continued, FieldSummary, Summary};
+use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
 use crate::run::files::SolvedFields;
 use crate::schrodingerization::profile::series::points;
@@ -223,7 +223,7 @@ fn exact_semidiscrete(
 /// solutions with the same inflow obeys `e' = A e`. In the weighted norm it grows at most by
 /// `e^{growth t}`; between this norm and the l2 norm lies at most the spread of the weights.
 /// Collective.
-pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
+pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<ContinuedResult> {
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;
     let origin = start.origin?;
@@ -237,7 +237,7 @@ pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Op
     let error_inherited = inherited.filter(|error| error.is_finite());
     let reliable = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
     let own = summary.error_semidiscrete.or(reliable);
-    Some(Continued {
+    Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: format!("{:016x}", origin.checksum),
         time: case.begin,
@@ -308,13 +308,13 @@ fn estimate(
     }
     let found = match &system.schedule {
         Some(schedule) => found.map(|_| from_the_steps(prepared, schedule, &fields[0][0])),
-        None => found.map(|(estimate, round_off)| Found {
+        None => found.map(|(estimate, round_off)| ErrorEstimate {
             estimate,
             round_off,
             doubt: warp.estimate_doubt(),
         }),
     };
-    if let Some(Found { estimate, round_off, doubt }) = found {
+    if let Some(ErrorEstimate { estimate, round_off, doubt }) = found {
         if let [only] = &mut summary.fields[..] {
             only.error_estimate = Some(estimate).filter(|e| e.is_finite());
         }
@@ -331,7 +331,7 @@ fn estimate(
 }
 
 /// An error estimate.
-struct Found {
+struct ErrorEstimate {
     estimate: f64,
     /// The part that round-off may be.
     round_off: f64,
@@ -341,7 +341,7 @@ struct Found {
 
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
-fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found {
+fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
     let mine = &prepared.rank_cells.mine;
     let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
     let distance = FieldNorms::new(prepared, f).distance(&reference);
@@ -351,7 +351,7 @@ fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found 
         true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
         false => may_be_large.then_some("the error of so few time steps is only roughly known"),
     };
-    Found { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
+    ErrorEstimate { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
 }
 
 /// Largest leading term of a step's error that counts as an estimate of it.

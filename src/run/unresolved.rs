@@ -6,7 +6,7 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
-use crate::problem::potential::resolution::{Unresolved, unresolved};
+use crate::problem::potential::resolution::{PotentialMismatch, unresolved};
 use crate::run::ledger::MOST_SPACE_CELLS;
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
@@ -34,8 +34,8 @@ fn potential_key(potential: &[Region], region: usize) -> String {
     }
 }
 
-fn between_points(case: &Case, found: &Unresolved) -> String {
-    let Unresolved { region, axis, point, written, taken, elements } = found;
+fn between_points(case: &Case, found: &PotentialMismatch) -> String {
+    let PotentialMismatch { region, axis, point, written, taken, elements } = found;
     let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
     let element = along.position(point[*axis]).floor() as i64;
     let [lower, upper] =

@@ -145,7 +145,7 @@ pub struct Snapshot<'a> {
     /// The results of finished stages, point by point of the rank's share.
     pub results: Vec<BoxValues<'a, f64>>,
     /// The stored modes of a full run.
-    pub kept: Option<Kept<'a>>,
+    pub kept: Option<StoredModes<'a>>,
 }
 
 impl Snapshot<'_> {
@@ -168,16 +168,16 @@ pub struct BoxValues<'a, T> {
 }
 
 /// Stored modes.
-pub struct Kept<'a> {
+pub struct StoredModes<'a> {
     /// The global number of the cell of each auxiliary unknown, in the order of the rows after the
     /// block's cells; the largest number for the common unknown.
     pub auxiliary: Vec<u64>,
     /// The modes.
-    pub modes: Vec<KeptMode<'a>>,
+    pub modes: Vec<StoredMode<'a>>,
 }
 
 /// A stored mode.
-pub struct KeptMode<'a> {
+pub struct StoredMode<'a> {
     /// Number of the mode.
     pub mode: usize,
     /// Its progress.

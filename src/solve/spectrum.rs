@@ -32,7 +32,7 @@ pub struct SpectrumEnd {
 
 /// The extreme eigenvalues of `S` found by Lanczos.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Extremes {
+pub struct SpectrumExtremes {
     /// Largest eigenvalue.
     pub highest: SpectrumEnd,
     /// Smallest eigenvalue.
@@ -160,7 +160,7 @@ pub fn of(
     problem: &mut DiscreteSystem,
     space: &Group,
     steps: usize,
-) -> Result<(Extremes, [f64; 2])> {
+) -> Result<(SpectrumExtremes, [f64; 2])> {
     let bound = gershgorin(&problem.matrix, space);
     let norm = bound[0].abs().max(bound[1].abs());
     let exchange = &mut problem.exchange;
@@ -184,7 +184,7 @@ pub fn extremes(
     norm: f64,
     unknowns: usize,
     steps: usize,
-) -> Extremes {
+) -> SpectrumExtremes {
     let rows = matrix.rows();
     let mut vector = start_vector(matrix, unknowns);
     let dot =
@@ -218,7 +218,7 @@ pub fn extremes(
         if let Some([highest, lowest]) = found
             && (over || (highest.converged && lowest.converged))
         {
-            return Extremes { highest, lowest, steps: m };
+            return SpectrumExtremes { highest, lowest, steps: m };
         }
         beta.push(off);
         for i in 0..rows {

@@ -78,7 +78,7 @@ pub struct Sweep {
 }
 
 /// How a run was completed.
-enum Done {
+enum RunCompletion {
     /// Done by an earlier process.
     Before,
     /// Done by this process.
@@ -88,7 +88,7 @@ enum Done {
     },
 }
 
-impl fmt::Display for Done {
+impl fmt::Display for RunCompletion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Before => f.write_str("finished before"),
@@ -227,7 +227,7 @@ impl Sweep {
             let error = match found {
                 Ok(done) => {
                     finished += 1;
-                    computed += usize::from(!matches!(done, Done::Before));
+                    computed += usize::from(!matches!(done, RunCompletion::Before));
                     let row = self.row(world, run)?;
                     match row.error.as_deref() {
                         Some(missed) => self.report_end(world, run, &missed),
@@ -269,10 +269,10 @@ impl Sweep {
     }
 
     /// Solves a run, unless it is finished. Collective.
-    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Done> {
+    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<RunCompletion> {
         let case = self.case(run)?;
         if run::is_done(world, &run.directory, &case) {
-            return Ok(Done::Before);
+            return Ok(RunCompletion::Before);
         }
         if world.group().rank() == 0 {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
@@ -293,7 +293,7 @@ impl Sweep {
         if world.group().rank() == 0 {
             summary.report_late_warnings();
         }
-        Ok(Done::Now { seconds: summary.wall_seconds })
+        Ok(RunCompletion::Now { seconds: summary.wall_seconds })
     }
 
     /// Reports how a run ended.

@@ -224,12 +224,12 @@ pub struct StartField {
     /// File and line of the key, for errors.
     pub place: String,
     /// The run that wrote the result, once the file was read.
-    pub origin: Option<Origin>,
+    pub origin: Option<ResultOrigin>,
 }
 
 /// What a result says of itself to a run that continues from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
+pub struct ResultOrigin {
     /// The checksum of `/f`.
     pub checksum: u64,
     /// Time of the result.

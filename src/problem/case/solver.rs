@@ -252,7 +252,7 @@ pub struct SolverTable {
     pub warp: WarpTable,
     pub propagator: Propagation,
     pub classical: ClassicalTable,
-    pub reduce: Allowed,
+    pub reduce: AllowedReductions,
 }
 
 impl SolverTable {
@@ -343,7 +343,7 @@ impl ClassicalTable {
 /// `[solver.reduce]`: which reductions are allowed. `true` or `false` in its place holds for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default)]
-pub struct Allowed {
+pub struct AllowedReductions {
     /// Leave out axes along which the data do not vary.
     pub axes: bool,
     /// Leave out velocities that no particle reaches.
@@ -354,13 +354,13 @@ pub struct Allowed {
     pub modes: bool,
 }
 
-impl Default for Allowed {
+impl Default for AllowedReductions {
     fn default() -> Self {
         Self::all(true)
     }
 }
 
-impl Allowed {
+impl AllowedReductions {
     /// All reductions, or none.
     pub fn all(allowed: bool) -> Self {
         Self { axes: allowed, velocities: allowed, inflow: allowed, modes: allowed }

@@ -15,7 +15,7 @@
 //! is given as averages over cells. In one dimension the images of neighbouring boxes meet end to
 //! end. In more dimensions a sheared image is too wide, by less than its own size.
 //!
-//! A box is halved along an axis whose two ends have different histories (see [`Followed`]), and if
+//! A box is halved along an axis whose two ends have different histories (see [`TracedPath`]), and if
 //! its image bends or its density changes, until it is as small as `FINEST` allows.
 //!
 //! First boxes, of which no box was halved yet, may be followed in any order and by any rank
@@ -27,7 +27,7 @@ pub mod sums;
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::sheet::sums::{Deposit, Line};
-use crate::problem::exact::{Followed, Tracer};
+use crate::problem::exact::{TracedPath, Tracer};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
 
@@ -81,7 +81,7 @@ struct ParameterBox {
 struct Image {
     /// Mass per unit of parameter volume.
     density: f64,
-    followed: Followed,
+    followed: TracedPath,
 }
 
 impl Image {
@@ -364,7 +364,7 @@ impl<'a> Sheets<'a> {
         let mut followed = if density == 0.0 {
             // A particle without mass need not be traced.
             let turns = [0; MAX_DIMENSION];
-            Followed { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
+            TracedPath { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
         } else {
             self.tracer.follow(&point, time)
         };

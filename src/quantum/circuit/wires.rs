@@ -40,7 +40,7 @@ impl WeightedSum {
 }
 
 /// The registers of an axis.
-pub(in crate::quantum) struct Along {
+pub(in crate::quantum) struct AxisRegisters {
     /// The speed, and the sign above it: the number of the velocity cell.
     pub velocity: Vec<Qubit>,
     /// Number of velocity cells of either sign.
@@ -60,18 +60,18 @@ pub(in crate::quantum) struct Along {
 }
 
 /// The registers of which each axis has a part.
-struct Common<'a> {
+struct SharedRegisters<'a> {
     spaces: &'a [Vec<Qubit>],
     bins: &'a [Qubit],
     level: &'a [Qubit],
     above: Option<Qubit>,
-    terms: &'a Terms,
+    terms: &'a TermRegister,
 }
 
-impl Along {
+impl AxisRegisters {
     /// The registers of axis `a` with this `velocity`.
-    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &Common<'_>) -> Self {
-        let Common { spaces, bins, level, above, terms } = common;
+    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &SharedRegisters<'_>) -> Self {
+        let SharedRegisters { spaces, bins, level, above, terms } = common;
         let speed = &velocity[..velocity.len() - 1];
         let energy = [&level[..velocity.len()], speed].concat();
         let others = (0..spaces.len()).rev().filter(|b| *b != a);
@@ -99,9 +99,9 @@ impl Along {
 }
 
 /// The qubits that choose a term of the sum over axes and forces.
-pub(in crate::quantum) struct Terms(Vec<Qubit>);
+pub(in crate::quantum) struct TermRegister(Vec<Qubit>);
 
-impl Terms {
+impl TermRegister {
     /// The literals that say that this term is chosen: its own qubit is 1, and those of the later
     /// terms are 0. The first term has no qubit of its own.
     pub fn chosen(&self, term: usize) -> Vec<Literal> {
@@ -125,7 +125,7 @@ impl Terms {
 pub(in crate::quantum) struct Wires {
     modes: Vec<Qubit>,
     /// The registers of each axis.
-    pub along: Vec<Along>,
+    pub along: Vec<AxisRegisters>,
     /// The register of the bins of a level.
     pub bins: Vec<Qubit>,
     /// The register of the levels of a cell.
@@ -146,7 +146,7 @@ pub(in crate::quantum) struct Wires {
     pub outside: Option<Qubit>,
     sum: WeightedSum,
     /// The qubits that choose a term: an axis or a force.
-    pub terms: Terms,
+    pub terms: TermRegister,
     /// A qubit that is 1 for `T†`.
     pub reversed: Qubit,
     /// A qubit that is 1 where the circuit is applied; `None` if it always is.
@@ -197,12 +197,12 @@ impl Wires {
         let weaker = flag("weaker", forces.iter().any(varies));
         let sum = WeightedSum::new(c, modes);
         let name = if forces.is_empty() { "axis" } else { "term" };
-        let terms = Terms(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
+        let terms = TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let common = Common { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
+        let common = SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
         let along = velocities.into_iter().zip(axes).enumerate();
         let along =
-            along.map(|(a, (velocity, axis))| Along::new(a, axis.speeds, velocity, &common));
+            along.map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
         let along = along.collect();
         Self {
             modes: warped,

@@ -43,14 +43,14 @@ pub struct ReadField {
 
 /// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Domain {
+pub struct ReadingDomain {
     /// `p◇`.
     pub point: f64,
     /// `[p◇ − λ⁺T, p◇ + λ⁻T]`; the width of the reading is added to the upper end.
     pub ends: [f64; 2],
 }
 
-impl Domain {
+impl ReadingDomain {
     /// The domain on which a `reading` after `time` depends.
     pub fn new(reading: &Reading, bounds: &Bounds, time: f64) -> Self {
         let (below, above) = (bounds.growth.max(0.0) * time, bounds.decay.max(0.0) * time);
@@ -59,7 +59,7 @@ impl Domain {
     }
 }
 
-/// The flatness of a field on a [`Domain`]: at the points of a file and at the middles between
+/// The flatness of a field on a [`ReadingDomain`]: at the points of a file and at the middles between
 /// them, as the run evolves the trigonometric interpolant, which may oscillate between flat points.
 struct Flatness {
     /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
@@ -78,7 +78,7 @@ struct Flatness {
 }
 
 impl Flatness {
-    fn new(domain: Domain, interval: [f64; 2], points: usize) -> Self {
+    fn new(domain: ReadingDomain, interval: [f64; 2], points: usize) -> Self {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
         let last = 2 * points - 1;
         let place = |p: f64| ((p - interval[0]) / half).clamp(0.0, last as f64);
@@ -111,12 +111,12 @@ impl Flatness {
 }
 
 /// Values of the trigonometric interpolant between the points of a file.
-struct Between {
+struct MidpointValues {
     transform: Transform,
     line: Vec<f64>,
 }
 
-impl Between {
+impl MidpointValues {
     fn new(series: &Series, interval: [f64; 2], points: usize) -> Self {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
         let transform = Transform::new(series, interval[0] + half);
@@ -150,7 +150,7 @@ pub struct ModesFromFile<'a> {
     /// The modes of this rank, which are overwritten.
     pub kept: &'a mut KeptModes,
     /// Where it is measured how flat the field is.
-    pub domain: Domain,
+    pub domain: ReadingDomain,
 }
 
 impl WarpedFile {
@@ -199,7 +199,7 @@ impl WarpedFile {
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
-        let mut between = Between::new(series, self.interval, transform.points());
+        let mut between = MidpointValues::new(series, self.interval, transform.points());
         let mut transpose = spread.transpose(&transform);
         let mut all = spread.modes_of_a_round(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());

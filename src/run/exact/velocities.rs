@@ -35,7 +35,7 @@ const BOOLE: [f64; POINTS] = [7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0,
 const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
 /// Limits on the cost of integrals, for a dimension of space.
-struct Effort {
+struct IntegrationLimits {
     /// Least number of panels along an axis to begin with, ...
     panels: usize,
     /// ... and the same if `V` has one formula, so that the solution does not jump.
@@ -53,8 +53,8 @@ struct Effort {
 }
 
 /// Limits by dimension of space.
-const EFFORTS: [Effort; MAX_DIMENSION] = [
-    Effort {
+const EFFORTS: [IntegrationLimits; MAX_DIMENSION] = [
+    IntegrationLimits {
         panels: 64,
         few_panels: 64,
         tolerance: 1e-5,
@@ -63,7 +63,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         positions: 64,
         trials: 0,
     },
-    Effort {
+    IntegrationLimits {
         panels: 8,
         few_panels: 2,
         tolerance: 1e-3,
@@ -72,7 +72,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         positions: 6,
         trials: 3,
     },
-    Effort {
+    IntegrationLimits {
         panels: 2,
         few_panels: 2,
         tolerance: 5e-3,
@@ -87,7 +87,7 @@ const CELLS: usize = 4;
 /// ... and the same if `V` has one formula.
 const MANY_CELLS: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
-/// [`Effort::together`].
+/// [`IntegrationLimits::together`].
 const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
@@ -101,7 +101,7 @@ const NEAR_LARGEST: f64 = 0.25;
 
 /// An integral over the velocities at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Integral {
+pub struct VelocityIntegral {
     /// Density, momentum and kinetic energy, in the order of [`MOMENTS`].
     pub moments: [f64; MOMENTS],
     /// An estimate of the density's error.
@@ -301,7 +301,7 @@ impl<'a> VelocityIntegrals<'a> {
 
     /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
     /// node.
-    pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<Integral> {
+    pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
         let rule = gauss_legendre(points_across(case));
         // Points across a cell and their weights, by axis.
         let along = |axis: &Axis, j: usize| -> Vec<[f64; 2]> {
@@ -323,7 +323,7 @@ impl<'a> VelocityIntegrals<'a> {
                 };
                 positions = positions.iter().flat_map(next).collect();
             }
-            let mut mean = Integral::default();
+            let mut mean = VelocityIntegral::default();
             for (position, weight) in positions {
                 let here = self.at(&position);
                 mean.error += weight * here.error;
@@ -337,7 +337,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral at a position of space.
-    pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
+    pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         match &self.grid_rule {
             Some(rule) => self.by_rule(rule, position),
             None => self.by_panels(position),
@@ -345,7 +345,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral at a position by the velocities of the grid.
-    fn by_rule(&self, rule: &GridRule, position: &[f64; MAX_DIMENSION]) -> Integral {
+    fn by_rule(&self, rule: &GridRule, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         let points: Vec<[f64; 6]> =
             rule.points.iter().map(|(velocity, _)| Self::point(position, *velocity)).collect();
         let values = self.values_of.values_at(&points, self.time);
@@ -353,11 +353,11 @@ impl<'a> VelocityIntegrals<'a> {
         for (f, (velocity, weight)) in values.iter().zip(&rule.points) {
             add(&mut moments, velocity, weight * f);
         }
-        Integral { moments, error: rule.error }
+        VelocityIntegral { moments, error: rule.error }
     }
 
     /// The integral at a position by subdivision of panels.
-    fn by_panels(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
+    fn by_panels(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         let mut panels = self.first_panels(position);
         let mut left = self.most.saturating_sub(points_of(&self.panels));
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
@@ -382,7 +382,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral over `panels`.
-    fn integral(&self, panels: &[VelocityPanel], error: f64) -> Integral {
+    fn integral(&self, panels: &[VelocityPanel], error: f64) -> VelocityIntegral {
         let n = self.space.dimension();
         let mut moments = [0.0; MOMENTS];
         for panel in panels {
@@ -392,7 +392,7 @@ impl<'a> VelocityIntegrals<'a> {
                 add(&mut moments, &self.velocity(panel, k), term);
             }
         }
-        Integral { moments, error }
+        VelocityIntegral { moments, error }
     }
 
     /// `∫ |f| dv` over a panel.

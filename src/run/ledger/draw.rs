@@ -107,7 +107,7 @@ impl SampleSequence {
 }
 
 /// Draws the particles of a case.
-pub struct Drawer<'a> {
+pub struct ParticleSampler<'a> {
     /// The case.
     pub case: &'a Case,
     /// The box in which initial data are drawn; of measure-valued data only its space counts.
@@ -116,7 +116,7 @@ pub struct Drawer<'a> {
     pub force: &'a dyn Fn(&[f64; 6], usize) -> f64,
 }
 
-impl Drawer<'_> {
+impl ParticleSampler<'_> {
     /// Whether the data are measure-valued.
     pub fn is_measure(&self) -> bool {
         matches!(self.case.data, Data::Measure { .. })

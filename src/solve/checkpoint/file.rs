@@ -59,7 +59,7 @@ pub struct Header {
 }
 
 /// Offsets of the parts of a file, in words from the first sum.
-struct Starts {
+struct PartOffsets {
     results: usize,
     auxiliary: usize,
     kept: usize,
@@ -73,7 +73,7 @@ impl Header {
     }
 
     /// The offsets of its parts; `None` if they overflow.
-    fn starts(&self) -> Option<Starts> {
+    fn starts(&self) -> Option<PartOffsets> {
         let points = |ranges: &[Range<usize>]| {
             ranges.iter().try_fold(1usize, |n, range| n.checked_mul(range.len()))
         };
@@ -85,7 +85,7 @@ impl Header {
         let modes = rows.checked_mul(2)?.checked_mul(self.kept.len())?;
         let auxiliary = sums.checked_add(results)?;
         let kept = auxiliary.checked_add(self.auxiliary)?;
-        Some(Starts { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
+        Some(PartOffsets { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
     }
 
     /// Words from the first sum to the checksum; `None` if they overflow.
@@ -95,7 +95,7 @@ impl Header {
     }
 
     /// Whether its contents have the kind and widths that `to` reads, for any part of the grid.
-    fn suits(&self, to: &Destination<'_>) -> bool {
+    fn suits(&self, to: &ReadDestination<'_>) -> bool {
         let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
             ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
         };
@@ -120,7 +120,7 @@ pub fn points(ranges: &[Range<usize>]) -> usize {
 
 /// The record of a written file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Written {
+pub struct FileRecord {
     /// Size of the file in bytes.
     pub bytes: u64,
     /// Checksum: the last word of the file.
@@ -131,11 +131,11 @@ pub struct Written {
 ///
 /// # Errors
 /// The error of the file system.
-pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Written> {
+pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<FileRecord> {
     let mut text = serde_json::to_vec(header)?;
     text.resize(text.len().next_multiple_of(8), b' ');
     let (words, _) = text.as_chunks::<8>();
-    let mut sink = Sink {
+    let mut sink = FileWriter {
         file: File::create(path)?,
         waiting: Vec::with_capacity(8 * PIECE),
         words: 0,
@@ -159,18 +159,18 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Wr
     sink.put(std::iter::once(checksum))?;
     sink.flush()?;
     sink.file.sync_all()?;
-    Ok(Written { bytes: 8 * sink.words, checksum })
+    Ok(FileRecord { bytes: 8 * sink.words, checksum })
 }
 
 /// A file that is being written.
-struct Sink {
+struct FileWriter {
     file: File,
     waiting: Vec<u8>,
     words: u64,
     checksum: u64,
 }
 
-impl Sink {
+impl FileWriter {
     fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
         for word in words {
             if self.waiting.len() == 8 * PIECE {
@@ -194,7 +194,7 @@ impl Sink {
 ///
 /// # Errors
 /// What is wrong with the file.
-pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
+pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), String> {
     let file = open_regular(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();
     if bytes != written.bytes {
@@ -246,14 +246,14 @@ fn broken() -> Error {
 pub struct RankFile {
     /// Its header.
     pub header: Header,
-    starts: Starts,
+    starts: PartOffsets,
     file: File,
     /// Words before the arrays.
     before: usize,
 }
 
 /// The vectors into which a rank reads the contents of files.
-pub struct Destination<'a> {
+pub struct ReadDestination<'a> {
     /// Space cells of its block.
     pub block: &'a [Range<usize>],
     /// Space cells of its share.
@@ -263,7 +263,7 @@ pub struct Destination<'a> {
     /// The results, likewise.
     pub results: Vec<Vec<f64>>,
     /// The modes that it stores, if any, and the cells to which their auxiliary unknowns belong
-    /// ([`crate::solve::snapshot::Kept::auxiliary`]).
+    /// ([`crate::solve::snapshot::StoredModes::auxiliary`]).
     pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
 }
 
@@ -298,12 +298,12 @@ impl RankFile {
     ///
     /// # Errors
     /// If the file cannot be read, or its contents do not fit `to`.
-    pub fn read_into(&self, to: &mut Destination<'_>, with_sums: bool) -> Result<()> {
+    pub fn read_into(&self, to: &mut ReadDestination<'_>, with_sums: bool) -> Result<()> {
         let header = &self.header;
         if !header.suits(to) {
             return Err(broken());
         }
-        let &Starts { results, auxiliary, kept, .. } = &self.starts;
+        let &PartOffsets { results, auxiliary, kept, .. } = &self.starts;
         let blocks = common_runs(&header.block, to.block);
         let shares = common_runs(&header.share, to.share);
         let (block, share) = (points(&header.block), points(&header.share));

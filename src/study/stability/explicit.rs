@@ -23,8 +23,8 @@ use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes};
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::search::{Located, last_holding};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::search::{BorderLocation, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -189,14 +189,14 @@ struct MethodLimits {
     /// The quantity that stable steps do not increase: the largest value, or the norm.
     what: &'static str,
     /// The largest `cfl` at which it does not increase from the patterns.
-    kept: Located,
+    kept: BorderLocation,
     /// The largest `cfl` at which it does not increase from any data, by theory. For elements this
     /// is a lower bound, or unknown.
     kept_by_theory: Option<f64>,
     /// The largest `cfl` at which values do not explode.
-    calm: Located,
+    calm: BorderLocation,
     /// A lower bound on it.
-    calm_bound: Located,
+    calm_bound: BorderLocation,
 }
 
 impl MethodLimits {
@@ -298,7 +298,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let verdicts: String = all.iter().map(MethodLimits::verdict).collect();
     let mut notes = grid_notes(whole, &case);
     task.is_over(&mut notes);
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         curves: curves.into(),
         borders: all.iter().flat_map(MethodLimits::borders).collect(),

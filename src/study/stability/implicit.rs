@@ -5,7 +5,7 @@ use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::choices::implicit_propagators;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
 use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells: each step of each mode solves a system.
@@ -166,7 +166,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let verdicts: String = all.iter().map(ImplicitSteps::verdict).collect();
     let last =
         "Runs warn if the error of the step exceeds the tolerance, and name a step that meets it.";
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         borders: all.iter().flat_map(ImplicitSteps::borders).collect(),
         curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),

@@ -27,7 +27,7 @@ pub fn nothing_tried() -> Error {
 
 /// The contents of a panel. Its name, title and axes are in the table of panels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Findings {
+pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
     /// The curves.
@@ -41,7 +41,7 @@ pub struct Findings {
 }
 
 /// The contents of a panel, or why the case does not have it.
-pub type PanelResult = Result<Findings>;
+pub type PanelResult = Result<PanelContents>;
 
 impl PanelTask<'_> {
     /// Whether the time of the panel is over; a note then says so. Collective.
@@ -192,7 +192,7 @@ pub struct StabilityPanel {
     pub y: AxisScale,
     /// The contents of the panel.
     #[serde(flatten)]
-    pub findings: Findings,
+    pub findings: PanelContents,
 }
 
 /// Names of the panels.

@@ -11,7 +11,7 @@ use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::trial::{Trial, plan_series, propagation};
 
@@ -173,7 +173,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if curves.is_empty() {
         return Err(refused.map_or_else(nothing_tried, Error::Input));
     }
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         curves,
         borders,
