@@ -42,7 +42,7 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// `‖ũ(0)‖/‖f(T)‖` until it is measured.
+/// The ratio `‖ũ(0)‖/‖f(T)‖` that is assumed until it is measured.
 pub const ASSUMED_RATIO: f64 = 1.5;
 
 /// A run that is assembled on one process mesh is assembled again on another if that is at least
@@ -64,7 +64,7 @@ pub struct Plan {
     pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
-    /// The method.
+    /// The method that computes `f(T)`.
     pub method: Method,
     /// Interface law.
     pub interface: Interface,
@@ -93,7 +93,7 @@ pub struct Plan {
 pub struct ProvisionalPlan {
     /// Bounds on the generator, without the measured growth.
     pub bounds: Bounds,
-    /// The plan; see [`Plan::provisional`].
+    /// The provisional plan; see [`Plan::provisional`].
     pub plan: Plan,
 }
 
@@ -137,7 +137,7 @@ impl Plan {
         Self::with_bounds(case, bounds, resources, ratio)
     }
 
-    /// As [`new`](Self::new), with known bounds.
+    /// Plans `case` as [`new`](Self::new) does, with known bounds.
     ///
     /// # Errors
     /// As [`new`](Self::new).

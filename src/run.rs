@@ -41,7 +41,7 @@ use crate::results::summary::{self, MissedGoals, Summary};
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
 pub use crate::run::solution::Solution;
-use crate::run::steps::{StepResults, Driver};
+use crate::run::steps::{Driver, StepResults};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -75,7 +75,7 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
 /// `solver.strict` is set. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::MissedGoals`]; [`crate::base::error::Error::Output`] if its summary
+/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
 /// cannot be read.
 pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
     world.group().on_first_rank(|| {
@@ -116,5 +116,13 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let solution = driver.solve(&mut planned, &mut start, checkpointing.as_mut())?;
     let compared = driver.compare(&mut planned, &solution)?;
     let results = driver.expand(&reduced, &planned, &exact, solution)?;
-    Ok(driver.finish(StepResults { reduced, planned, exact, checkpointing, start, compared, results }))
+    Ok(driver.finish(StepResults {
+        reduced,
+        planned,
+        exact,
+        checkpointing,
+        start,
+        compared,
+        results,
+    }))
 }

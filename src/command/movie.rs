@@ -10,7 +10,7 @@ use crate::results::movie::{self, MOST_FRAMES};
 use crate::results::pictures;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Stored, StoredTime};
+use crate::results::pictures::stored::{StoredRun, StoredTime};
 
 /// Writes the movies of a run; the first rank reads and writes. Collective.
 ///
@@ -63,7 +63,7 @@ fn name(k: usize) -> String {
 }
 
 /// The times of the frames.
-fn times(args: &MovieArgs, run: &Stored) -> Result<Vec<StoredTime>> {
+fn times(args: &MovieArgs, run: &StoredRun) -> Result<Vec<StoredTime>> {
     let place = args.directory.display();
     let all = run.snapshots().map_err(|why| failure(&args.directory, &why))?;
     if all.len() < 2 {

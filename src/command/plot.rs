@@ -11,7 +11,7 @@ use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::results::dataset::RESULT;
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::pictures::{self, Album};
 use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
@@ -54,7 +54,7 @@ pub(super) struct PictureDirectory {
 
 impl PictureDirectory {
     /// The directory `output`, by default that of pictures among the results of the run.
-    pub fn new(run: &Stored, output: Option<&Path>) -> Self {
+    pub fn new(run: &StoredRun, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
         let own = of_run.join(pictures::FOLDER);
         let Some(output) = output else { return Self { directory: own, of_run, owner: None } };
@@ -196,7 +196,7 @@ fn write_report(
 
 /// What `phasewarp check` prints about the case of a run, or why that is unknown. Only the first
 /// rank has `run`. Collective.
-fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
+fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<String, String> {
     /// Name, text and overrides of a case; or why it is not described.
     type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
     let group = world.group();
@@ -221,7 +221,7 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
 
 /// A run and its pictures.
 struct DrawnRun {
-    run: Stored,
+    run: StoredRun,
     album: Album,
     /// The first cut that was requested, if any.
     cut: Option<Cut>,
@@ -231,7 +231,7 @@ struct DrawnRun {
 ///
 /// # Errors
 /// As [`untrusted::open`].
-pub(super) fn open(directory: &Path) -> Result<Stored> {
+pub(super) fn open(directory: &Path) -> Result<StoredRun> {
     let mut run = untrusted::open(directory)?;
     run.case = run.case.map(|case| with_tables_known(case, &run.provenance));
     Ok(run)

@@ -16,7 +16,7 @@ use crate::problem::case::{Case, Interface, Method};
 use crate::problem::limits::MOST_CELLS;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum::{self, SpectrumExtremes, SpectrumEnd};
+use crate::solve::spectrum::{self, SpectrumEnd, SpectrumExtremes};
 use crate::study::grids::refined;
 use serde::Serialize;
 use std::time::Instant;

@@ -56,7 +56,7 @@ fn read_moments<const FMA: bool>(rows: TermRows<'_>) {
     }
 }
 
-/// Reads `COUNT` moments.
+/// Adds the term to the sum, and its `COUNT` moments to those at the active times.
 #[inline(always)]
 fn read_some<const FMA: bool, const COUNT: usize>(rows: TermRows<'_>) {
     let TermRows {

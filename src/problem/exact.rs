@@ -55,7 +55,7 @@ pub struct Foot {
     pub entry: f64,
 }
 
-/// The end of a path that was followed for a time.
+/// A path that was followed for a time: its end, and what the particle met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TracedPath {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
@@ -139,9 +139,10 @@ struct TracedParticle {
     x: [f64; MAX_DIMENSION],
     /// `direction · v`.
     w: [f64; MAX_DIMENSION],
-    /// Axes along which it rests at a face towards which both sides push it.
+    /// Axes along which the particle rests at a face towards which both sides push it.
     rests: [bool; MAX_DIMENSION],
-    /// Axes along which it is not moved at all.
+    /// Axes along which the particle is not moved, as its path is followed along another axis
+    /// alone.
     held: [bool; MAX_DIMENSION],
     /// See [`TracedPath::history`].
     history: u64,
@@ -162,7 +163,7 @@ struct FreeBlock<'a> {
     slopes: &'a [f64; MAX_DIMENSION],
 }
 
-/// Whether two slopes of `V` are the same but for round-off.
+/// Whether two slopes of `V` are equal up to round-off.
 fn alike(a: &[f64; MAX_DIMENSION], b: &[f64; MAX_DIMENSION]) -> bool {
     const ROUND_OFF: f64 = 1e-9;
     let near = |(a, b): (&f64, &f64)| (a - b).abs() <= ROUND_OFF * a.abs().max(b.abs());
@@ -235,7 +236,8 @@ impl<'a> Tracer<'a> {
         Self::with_cells(case, MOST_TRACED_CELLS)
     }
 
-    /// The same, with elements cut into cells of which there are at most `most` in space.
+    /// Prepares tracing in `case`'s potential, with elements cut into at most `most` space cells in
+    /// all.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -261,7 +263,7 @@ impl<'a> Tracer<'a> {
         Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths, lines })
     }
 
-    /// The same, but [`follow`](Self::follow) goes forward in time.
+    /// This tracer, whose [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
         let paths = self.paths.is_some().then(AxisPaths::default);
         // The lines are those of motion back in time, and only save time.
@@ -277,7 +279,7 @@ impl<'a> Tracer<'a> {
         self.values(std::slice::from_ref(point), time)[0]
     }
 
-    /// The same at many points.
+    /// The exact `f(time, x, v)` at many points, as [`value`](Self::value) gives it at one.
     pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];
         let inflow_is_constant =
@@ -367,8 +369,8 @@ impl<'a> Tracer<'a> {
         (64.0 + 16.0 * self.face_rate * time) as usize
     }
 
-    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier. For a
-    /// tracer that goes [`forward`](Self::forward): where it will be.
+    /// The path of the particle at `point = [x, y, z, vx, vy, vz]` over a time `time ≥ 0`: back in
+    /// time, or [`forward`](Self::forward). It ends where the particle was, or will be.
     ///
     /// The work is bounded: a particle that has met more faces than physics allows stays where it
     /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
@@ -377,7 +379,8 @@ impl<'a> Tracer<'a> {
         self.follow_with(point, time, &mut |_| {})
     }
 
-    /// The same, and calls `meet` for every jump of `V` on the path.
+    /// The path as [`follow`](Self::follow) gives it. Calls `meet` for every jump of `V` on the
+    /// path.
     pub fn follow_with(
         &self,
         point: &[f64; 6],
@@ -432,10 +435,10 @@ impl<'a> Tracer<'a> {
                 None => Some(self.velocity_end(&particle, event.axis, false)),
             };
             if exit.is_some() {
-                return TracedPath { remaining: Some(left), exit, ..self.followed(&particle) };
+                return TracedPath { remaining: Some(left), exit, ..self.traced_path(&particle) };
             }
         }
-        self.followed(&particle)
+        self.traced_path(&particle)
     }
 
     /// `x` on axis `a`, moved onto a face that it misses by round-off only.
@@ -473,7 +476,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The end of the path of a particle that is still in the box.
-    fn followed(&self, particle: &TracedParticle) -> TracedPath {
+    fn traced_path(&self, particle: &TracedParticle) -> TracedPath {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];

@@ -330,7 +330,7 @@ impl Propagator for Chebyshev {
     }
 }
 
-/// Describes the series of the exponential.
+/// The descriptor of the Chebyshev series of the exponential.
 pub struct ChebyshevMethod;
 
 impl Descriptor for ChebyshevMethod {

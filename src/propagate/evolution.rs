@@ -20,7 +20,7 @@ pub struct Evolution<'a> {
     pub space: &'a Group,
     /// Bounds of the spectrum.
     pub bounds: &'a Bounds,
-    /// `T`.
+    /// The time `T` to propagate over.
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
     pub terms: usize,
@@ -131,7 +131,7 @@ pub struct BatchSpec {
 }
 
 impl BatchSpec {
-    /// Most work of a lane.
+    /// The largest work of a lane.
     pub fn largest_work(&self) -> usize {
         self.work.iter().copied().max().unwrap_or(0)
     }

@@ -158,7 +158,7 @@ pub fn steps(step: f64, time: f64) -> usize {
     (time / step * (1.0 - 1e-12)).ceil().max(1.0) as usize
 }
 
-/// Describes an implicit method.
+/// The descriptor of an implicit method.
 pub struct ImplicitMethod {
     name: &'static str,
     order: usize,

@@ -100,7 +100,7 @@ pub struct Krylov {
     length: usize,
     /// `w`, without the lanes' phases.
     state: Vec<Lanes>,
-    /// The given longest step, if any.
+    /// The longest step that the case gives, if any.
     step: Option<f64>,
     /// `α_j` and `β_j` by lane.
     alpha: Vec<[f64; LANES]>,
@@ -311,7 +311,7 @@ impl Krylov {
 
     /// The step and dimension that the a-priori bound guarantees: each lane's step, at most the
     /// time `left` of `time`, and the dimension that suffices for all of them.
-    fn guaranteed(
+    fn steps_by_bound(
         &mut self,
         intervals: &[SpectralInterval; LANES],
         batch: &BatchSpec,
@@ -340,7 +340,7 @@ impl Krylov {
     /// The step of lane `l` in the space of dimension `m`, and the bound on its error: the longest
     /// from the guaranteed `step` to `most` that the integrated residual allows. The given
     /// `tolerance` is that of the whole `time`.
-    fn followed(
+    fn step_by_residual(
         &mut self,
         l: usize,
         m: usize,
@@ -415,7 +415,7 @@ impl Propagator for Krylov {
         let largest = initial.norms.into_iter().fold(0.0, f64::max);
         let mut left = [time; LANES];
         while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
-            let (steps, m) = self.guaranteed(&intervals, batch, time, &left);
+            let (steps, m) = self.steps_by_bound(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
             let norms = system.lane_norms(&squares, &self.state);
             self.build(system, &mut constants, &norms, m, &sizes);
@@ -424,7 +424,8 @@ impl Propagator for Krylov {
             let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
             for l in 0..LANES {
                 let most = self.step.unwrap_or(time).min(left[l]);
-                let (tau, error) = self.followed(l, m, steps[l], most, batch.tolerances[l], time);
+                let (tau, error) =
+                    self.step_by_residual(l, m, steps[l], most, batch.tolerances[l], time);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);
@@ -448,7 +449,7 @@ impl Propagator for Krylov {
     }
 }
 
-/// Describes the Krylov propagator.
+/// The descriptor of the Krylov propagator.
 pub struct KrylovMethod;
 
 impl Descriptor for KrylovMethod {

@@ -77,9 +77,9 @@ struct LimitedFace {
 /// A source of a face.
 #[derive(Clone, Copy, Debug)]
 struct SourceShare {
-    /// Local number.
+    /// Local number of the source's unknown.
     column: u32,
-    /// In the cell itself, by reflection.
+    /// Whether the source lies in the cell itself, by reflection.
     same: bool,
     weight: f64,
 }

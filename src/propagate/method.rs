@@ -146,7 +146,7 @@ pub struct RunWork {
     pub step: Option<f64>,
     /// Steps of an implicit method.
     pub steps: usize,
-    /// `T`.
+    /// The time `T` to propagate over.
     pub time: f64,
 }
 
@@ -175,7 +175,7 @@ pub trait Descriptor: Sync {
     /// The propagator's arrays and their bytes.
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes>;
 
-    /// Method and work in words.
+    /// The method and its work as text.
     fn summary(&self, work: &RunWork) -> String;
 
     /// The propagator, with its scratch.

@@ -27,9 +27,10 @@ const AIM: f64 = 4.0 * f64::EPSILON;
 const RESIDUAL: f64 = 1e-13;
 /// Largest dimension of a Krylov space before GMRES is restarted.
 pub const RESTART: usize = 60;
-/// The same where one rank holds the space: a refinement or two.
+/// Largest dimension where one rank holds all of space, so that the factors solve the system and an
+/// iteration is a refinement.
 pub const REFINEMENTS: usize = 2;
-/// Most iterations for a system.
+/// Largest number of iterations for a system.
 const MOST_ITERATIONS: usize = 3000;
 
 /// Peak bytes a row of the factors and their workspace, from measurements on grids of one to three
@@ -96,7 +97,7 @@ struct Gmres {
     integers: Vec<i64>,
 }
 
-/// How a system was solved.
+/// The residual of a solved system, and the work that it took.
 #[derive(Clone, Copy, Debug)]
 pub struct SolveCounts {
     /// `‖w − Mz‖/‖w‖`, plus the part that round-off may hide.

@@ -205,7 +205,7 @@ fn norm(
 ///
 /// # Errors
 /// [`Error::Memory`].
-fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
+fn check_memory(matrix: &BlockMatrix, steps: usize) -> Result<()> {
     let needed = 3 * 8 * steps as u64 * matrix.inflow.len() as u64;
     let available = memory::available();
     let available = available.together.min(available.alone);
@@ -252,7 +252,7 @@ impl StepSearch<'_> {
     /// The run of `steps` steps. Collective.
     fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<RealRun> {
         let world = &self.communicator.world;
-        world.agree(fits(self.matrix, steps))?;
+        world.agree(check_memory(self.matrix, steps))?;
         let values = stage_values(self.case, self.matrix, steps);
         let (rows, stages) = (self.matrix.inflow.len(), 2 * steps);
         let span =
@@ -262,7 +262,7 @@ impl StepSearch<'_> {
         // Ranks without inflow take part in the exchanges of the others.
         for k in 0..stages {
             let stage = &values[k * rows..(k + 1) * rows];
-            classical.hold(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
+            classical.set_inflow(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
             classical.exponential(exchange, &mut state, span, NEGLIGIBLE);
         }
         Ok(RealRun { values, state })
@@ -299,7 +299,7 @@ impl StepSearch<'_> {
 
     /// Whether the steps of a run resolve the inflow. Without this check, two runs that both miss a
     /// pulse would agree. Collective over the space group.
-    fn sees(&self, run: &RealRun, largest: f64) -> bool {
+    fn resolves_inflow(&self, run: &RealRun, largest: f64) -> bool {
         let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
         self.communicator.space.max(found) >= 0.9 * largest
     }
@@ -358,10 +358,10 @@ pub fn schedule(
             jumps,
             ..Schedule::default()
         };
-        if error * ratio <= goal && search.sees(&coarse, largest) {
+        if error * ratio <= goal && search.resolves_inflow(&coarse, largest) {
             break (coarse, found(steps, error * ratio, &fine));
         }
-        if error <= goal && search.sees(&fine, largest) {
+        if error <= goal && search.resolves_inflow(&fine, largest) {
             let found = found(2 * steps, error, &fine);
             break (fine, found);
         }

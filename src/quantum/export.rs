@@ -38,12 +38,14 @@ use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Interface, Method};
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::export::complete::{CompleteDescription, CompleteCircuit, CompleteCircuitInput};
+use crate::quantum::export::complete::{
+    CompleteCircuit, CompleteCircuitInput, CompleteDescription,
+};
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::Series;
@@ -394,7 +396,7 @@ impl ModeEvolution<'_> {
         let most = works.iter().copied().max().unwrap_or(0);
         let mut propagator = Chebyshev::new(&problem.matrix, most);
         let norm = problem.norm(communicator, &problem.states[0], false);
-        let initial = Initial::real(&problem.states[0][..rows], norm);
+        let initial = InitialState::real(&problem.states[0][..rows], norm);
         let mut system = Evolution {
             matrix: &problem.matrix,
             exchange: &mut problem.exchange,

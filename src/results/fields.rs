@@ -45,11 +45,17 @@ const fn vector(name: &'static str, over: DatasetCells, what: &'static str) -> D
     DatasetKind { name, over, vector: true, what }
 }
 
-const F: DatasetKind = scalar("f", DatasetCells::PhaseSpace, "cell average of the phase-space density");
-const PHI: DatasetKind = scalar("phi", DatasetCells::PhaseSpace, "density phi of f = phi delta(psi)");
-const PSI: DatasetKind =
-    vector("psi", DatasetCells::PhaseSpace, "level sets psi of f = phi delta(psi), one per velocity axis");
-const EXACT: DatasetKind = scalar("exact", DatasetCells::PhaseSpace, "exact solution at cell centres");
+const F: DatasetKind =
+    scalar("f", DatasetCells::PhaseSpace, "cell average of the phase-space density");
+const PHI: DatasetKind =
+    scalar("phi", DatasetCells::PhaseSpace, "density phi of f = phi delta(psi)");
+const PSI: DatasetKind = vector(
+    "psi",
+    DatasetCells::PhaseSpace,
+    "level sets psi of f = phi delta(psi), one per velocity axis",
+);
+const EXACT: DatasetKind =
+    scalar("exact", DatasetCells::PhaseSpace, "exact solution at cell centres");
 const DENSITY_EXACT: DatasetKind =
     scalar("density_exact", DatasetCells::Space, "density of the exact solution");
 const MOMENTUM_EXACT: DatasetKind =

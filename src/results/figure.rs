@@ -64,13 +64,13 @@ impl PlotAxis {
         Self { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Self::linear(label) }
     }
 
-    /// The same axis with ticks at whole numbers only.
+    /// This axis with ticks at whole numbers only.
     pub fn whole(mut self) -> Self {
         self.whole = true;
         self
     }
 
-    /// The same axis from `lower` to `upper`.
+    /// This axis from `lower` to `upper`.
     pub fn within(mut self, lower: f64, upper: f64) -> Self {
         self.range = Some([lower, upper]);
         self

@@ -124,7 +124,7 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
 
 /// Checks that a dataset can be read: its values are in this file, and as many as its shape says.
 /// Returns the bytes of a chunk, or 0 without chunks.
-pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
+pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     let list = dataset.dcpl()?;
     if !list.external().is_empty() || list.layout() == Layout::Virtual {
         return Err(error("its values are in another file".to_owned()));

@@ -17,7 +17,7 @@ use crate::base::text::{bytes_text, percent, short};
 use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
 use crate::results::report::trust::{main_warning, trust};
@@ -119,7 +119,7 @@ const PROBABILITIES: [(&str, &str); 7] = [
 /// The contents of a report.
 pub struct Report<'a> {
     /// The run.
-    pub run: &'a Stored,
+    pub run: &'a StoredRun,
     /// `summary.json`.
     pub summary: &'a Value,
     /// Pictures of the run.

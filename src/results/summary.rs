@@ -283,16 +283,16 @@ impl MissedGoals {
     /// Refuses missed goals if `strict` (`solver.strict`).
     ///
     /// # Errors
-    /// [`Error::MissedGoals`].
+    /// [`Error::Missed`].
     pub fn refuse(&self, strict: bool) -> Result<()> {
-        self.line().filter(|_| strict).map_or(Ok(()), |line| Err(Error::MissedGoals(line)))
+        self.line().filter(|_| strict).map_or(Ok(()), |line| Err(Error::Missed(line)))
     }
 }
 
 /// The result from which a run continued (`initial.field`), and the error of both parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContinuedResult {
-    /// The file.
+    /// Path of the file from which the run continued.
     pub file: String,
     /// Checksum of its `/f`, as result files write it.
     pub checksum: String,
@@ -327,7 +327,7 @@ impl ContinuedResult {
     }
 }
 
-/// The numbers of a finished run. Unknown ones are `null`, never zero.
+/// The numbers of a finished run. Unknown numbers are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
     /// Title of the case.

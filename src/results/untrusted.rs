@@ -15,10 +15,10 @@ use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
 use crate::results::dataset::RESULT;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::readback::{
-    ChecksumParts, FileShare, compare, datasets, differs, numbers, read_text, sound, sum_of,
-    sums_of, text_attribute,
+    ChecksumParts, FileShare, check_readable, compare, datasets, differs, numbers, read_text,
+    sum_of, sums_of, text_attribute,
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
@@ -183,29 +183,29 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         _ => path.to_owned(),
     };
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
-    let opened = || -> FileResult<File> {
+    let open_file = || -> FileResult<File> {
         let file = File::open(&file);
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
         Inspection::Description => {
-            description(&opened()?, bytes).map_err(reason)?;
+            description(&open_file()?, bytes).map_err(reason)?;
             Ok(ChecksumParts::new())
         }
-        Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
+        Inspection::Values(share) => values(&open_file()?, bytes, share).map_err(reason),
         Inspection::Directory => {
             let sums =
-                values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
+                values(&open_file()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
             // Where this process is the one that asks, it reads them next.
             if ROLE.get() == Some(&ProcessRole::Child) {
-                Stored::read(path)?;
+                StoredRun::read(path)?;
             }
             Ok(sums)
         }
         Inspection::Table(names) => {
-            let opened = opened()?;
+            let opened = open_file()?;
             for name in &names {
-                if let Some(chunk) = named(&opened, bytes, name)? {
+                if let Some(chunk) = check_dataset(&opened, bytes, name)? {
                     allow(chunk);
                 }
                 if let Ok(dataset) = opened.dataset(name) {
@@ -215,13 +215,13 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
             Ok(ChecksumParts::new())
         }
         Inspection::Field => {
-            let opened = opened()?;
+            let opened = open_file()?;
             description(&opened, bytes).map_err(reason)?;
             start(&opened, bytes, "f")?;
             Ok(ChecksumParts::new())
         }
         Inspection::Warped => {
-            start(&opened()?, bytes, "w")?;
+            start(&open_file()?, bytes, "w")?;
             Ok(ChecksumParts::new())
         }
     }
@@ -231,8 +231,8 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
 fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
     let mut largest = 0;
     for (name, dataset) in all {
-        let chunk =
-            sound(dataset, bytes).map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
+        let chunk = check_readable(dataset, bytes)
+            .map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
         largest = largest.max(chunk);
     }
     Ok(largest)
@@ -295,10 +295,10 @@ fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
 /// Reads the axes of the dataset `name` and its attributes, and its values where they are stored in
 /// chunks, which HDF5 finds by an index.
 fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
-    let chunk = named(file, bytes, name)?.unwrap_or(0);
+    let chunk = check_dataset(file, bytes, name)?.unwrap_or(0);
     allow(chunk);
     for axis in ["x", "y", "z", "vx", "vy", "vz", "p"].map(|axis| format!("axis/{axis}")) {
-        named(file, bytes, &axis)?;
+        check_dataset(file, bytes, &axis)?;
         if let Ok(dataset) = file.dataset(&axis) {
             // What it holds instead of numbers is reported by those that need them.
             let _ = numbers(&axis, &dataset);
@@ -318,9 +318,11 @@ fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
 
 /// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is
 /// no such dataset, which the caller may report.
-fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
+fn check_dataset(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
     let dataset = file.dataset(name).ok();
-    dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
+    dataset
+        .map(|dataset| check_readable(&dataset, bytes).map_err(|e| format!("/{name}: {e}")))
+        .transpose()
 }
 
 /// Opens a file that the user names, after a subprocess has inspected it.
@@ -344,7 +346,7 @@ pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File
 /// # Errors
 /// [`Error::Input`] if there is no file that can be read; [`Error::Output`] if a dataset or a file
 /// is damaged.
-pub fn open(directory: &Path) -> Result<Stored> {
+pub fn open(directory: &Path) -> Result<StoredRun> {
     let path = directory.join(RESULT);
     let wrong = |why: &dyn std::fmt::Display| {
         Error::Input(format!(
@@ -368,7 +370,7 @@ pub fn open(directory: &Path) -> Result<Stored> {
         return Err(failure(&path, &differs(name)));
     }
     file_checksums::check_alone(directory)?;
-    Stored::read(directory).map_err(|e| wrong(&e))
+    StoredRun::read(directory).map_err(|e| wrong(&e))
 }
 
 /// Compares the datasets of `directory/result.h5` and of the warped fields beside it, and all

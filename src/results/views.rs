@@ -30,7 +30,7 @@ pub struct Grid {
     pub origin: [f64; 3],
     /// Widths of the cells.
     pub spacing: [f64; 3],
-    /// Numbers of cells.
+    /// Numbers of cells along the three axes.
     pub cells: [usize; 3],
     /// Faces of the cells along all axes, if a degree above 0 makes cells unequal. The width of a
     /// cell is the quadrature weight of its node.
@@ -66,7 +66,7 @@ pub struct View {
     pub dataset: Rc<str>,
     /// Whether it has three components, as its last index.
     pub vector: bool,
-    /// The time that is shown; `None` for a dataset without times.
+    /// The time of the view; `None` for a dataset without times.
     pub time_slice: Option<TimeSlice>,
 }
 
@@ -128,13 +128,13 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     writer.group("xdmf")?;
     let mut grids = planes(writer, results)?;
     grids.push(space(writer, results)?);
-    let mut steps = earlier(writer, results)?;
+    let mut steps = steps_before_end(writer, results)?;
     steps.push(Step { time: results.case.end, grids });
     Ok(steps)
 }
 
 /// Writes the data of output times before the end. Collective.
-fn earlier(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
+fn steps_before_end(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     if results.early.is_empty() {
         return Ok(Vec::new());
     }

@@ -17,7 +17,7 @@ use crate::solve::prepared::Prepared;
 /// The integration of a state over a leg.
 #[derive(Clone, Copy)]
 pub(crate) struct Integration {
-    /// The method.
+    /// The time integrator.
     pub integrator: Integrator,
     /// Bound on `max |A_ii|`.
     pub rate: f64,
@@ -47,7 +47,7 @@ pub(crate) fn integrate(
 }
 
 /// Integrates every field over all legs. Collective.
-pub(crate) fn classically(
+pub(crate) fn integrate_fields(
     prepared: &mut Prepared,
     prints: bool,
     summary: &mut Summary,

@@ -28,7 +28,7 @@ const RATIO_MARGIN: f64 = 1.2;
 /// Least ratio of a reliable estimate to the round-off in the two fields.
 const ROUND_OFF_MARGIN: f64 = 4.0;
 
-/// Largest ratio of what is only roughly known to the rest of a reliable estimate.
+/// Largest ratio of the roughly known part of a reliable estimate to the rest of it.
 const LARGEST_REST: f64 = 2.0;
 
 /// Norms of a field over all ranks.
@@ -223,7 +223,11 @@ fn exact_semidiscrete(
 /// solutions with the same inflow obeys `e' = A e`. In the weighted norm it grows at most by
 /// `e^{growth t}`; between this norm and the l2 norm lies at most the spread of the weights.
 /// Collective.
-pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<ContinuedResult> {
+pub(crate) fn continued(
+    prepared: &Prepared,
+    f: &[f64],
+    summary: &Summary,
+) -> Option<ContinuedResult> {
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;
     let origin = start.origin?;
@@ -307,7 +311,7 @@ fn estimate(
         ));
     }
     let found = match &system.schedule {
-        Some(schedule) => found.map(|_| from_the_steps(prepared, schedule, &fields[0][0])),
+        Some(schedule) => found.map(|_| estimate_from_steps(prepared, schedule, &fields[0][0])),
         None => found.map(|(estimate, round_off)| ErrorEstimate {
             estimate,
             round_off,
@@ -330,18 +334,18 @@ fn estimate(
     warnings
 }
 
-/// An error estimate.
+/// An estimate of the error of a field, relative to the field.
 struct ErrorEstimate {
     estimate: f64,
-    /// The part that round-off may be.
+    /// The part of the estimate that may be round-off.
     round_off: f64,
-    /// Why it may not be the error.
+    /// The reason why the estimate may not be the error; `None` if there is none.
     doubt: Option<&'static str>,
 }
 
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
-fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
+fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
     let mine = &prepared.rank_cells.mine;
     let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
     let distance = FieldNorms::new(prepared, f).distance(&reference);
@@ -351,12 +355,16 @@ fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorE
         true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
         false => may_be_large.then_some("the error of so few time steps is only roughly known"),
     };
-    ErrorEstimate { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
+    ErrorEstimate {
+        estimate: distance + rest,
+        round_off: ROUND_OFF_MARGIN * round_off(stages),
+        doubt,
+    }
 }
 
 /// Largest leading term of a step's error that counts as an estimate of it.
 const LARGEST_STEP_ERROR: f64 = 0.1;
-/// Least part of a mode's norm that a step must keep for this.
+/// Least part of a mode's norm that remains at the end, if the leading term counts as an estimate.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
 /// Adds the error of the time step, which both readings share, to the error estimate.

@@ -84,14 +84,14 @@ pub fn exact_run(
     Ok(run)
 }
 
-/// Shows how far the exact solution is, and says once that it takes long.
+/// Reports the progress of the exact solution, and once a warning if it takes long.
 struct ExactWatch {
     progress: Progress,
-    /// Whether nothing more is to be said.
+    /// Whether no progress and no warning are reported.
     silent: bool,
-    /// Number of times.
+    /// Number of times at which the exact solution is wanted.
     all: usize,
-    /// Number of times that are done.
+    /// Number of times at which the exact solution is computed.
     done: usize,
     started: Instant,
 }
@@ -120,7 +120,7 @@ impl ExactWatch {
 /// A warning that the exact solution takes long; `None` if it does not, or cannot be left out. It
 /// is for `all` times, of which the first `done` took `seconds`.
 fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
-    /// The shortest time in seconds from which the time of all is estimated.
+    /// The shortest time in seconds from which the whole time is extrapolated.
     const SEEN: f64 = 1.0;
     const LONG: f64 = 10.0;
     let expected = seconds * all as f64 / done as f64;

@@ -144,7 +144,7 @@ impl ResultOnShare<'_> {
     }
 }
 
-/// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.
+/// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself. Collective.
 fn field_errors(found: &FieldNorms<'_>, exact: &FieldNorms<'_>, volume: f64) -> ErrorNorms {
     let zero = vec![0.0; exact.f.len()];
     let l1 = |of: &FieldNorms<'_>, other: &[f64]| of.difference(other, 1) * volume;

@@ -22,9 +22,9 @@ use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{
-    AxisEnd, ParticleSampler, Particle, ParticleSource, SampleBox, SampleSequence, resampled,
+    AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, resampled,
 };
-use crate::run::ledger::flight::{ParticleTracker, NUMBERS, ParticleTally, end_index};
+use crate::run::ledger::flight::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
@@ -53,7 +53,7 @@ const BEYOND: f64 = 0.5;
 const LEAST_PARTS: usize = 1 << 8;
 /// Nodes of Gauss's rule on each of these parts.
 const NODES: usize = 4;
-/// Largest relative change of the mass by doubling the parts at which they are enough.
+/// Relative change of the mass by doubling the parts, at or below which there are enough parts.
 const ENOUGH: f64 = 1e-10;
 /// About the largest number of values of the inflow in all. It is reached where the inflow jumps in
 /// time.
@@ -141,7 +141,12 @@ struct SourceEstimates {
 
 impl SourceEstimates {
     /// Draws and follows the particles of all sources. Collective.
-    fn follow(world: &Group, drawer: &ParticleSampler<'_>, flight: &mut ParticleTracker<'_>, points: usize) -> Self {
+    fn follow(
+        world: &Group,
+        drawer: &ParticleSampler<'_>,
+        flight: &mut ParticleTracker<'_>,
+        points: usize,
+    ) -> Self {
         let case = drawer.case;
         let initial = replicated(world, drawer, flight, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
@@ -165,7 +170,7 @@ impl SourceEstimates {
     }
 
     /// Mass that enters through an end.
-    fn entered(&self, end: AxisEnd) -> f64 {
+    fn entering_mass(&self, end: AxisEnd) -> f64 {
         let found = self.entering.iter().find(|(other, _)| *other == end);
         found.map_or(0.0, |(_, found)| found.mean.mass)
     }
@@ -242,7 +247,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
             outflow: sources.sum(|tally| tally.outflow[at]),
             outflow_at_jumps: sources.sum(|tally| tally.at_jumps[at]),
-            inflow: sources.entered(end),
+            inflow: sources.entering_mass(end),
         });
     }
     let left = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
@@ -373,7 +378,7 @@ fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
 
 /// The mass that enters the grid until the end, by the rows of the scheme; `None` for
 /// measure-valued data. Collective.
-pub fn entered(prepared: &Prepared) -> Option<f64> {
+pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if !matches!(case.data, Data::Density) {
         return None;

@@ -17,10 +17,10 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{ReadingDomain, ModesFromFile, ReadField, WarpedFile};
+use crate::results::warped::given::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{EarlyStates, RunFiles, FieldsWithHistory, WarpedOutput};
+use crate::run::files::{EarlyStates, FieldsWithHistory, RunFiles, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
@@ -167,7 +167,7 @@ struct KeptForRun<'a, 'f> {
     files: Option<&'a mut WarpedFiles<'f>>,
 }
 
-/// All modes of a run, from their start to the recovered fields.
+/// The propagation of all modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
     case: &'a Case,
     plan: &'a Plan,

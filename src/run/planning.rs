@@ -28,7 +28,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     Ok(preview(world, case, resources)?.plan)
 }
 
-/// A plan, and the totals at the start.
+/// A plan, and the totals of the initial data.
 pub struct Preview {
     /// The plan.
     pub plan: Plan,

@@ -61,7 +61,7 @@ pub(super) struct StartObserved {
     entered: Option<f64>,
 }
 
-/// The error of the fields.
+/// The estimated errors of the fields.
 pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
     /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
@@ -162,7 +162,7 @@ impl<'a> Driver<'a> {
             Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
             None => Ledger::default(),
         };
-        let entered = ledger::entered(&planned.prepared);
+        let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered })

@@ -93,7 +93,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     Ok(case)
 }
 
-/// The key that keeps the whole grid.
+/// The key whose value requires the whole grid, if there is one.
 fn needs_all(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.start.is_some()),
@@ -126,7 +126,7 @@ fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
     fields.chain(exact)
 }
 
-/// The name of the first formula that varies along coordinate `slot`.
+/// The name of the first formula that varies along coordinate `slot`; `None` if none does.
 fn varies_along(case: &Case, slot: usize) -> Option<String> {
     let names = |formula: &Expression| formula.depends_on(slot);
     let potential = (case.potential.iter())
@@ -168,7 +168,8 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     }
 }
 
-/// Why space axis `a` is kept, though `V` and the initial data do not vary along it.
+/// The reason why space axis `a` is not merged, although `V` and the initial data do not vary along
+/// it.
 fn why_kept(case: &Case, a: usize) -> Option<String> {
     if case.space.x[a].cells == 1 {
         return None;

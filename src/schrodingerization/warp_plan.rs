@@ -289,7 +289,8 @@ fn leg_work(
     let mut scratch = Vec::new();
     let mut of_leg = |leg: &Leg| -> Vec<usize> {
         let of_mode = |l: usize| {
-            let span = PropagationSpan { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
+            let span =
+                PropagationSpan { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
             let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
             // For `k ≥ ht`, `J_k(ht)` grows with the time: the truncation error is largest at the

@@ -27,7 +27,7 @@ use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
 use crate::solve::checkpoint::store::{Generation, Store};
-use crate::solve::checkpoint::watch::{CheckpointTimes, RankState, CommonDecision, Watch};
+use crate::solve::checkpoint::watch::{CheckpointTimes, CommonDecision, RankState, Watch};
 use crate::solve::snapshot::Snapshot;
 use std::ops::Range;
 use std::time::Instant;
@@ -61,7 +61,7 @@ pub struct Checkpoints<'a> {
     size: RunSize,
     /// The checkpoint to continue from, taken when the run begins.
     pub resumed: Option<ResumePoint<'a>>,
-    /// How many were written.
+    /// Number of checkpoints that were written.
     pub written: usize,
 }
 
@@ -97,7 +97,7 @@ impl<'a> Checkpoints<'a> {
     /// On all ranks: [`Error::Stopped`] if the run is to stop and its checkpoint was written,
     /// [`Error::Checkpoint`] if it could not be written, [`Error::WallTime`] if the wall time did
     /// not suffice for one batch.
-    pub fn are_over<'s>(
+    pub fn stage_is_over<'s>(
         &mut self,
         standing: RankState,
         snapshot: impl Fn() -> Snapshot<'s>,
@@ -115,7 +115,9 @@ impl<'a> Checkpoints<'a> {
                 CommonDecision::StopByWallTime if world.sum_count(self.watch.batches) == 0 => {
                     return Err(Error::WallTime { seconds: self.wall_seconds.unwrap_or(0.0) });
                 }
-                CommonDecision::Write | CommonDecision::StopBySignal | CommonDecision::StopByWallTime => {}
+                CommonDecision::Write
+                | CommonDecision::StopBySignal
+                | CommonDecision::StopByWallTime => {}
             }
             let started = Instant::now();
             let snapshot = snapshot();

@@ -72,7 +72,7 @@ impl KeptModes {
         &self.values
     }
 
-    /// The same, to be written.
+    /// All values for writing, `rows` numbers a mode, in the order of [`modes`](Self::modes).
     pub fn values_mut(&mut self) -> &mut [Complex64] {
         &mut self.values
     }
@@ -82,7 +82,7 @@ impl KeptModes {
         &self.progress
     }
 
-    /// The same, to be written.
+    /// Progress of each mode for writing, in the order of [`modes`](Self::modes).
     pub fn progress_mut(&mut self) -> &mut [ModeProgress] {
         &mut self.progress
     }

@@ -101,13 +101,15 @@ impl Prepared {
         self.system.probe(&self.communicator, &self.bounds, &legs)
     }
 
-    /// The same, and the norms that determine probabilities. Collective.
+    /// The ratio that [`probe`](Self::probe) gives, and the norms that determine probabilities.
+    /// Collective.
     pub fn rough_solution(&mut self) -> RoughSolution {
         let (legs, time) = (self.case.legs(), self.case.duration());
         self.system.rough_solution(&self.communicator, &self.bounds, &legs, time)
     }
 
-    /// The same with the bounds, the modes and their groups of `plan`, which has the same blocks.
+    /// This system with the bounds, the modes and their groups of `plan`, which has the same
+    /// blocks.
     pub fn with_modes_of(mut self, plan: &Plan) -> Self {
         self.plan.bounds = plan.bounds.clone();
         self.plan.warp.clone_from(&plan.warp);
@@ -115,13 +117,13 @@ impl Prepared {
         self
     }
 
-    /// `ũ` on this rank's share to `f`: undoes the weights.
+    /// Turns `ũ` on this rank's share into `f`, by undoing the weights.
     pub fn unweighted(&self, state: Vec<f64>) -> Vec<f64> {
         self.system.unweighted(&self.rank_cells.mine, state)
     }
 
-    /// The same with the plan of the modes, for the `ratio` of the probe; assembled again if that
-    /// plan has another process mesh. Collective.
+    /// This system with the plan of its modes, for the `ratio` of the probe. It is assembled again
+    /// if that plan has another process mesh. Collective.
     ///
     /// # Errors
     /// As [`Plan::new`]; [`Error::Ranks`] if ranks plan different series.

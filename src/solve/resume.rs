@@ -7,7 +7,7 @@ use crate::problem::legs::Leg;
 use crate::solve::checkpoint::ResumePoint;
 use crate::solve::checkpoint::file::ReadDestination;
 use crate::solve::kept::KeptModes;
-use crate::solve::snapshot::{BoxValues, GroupProgress, StoredModes, StoredMode, Snapshot};
+use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
 use std::ops::Range;
 

@@ -36,7 +36,7 @@ pub struct Fingerprint {
     pub(crate) fused: bool,
 }
 
-/// Identifies the warped field that a run starts from.
+/// The identity of the warped field that a run starts from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct WarpedFieldKey {
     /// Bits of the ends of its interval, and its points.
@@ -121,14 +121,14 @@ pub struct GroupProgress {
     pub finished: Vec<usize>,
     /// For each mode of the current stage, the error of the time step beyond its leading term.
     pub beyond: Vec<f64>,
-    /// The same of the finished stages, summed.
+    /// For each finished field, the sum of these errors over its modes.
     pub step_beyond: Vec<f64>,
     /// Statistics of the batches.
     pub statistics: BatchStatistics,
 }
 
 impl GroupProgress {
-    /// Adds another mode group's.
+    /// Adds the progress of another mode group in the same stage.
     pub(crate) fn add(&mut self, other: Self) {
         self.finished.extend(other.finished);
         self.beyond.extend(other.beyond);

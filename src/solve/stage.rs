@@ -112,7 +112,8 @@ impl<'a> Stage<'a> {
         let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
         let velocities = system.matrix.block.velocity_cells;
         let points = system.matrix.block.space_cells();
-        let field = |reading, size| ModeSum::of_field(warp, reading, size * norm, points, velocities);
+        let field =
+            |reading, size| ModeSum::of_field(warp, reading, size * norm, points, velocities);
         let last = task.legs.len() - 1;
         let moments = || {
             let of = |moments| ModeSum::of_moments(warp, &warp.readings[0], norm, points, moments);
@@ -142,7 +143,12 @@ impl<'a> Stage<'a> {
     }
 
     /// Adds the recovered field to `recovered`. Collective.
-    pub(crate) fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut RecoveredFields) {
+    pub(crate) fn finish(
+        self,
+        task: &Task<'_>,
+        velocities: usize,
+        recovered: &mut RecoveredFields,
+    ) {
         let modes = &task.communicator.modes;
         let share = |sum: ModeSum<'_>| sum.share(modes, velocities, task.shares);
         let mut found: Vec<Vec<f64>> = self.sums.into_iter().flatten().map(share).collect();

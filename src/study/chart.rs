@@ -102,7 +102,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
 /// The case with elements of other degrees.
 struct DegreeCases {
     cases: Vec<Case>,
-    /// Why higher degrees are missing, if they are.
+    /// The reason why higher degrees are missing, if they are.
     left_out: Option<String>,
 }
 

@@ -36,7 +36,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::stability::panel::{
-    AxisScale, PanelContents, LeftOut, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
+    AxisScale, LeftOut, PanelContents, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
 };
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;

@@ -77,13 +77,13 @@ pub struct Sweep {
     keys: Vec<String>,
 }
 
-/// How a run was completed.
+/// The way in which a run was completed.
 enum RunCompletion {
-    /// Done by an earlier process.
+    /// An earlier process completed the run.
     Before,
-    /// Done by this process.
+    /// This process completed the run.
     Now {
-        /// Wall time.
+        /// Wall time of the run.
         seconds: f64,
     },
 }
@@ -323,7 +323,7 @@ fn value_of(tree: &Value, key: &str) -> Value {
     tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
 }
 
-/// Why a run or the sweep stopped early.
+/// The reason why a run or the sweep stopped early, as text.
 fn why(error: &Error) -> String {
     match error {
         Error::Stopped { why, .. } | Error::SweepStopped { why, .. } => why.clone(),

@@ -210,12 +210,13 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     let communicator = Communicator::new(world, mesh);
     let group = communicator.modes.rank();
     // Checks the verdict and that all ranks wrote equally often. Returns the number of checkpoints.
-    let written = |batches: usize, last: RankState, times: &CheckpointTimes, expected: CommonDecision| {
-        let (written, end) = Stage { batches, last }.run(&communicator, times);
-        assert_eq!(end, expected);
-        assert!(all.same(written as u64));
-        written
-    };
+    let written =
+        |batches: usize, last: RankState, times: &CheckpointTimes, expected: CommonDecision| {
+            let (written, end) = Stage { batches, last }.run(&communicator, times);
+            assert_eq!(end, expected);
+            assert!(all.same(written as u64));
+            written
+        };
     // Groups have different numbers of batches; the first group has none.
     let batches = 7 * group;
     let never = CheckpointTimes::default();

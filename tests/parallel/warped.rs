@@ -17,7 +17,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{ReadingDomain, ModesFromFile, WarpedFile};
+use phasewarp::results::warped::given::{ModesFromFile, ReadingDomain, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};

@@ -230,7 +230,13 @@ impl SurfacePatch<'_> {
 
     /// The contribution of a zero at `xi`, found with the axes `solved`, at a quadrature point of
     /// weight `weight`; `None` if it is zero.
-    fn zero(&self, solved: u32, xi: &[f64], weight: f64, share: &[Range<usize>]) -> Option<SurfaceZero> {
+    fn zero(
+        &self,
+        solved: u32,
+        xi: &[f64],
+        weight: f64,
+        share: &[Range<usize>],
+    ) -> Option<SurfaceZero> {
         let n = self.space.dimension();
         let part: f64 =
             (n..2 * n).filter(|b| solved >> b & 1 == 1).map(|b| self.part(b, xi[b])).product();
@@ -310,7 +316,7 @@ impl SurfacePatch<'_> {
     }
 }
 
-/// Rises smoothly from 0 to 1 at `u = 1`.
+/// A step that rises smoothly from 0 to 1, which it reaches at `u = 1`.
 fn smooth_step(u: f64) -> f64 {
     let u = u.min(1.0);
     u * u * (3.0 - 2.0 * u)

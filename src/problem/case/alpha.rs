@@ -18,12 +18,12 @@ pub const NAMES: [&[&str]; 1] = [&["p"]];
 /// Values of `g` up to this count as zero. Any plan tolerates more from neighbouring periods.
 const NOTHING: f64 = 1e-17;
 
-/// `α`.
+/// `α` of the exponential profile.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alpha {
-    /// The same for every `p < 0`.
+    /// `α` is the same for every `p < 0`.
     Constant(f64),
-    /// Depends on `p`.
+    /// `α` depends on `p`, by a formula.
     Formula(Arc<LeftExtension>),
 }
 

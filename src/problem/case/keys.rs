@@ -3,7 +3,7 @@
 //! The tables of the sections are the only list of keys. A [`Deserializer`] that returns a value of
 //! the requested kind for every key records which keys exist and what kind each expects.
 
-use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR};
+use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR, SWITCHES};
 use serde::de::value::{StrDeserializer, StringDeserializer};
 use serde::de::{
     self, DeserializeOwned, DeserializeSeed, Deserializer, IntoDeserializer, MapAccess, SeqAccess,
@@ -138,7 +138,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         let found = RefCell::default();
         let read = visitor.visit_map(TableEntries { names: known, found: &found, at: 0 })?;
         let found = found.into_inner();
-        self.record(if name == "Allowed" {
+        self.record(if name == SWITCHES {
             ValueKind::Switches(found)
         } else {
             ValueKind::Table(found)

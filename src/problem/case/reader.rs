@@ -243,11 +243,11 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         let table = match self.value {
             DeValue::Table(table) => table,
             // One switch in place of a table of switches is the value of each of them.
-            DeValue::Boolean(_) if name == "Allowed" => {
+            DeValue::Boolean(_) if name == SWITCHES => {
                 let entries = known.iter().map(|key| (*key, self.clone()));
                 return visitor.visit_map(MapDeserializer::new(entries));
             }
-            _ if name == "Allowed" => return self.wrong("true, false or a table"),
+            _ if name == SWITCHES => return self.wrong("true, false or a table"),
             other => return self.wrong(format!("a table{}", example(name, other))),
         };
         if let Some(name) = (table.keys()).find(|name| !known.contains(&name.get_ref().as_ref())) {
@@ -309,6 +309,10 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Formula(pub String);
 
+/// The name of the table that one switch may replace: [`solver.reduce`].
+///
+/// [`solver.reduce`]: crate::problem::case::solver::AllowedReductions
+pub const SWITCHES: &str = "AllowedReductions";
 /// The name by which a [`List`] requests a value.
 pub const LIST: &str = "List";
 /// The name by which a [`NumberOr`] requests a value.
@@ -316,11 +320,11 @@ pub const NUMBER_OR: &str = "NumberOr";
 
 /// Words that a key takes instead of a number.
 pub trait Words: DeserializeOwned {
-    /// All words.
+    /// The words that the key takes.
     const ALL: &'static [&'static str];
 }
 
-/// A number, or one of the words of `W`.
+/// The value of a key that takes a number, or one of the words of `W`.
 #[derive(Clone, Copy, Debug)]
 pub enum NumberOr<W> {
     Number(f64),

@@ -92,7 +92,7 @@ pub(super) struct AxisLine {
     /// By cell without a slope: the first and the last cell of the run of such cells around it that
     /// no jump interrupts.
     flat: Vec<[usize; 2]>,
-    /// Whether the first cell comes behind the last one.
+    /// Whether the axis is periodic: the first cell follows the last one.
     is_periodic: bool,
     /// Least and largest velocity.
     box_ends: [f64; 2],
@@ -102,9 +102,9 @@ pub(super) struct AxisLine {
 
 /// What a particle does at a face.
 enum AtFace {
-    /// It moves on in the box.
+    /// The particle moves on in the box.
     Goes,
-    /// It leaves the box.
+    /// The particle leaves the box.
     Leaves,
     /// Only [`Tracer::follow`](super::Tracer::follow) can tell.
     Rare,

@@ -85,7 +85,7 @@ struct Image {
 }
 
 impl Image {
-    /// Whether both particles took the same branch: the image is continuous between them.
+    /// Whether both particles took the same branch, so that the image is continuous between them.
     fn same(&self, other: &Image) -> bool {
         self.followed.history == other.followed.history
             && self.followed.remaining.is_some() == other.followed.remaining.is_some()
@@ -470,16 +470,16 @@ impl<'a> Sheets<'a> {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             let (number, density) = (self.number, mass / (2.0 * half[0]));
-            for ends in self.rolled(&ends) {
+            for ends in self.cut_at_period(&ends) {
                 let ends = ends.map(|point| [point[0], point[3]]);
                 self.found.lines.push(Line { number, history, density, ends });
             }
         }
     }
 
-    /// The line between two points in one dimension. On a periodic axis it is cut where it
-    /// continues at the other end.
-    fn rolled(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
+    /// The line between two points in one dimension, in pieces. On a periodic axis the line is cut
+    /// at the end of the period and continues at the other end of the axis.
+    fn cut_at_period(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
         let axis = &self.space().x[0];
         if !self.space().is_periodic(0) {
             return vec![[*first, *last]];

@@ -155,7 +155,7 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
 
 /// Searches lines through cell centres for edges of regions and of tables, and finds regions that
 /// contain no centre.
-pub fn overlooked(case: &Case) -> UnresolvedRegions {
+pub fn unresolved_regions(case: &Case) -> UnresolvedRegions {
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();

@@ -35,7 +35,7 @@ pub struct PotentialMismatch {
 }
 
 impl PotentialMismatch {
-    /// Distance of the two values.
+    /// Magnitude of the difference of the two values.
     pub fn difference(&self) -> f64 {
         (self.written - self.taken).abs()
     }
@@ -112,8 +112,8 @@ impl Differences {
 
 /// The points at which `V` differs most from the scheme's approximation, one per region and axis,
 /// on lines along the axis through centres of elements. Both are compared within a region only;
-/// [`overlooked`](crate::problem::potential::overlooked) finds edges that miss the faces.
-pub fn unresolved(case: &Case) -> Vec<PotentialMismatch> {
+/// [`unresolved_regions`](crate::problem::potential::unresolved_regions) finds edges that miss the faces.
+pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
     let taken: Vec<LineApproximation> =
         case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();
     let none: [Differences; MAX_DIMENSION] = Default::default();

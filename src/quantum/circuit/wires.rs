@@ -197,12 +197,14 @@ impl Wires {
         let weaker = flag("weaker", forces.iter().any(varies));
         let sum = WeightedSum::new(c, modes);
         let name = if forces.is_empty() { "axis" } else { "term" };
-        let terms = TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
+        let terms =
+            TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let common = SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
+        let common =
+            SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
         let along = velocities.into_iter().zip(axes).enumerate();
-        let along =
-            along.map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
+        let along = along
+            .map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
         let along = along.collect();
         Self {
             modes: warped,

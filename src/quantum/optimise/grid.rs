@@ -40,7 +40,8 @@ impl<'a> PricedGrid<'a> {
         }
         largest_of_ranks(system, &mut bounds);
         let all = candidates.into_iter().zip(bounds);
-        let priced = |(candidate, bound)| CandidateCost { candidate, bound, cost: None, choice: None };
+        let priced =
+            |(candidate, bound)| CandidateCost { candidate, bound, cost: None, choice: None };
         let one_mode = system.bounds.is_skew();
         Self { system, candidates: all.map(priced).collect(), one_mode }
     }

@@ -14,11 +14,11 @@ use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{ValueSpread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
-use crate::results::pictures::stored::{Plane, Stored, StoredTime};
+use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
 /// The frames of a run.
 pub struct Film<'a> {
-    run: &'a Stored,
+    run: &'a StoredRun,
     cut: Cut,
     times: Vec<StoredTime>,
     /// Why there is no exact density, if the case names an exact solution.
@@ -49,7 +49,7 @@ impl<'a> Film<'a> {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
+    pub fn new(run: &'a StoredRun, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
         // Older versions wrote no exact density, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));

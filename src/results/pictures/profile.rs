@@ -4,7 +4,7 @@ use crate::base::text::{rounded, short};
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
@@ -19,7 +19,7 @@ const DISTINCT: usize = 200;
 const MOST: usize = 2000;
 /// Margin beyond the ends of the domain of dependence, relative to its length.
 const BEYOND: f64 = 0.04;
-/// Points in p closer than this are the same.
+/// Points in `p` at this distance or less count as one point.
 const SAME: f64 = 1e-9;
 
 /// The data of the plan about the modes.
@@ -35,7 +35,7 @@ struct PlannedModes {
 }
 
 impl PlannedModes {
-    fn of(run: &Stored) -> FileResult<Option<Self>> {
+    fn of(run: &StoredRun) -> FileResult<Option<Self>> {
         let warp = &run.plan["warp"];
         if warp.is_null() {
             return Ok(None);
@@ -170,7 +170,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
+pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let Some(kind) = &modes.kind else {
         // The warped field came from a file, and need not be e^{−p} f.
@@ -195,7 +195,7 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
+pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let count = modes.series.modes();
     let every = count.div_ceil(MOST);
@@ -228,7 +228,7 @@ pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
 ///
 /// # Errors
 /// What the files lack.
-pub fn plateau(run: &Stored) -> FileResult<Option<Figure>> {
+pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("plateau") {
         return Ok(None);
     }

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const FINEST: usize = 512;
 
 /// `result.h5`, open for reading, with those values that are always needed.
-pub struct Stored {
+pub struct StoredRun {
     /// The directory of the run.
     pub directory: PathBuf,
     /// The grid.
@@ -75,7 +75,7 @@ pub struct Plane {
     pub values: Vec<f64>,
 }
 
-impl Stored {
+impl StoredRun {
     /// Opens `directory/result.h5`, which has been inspected
     /// ([`untrusted::open`](crate::results::untrusted::open)).
     ///

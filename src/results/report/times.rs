@@ -8,7 +8,7 @@ use crate::results::FileResult;
 use crate::results::draw::raster::Palette;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Stored, StoredTime};
+use crate::results::pictures::stored::{StoredRun, StoredTime};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -40,7 +40,7 @@ impl Times {
     ///
     /// # Errors
     /// What the files lack.
-    pub fn new(run: &Stored, cut: Option<Cut>) -> FileResult<Option<Self>> {
+    pub fn new(run: &StoredRun, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {
             return Ok(None);

@@ -15,7 +15,7 @@ enum Mark {
     Good,
     /// The finding is not as it should be.
     Bad,
-    /// Unknown.
+    /// It is unknown whether the finding is as it should be.
     Unknown,
 }
 
@@ -110,7 +110,11 @@ fn steps(summary: &Value) -> Finding {
 }
 
 /// The finding on the distance to the exact solution of the scheme's equations.
-fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
+fn algorithm(
+    summary: &Value,
+    accuracy: Option<&Accuracy>,
+    missed: Option<&MissedGoals>,
+) -> Finding {
     let asked = summary["tolerance"].as_f64();
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {

@@ -36,9 +36,9 @@ const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
 /// Limits on the cost of integrals, for a dimension of space.
 struct IntegrationLimits {
-    /// Least number of panels along an axis to begin with, ...
+    /// Least number of panels along an axis to begin with, if the solution may jump.
     panels: usize,
-    /// ... and the same if `V` has one formula, so that the solution does not jump.
+    /// Least number of panels along an axis to begin with, if `V` has one formula.
     few_panels: usize,
     /// Panels are halved until the error is below this part of the largest density.
     tolerance: f64,
@@ -46,9 +46,9 @@ struct IntegrationLimits {
     most: usize,
     /// Points that all integrals together may take.
     together: usize,
-    /// Positions along an axis at which the largest density is searched, ...
+    /// Positions along an axis at which the largest density is searched.
     positions: usize,
-    /// ... and at which sums over the velocities of the grid are compared.
+    /// Positions along an axis at which sums over the velocities of the grid are compared.
     trials: usize,
 }
 
@@ -82,9 +82,9 @@ const EFFORTS: [IntegrationLimits; MAX_DIMENSION] = [
         trials: 2,
     },
 ];
-/// Most velocity cells of a panel along an axis; ...
+/// Largest number of velocity cells of a panel along an axis, if the solution may jump.
 const CELLS: usize = 4;
-/// ... and the same if `V` has one formula.
+/// Largest number of velocity cells of a panel along an axis, if `V` has one formula.
 const MANY_CELLS: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
 /// [`IntegrationLimits::together`].
@@ -92,9 +92,10 @@ const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 const ACROSS: usize = 2;
-/// The integrals that sums over the grid are compared with have this part of the tolerance, ...
+/// Tolerance of the integrals with which sums over the grid are compared, as a part of the usual
+/// tolerance.
 const TRIAL_TOLERANCE: f64 = 0.01;
-/// ... and this many times the points.
+/// Factor on the number of points that these integrals may take.
 const TRIAL_POINTS: usize = 10;
 /// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
@@ -116,7 +117,7 @@ struct VelocityPanel {
     values: Vec<f64>,
     /// The error of the integral over it.
     error: f64,
-    /// The axis with the largest part of it.
+    /// The axis with the largest part of that error.
     axis: usize,
 }
 

@@ -29,7 +29,7 @@ pub struct ParticleTally {
 
 /// The largest number of ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
-/// Number of numbers in a tally.
+/// Number of numbers that make up a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
 
 /// Index of an end of an axis.

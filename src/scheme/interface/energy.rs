@@ -37,9 +37,9 @@ const ROUND_OFF: f64 = 1e-17;
 /// A side of a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FaceSide {
-    /// Below the face: lower coordinates.
+    /// The side of lower coordinates.
     Below,
-    /// Above it.
+    /// The side of higher coordinates.
     Above,
 }
 
@@ -68,7 +68,7 @@ pub struct TraceShare {
     pub side: FaceSide,
     /// Cell of the velocity axis.
     pub node: usize,
-    /// Weight.
+    /// Weight of the share.
     pub weight: f64,
 }
 
@@ -174,7 +174,8 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     )))
 }
 
-/// Magnitudes of the faces of elements of both signs: reflection changes the sign of a velocity.
+/// The speeds at the faces of elements, of both signs, as reflection changes the sign of a
+/// velocity.
 fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
     (0..=axis.elements() as i64).map(|e| axis.face(e).abs()).filter(|speed| *speed > 0.0)
 }

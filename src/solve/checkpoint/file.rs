@@ -193,7 +193,7 @@ impl FileWriter {
 /// Checks that the file is as it was written.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// A sentence that says what is wrong with the file.
 pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), String> {
     let file = open_regular(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();
@@ -237,8 +237,8 @@ fn read_words(
     Ok(())
 }
 
-/// The error of a file with unexpected contents.
-fn broken() -> Error {
+/// The error of a file that is no file of a checkpoint, or that does not fit its header.
+fn not_a_checkpoint() -> Error {
     Error::new(ErrorKind::InvalidData, "is no file of a checkpoint")
 }
 
@@ -260,7 +260,7 @@ pub struct ReadDestination<'a> {
     pub share: &'a [Range<usize>],
     /// The sums, as many and as wide as in the files, whose values are added.
     pub sums: Vec<&'a mut [i64]>,
-    /// The results, likewise.
+    /// The results, as many and as wide as in the files.
     pub results: Vec<Vec<f64>>,
     /// The modes that it stores, if any, and the cells to which their auxiliary unknowns belong
     /// ([`crate::solve::snapshot::StoredModes::auxiliary`]).
@@ -277,19 +277,19 @@ impl RankFile {
         let mut start = [0; 2];
         read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
         if start[0] != MARK || start[1] > LONGEST_HEADER {
-            return Err(broken());
+            return Err(not_a_checkpoint());
         }
         let length = start[1] as usize;
         let mut text = Vec::with_capacity(8 * length);
         read_words(&file, 2, length, |_, words| {
             text.extend(words.iter().flat_map(|w| w.to_le_bytes()));
         })?;
-        let header: Header = serde_json::from_slice(&text).map_err(|_| broken())?;
+        let header: Header = serde_json::from_slice(&text).map_err(|_| not_a_checkpoint())?;
         let before = 2 + length;
         let words = file.metadata()?.len() / 8;
         let starts = header.starts().ok_or_else(broken)?;
         if before.checked_add(starts.end).and_then(|w| w.checked_add(1)) != Some(words as usize) {
-            return Err(broken());
+            return Err(not_a_checkpoint());
         }
         Ok(Self { header, starts, file, before })
     }
@@ -301,7 +301,7 @@ impl RankFile {
     pub fn read_into(&self, to: &mut ReadDestination<'_>, with_sums: bool) -> Result<()> {
         let header = &self.header;
         if !header.suits(to) {
-            return Err(broken());
+            return Err(not_a_checkpoint());
         }
         let &PartOffsets { results, auxiliary, kept, .. } = &self.starts;
         let blocks = common_runs(&header.block, to.block);

@@ -7,7 +7,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::PhaseSpace;
 use crate::solve::checkpoint::file;
-use crate::solve::checkpoint::file::{ReadDestination, Header, RankFile, FileRecord};
+use crate::solve::checkpoint::file::{FileRecord, Header, RankFile, ReadDestination};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
@@ -49,7 +49,10 @@ impl Manifest {
     /// # Errors
     /// The error of the text format.
     pub fn text(&self) -> serde_json::Result<String> {
-        serde_json::to_string_pretty(&SealedManifest { checksum: self.checksum()?, manifest: self.clone() })
+        serde_json::to_string_pretty(&SealedManifest {
+            checksum: self.checksum()?,
+            manifest: self.clone(),
+        })
     }
 
     fn checksum(&self) -> serde_json::Result<u64> {

@@ -7,11 +7,11 @@ mod fuzzing;
 use super::*;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::solve::checkpoint::file::{self, ReadDestination, Header, RankFile};
+use crate::solve::checkpoint::file::{self, Header, RankFile, ReadDestination};
 use crate::solve::checkpoint::store::{Manifest, SealedManifest, rank_file};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{
-    BoxValues, Fingerprint, GroupProgress, StoredModes, StoredMode, WarpedFieldKey,
+    BoxValues, Fingerprint, GroupProgress, StoredMode, StoredModes, WarpedFieldKey,
 };
 use crate::solve::statistics::BatchStatistics;
 use fuzzing::mutate::Corpus;
@@ -385,7 +385,8 @@ impl Reader for DamagedManifests {
 
     fn input(&self, random: &mut Random) -> String {
         let text = self.corpus.changed(random);
-        let sealed = serde_json::from_str::<SealedManifest>(&text).ok().filter(|_| random.once_in(2));
+        let sealed =
+            serde_json::from_str::<SealedManifest>(&text).ok().filter(|_| random.once_in(2));
         sealed.map_or(text, |sealed| sealed.manifest.text().expect("a text"))
     }
 

@@ -80,7 +80,7 @@ pub struct CheckpointTimes {
     pub every: Option<Duration>,
     /// The start of the program, and the wall time that it may take.
     pub wall: Option<(Instant, Duration)>,
-    /// Raised when the run shall stop.
+    /// The flag that is raised when the run is to stop.
     pub stop: Arc<AtomicBool>,
 }
 

@@ -5,7 +5,7 @@ use crate::base::text::{bytes_text, rounded_down};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
-use crate::problem::potential::overlooked;
+use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::grid_search::{
@@ -398,7 +398,7 @@ fn vanished_region(target: &Case) -> Option<String> {
     if target.space.by_elements().space_cells() > MOST_SEARCHED {
         return None;
     }
-    let region = overlooked(target).empty.into_iter().next()?;
+    let region = unresolved_regions(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
     Some(format!("potential.{region} vanishes on {grid}: its where holds at no cell's centre"))
 }

@@ -15,7 +15,7 @@ pub struct ErrorParts {
     pub discretisation: f64,
     /// Discretisation in space, if the two were measured apart.
     pub space: Option<f64>,
-    /// Discretisation in velocity, under the same condition.
+    /// Discretisation in velocity, if space and velocity were measured apart.
     pub velocity: Option<f64>,
     /// Schrödingerization: the larger of the error measured on a coarse grid and the bound by the
     /// tolerance.
@@ -85,13 +85,13 @@ pub struct SetupReport {
     pub seconds: Option<f64>,
     /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
-    /// Why the set-up is refused; absent if it can be run.
+    /// The reason why the set-up is refused; `None` if it can be run.
     pub refused: Option<String>,
-    /// Why the set-up is only an estimate; absent if it is advice.
+    /// The reason why the set-up is only an estimate; `None` if it is advice.
     pub estimate: Option<String>,
     /// `--set` options that turn the case into this set-up.
     pub settings: Vec<String>,
-    /// The whole command.
+    /// The command that runs the set-up, to be pasted into a shell.
     pub command: String,
 }
 

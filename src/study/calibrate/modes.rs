@@ -241,7 +241,8 @@ impl<'a> ShortenedRun<'a> {
                 continue;
             }
             for l in 0..warp.modes {
-                let span = PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
+                let span =
+                    PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
                 let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;

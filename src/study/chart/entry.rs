@@ -35,7 +35,7 @@ pub enum Status {
 pub struct ChartEntry {
     /// The result.
     pub status: Status,
-    /// Why it was refused.
+    /// The reason of a refusal.
     pub reason: Option<String>,
     /// Expected seconds, with comparisons, if it was left out.
     pub expected_seconds: Option<f64>,

@@ -15,7 +15,7 @@ pub fn short(x: f64) -> String {
     if (0.001..1.0).contains(&x) { format!("{x}") } else { format!("{x:.0e}") }
 }
 
-/// A number to two digits.
+/// A number as text, to two digits.
 fn figures(x: f64) -> String {
     if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
@@ -229,7 +229,7 @@ fn left_out_on_any_grid(chart: &Chart, closest: &ChartEntry) -> String {
     format!("; {what} were left out for the budget")
 }
 
-/// The same for the semi-discrete solution, on its grid.
+/// Text on the entries by the method of `closest` on its grid that were left out.
 fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
     let out = (chart.entries.iter()).filter(|e| {
         e.status == Status::LeftOut && e.method == closest.method && e.grid == closest.grid
@@ -248,7 +248,7 @@ pub fn expected(entries: &[&ChartEntry]) -> String {
     if least == most { format!("{bound}{least}") } else { format!("{bound}{least} to {most}") }
 }
 
-/// The least and the largest.
+/// The least and the largest of `all`.
 pub fn ends(all: &[f64]) -> [f64; 2] {
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     [least, all.iter().copied().fold(f64::NEG_INFINITY, f64::max)]

@@ -23,7 +23,9 @@ use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes};
-use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::stability::search::{BorderLocation, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
@@ -32,7 +34,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which an explosion shows.
 const STEPS: usize = 200;
-/// Label of the measured growth, which is that in `STEPS` steps.
+/// Label of the measured growth, that in [`STEPS`] steps.
 pub const GROWTH: &str = "growth in 200 steps";
 /// Names of the quantities that stable steps do not increase: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
@@ -195,7 +197,7 @@ struct MethodLimits {
     kept_by_theory: Option<f64>,
     /// The largest `cfl` at which values do not explode.
     calm: BorderLocation,
-    /// A lower bound on it.
+    /// A lower bound on `calm`.
     calm_bound: BorderLocation,
 }
 
@@ -238,7 +240,7 @@ fn growth_bound(integrator: Integrator, cfl: f64, rate_ratio: f64, of_norm: bool
     step(integrator, cfl * rate_ratio).max(1.0).powi(STEPS as i32).min(LARGEST_GROWTH)
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].

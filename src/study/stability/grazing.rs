@@ -37,7 +37,9 @@ use crate::study::grids::coarsened;
 use crate::study::stability::cases::{
     assembled, grid_notes, growth, refuse_elements, with_potential_times,
 };
-use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::treatment::Treatment;
 
 /// Largest number of cells.
@@ -180,7 +182,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
         .filter(move |k| *k < count)
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].

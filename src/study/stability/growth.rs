@@ -103,7 +103,7 @@ impl TreatmentGrowth {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
@@ -135,7 +135,8 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
-            let TreatmentGrowth { measured, theory } = TreatmentGrowth::of(task, &case, *treatment)?;
+            let TreatmentGrowth { measured, theory } =
+                TreatmentGrowth::of(task, &case, *treatment)?;
             let [measured_factor, by_theory] =
                 [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(CurvePoint { x, measured: measured_factor, theory: by_theory });

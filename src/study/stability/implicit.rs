@@ -5,7 +5,9 @@ use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::choices::implicit_propagators;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells: each step of each mode solves a system.
@@ -135,7 +137,7 @@ impl ImplicitSteps {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if the inflow depends on time, or no step could be tried. Errors of single

@@ -13,7 +13,9 @@ use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes, growth};
-use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 
 /// Largest number of cells.
 const CELLS: usize = 4096;
@@ -31,7 +33,7 @@ fn over_rows(found: &Prepared, of: impl Fn(&AuxiliaryRow) -> f64) -> f64 {
 struct InflowLoss {
     /// `λ⁺T`.
     exponent: f64,
-    /// A lower bound on it, from one row and its unknown.
+    /// A lower bound on `λ⁺T`, from one row and its unknown.
     least_exponent: f64,
     /// `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
@@ -79,7 +81,7 @@ impl LossCurves {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].

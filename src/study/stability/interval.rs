@@ -9,7 +9,9 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::stability::reading::{
     SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
 };
@@ -161,7 +163,7 @@ impl IntervalErrors {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].

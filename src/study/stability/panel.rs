@@ -222,7 +222,7 @@ pub enum PanelName {
 pub struct LeftOut {
     /// Name of the panel.
     pub name: PanelName,
-    /// Why.
+    /// The reason why the case does not have the panel.
     pub reason: String,
 }
 
@@ -243,6 +243,6 @@ pub struct Stability {
     pub panels: Vec<StabilityPanel>,
     /// The panels that the case does not have.
     pub left_out: Vec<LeftOut>,
-    /// Seconds it took.
+    /// Seconds that all panels took.
     pub seconds: f64,
 }

@@ -21,7 +21,7 @@ use crate::study::stability::cases::LANCZOS;
 use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
 
-/// The profile equals `e^{−p}` for `p ≥ 0` to within this.
+/// Largest difference of the profile from `e^{−p}` for `p ≥ 0`.
 pub const THRESHOLD: f64 = 1e-8;
 /// Width of the switch of the profile near `p = 0`.
 const SIGMA: f64 = 1.0;
@@ -36,7 +36,7 @@ pub struct SpectrumExtent {
 }
 
 impl SpectrumExtent {
-    /// Measured by Lanczos' method. Collective.
+    /// The ends of the spectrum, measured by Lanczos' method. Collective.
     ///
     /// # Errors
     /// As [`spectrum::of`].

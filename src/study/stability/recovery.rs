@@ -120,7 +120,7 @@ fn read(
     }))
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].

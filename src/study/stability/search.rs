@@ -2,10 +2,10 @@
 
 use crate::base::bisect::bisect;
 
-/// The place of a border.
+/// The location of a border: the last number at which a condition holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BorderLocation {
-    /// The last number at which the condition holds.
+    /// The condition holds up to this number.
     At(f64),
     /// The condition does not hold at the first number.
     Below(f64),
@@ -16,7 +16,7 @@ pub enum BorderLocation {
 }
 
 impl BorderLocation {
-    /// The place, if it was located.
+    /// The number, if the border was located.
     pub fn at(self) -> Option<f64> {
         match self {
             Self::At(x) => Some(x),

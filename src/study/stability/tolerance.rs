@@ -34,7 +34,7 @@ struct ToleranceErrors {
     smallest: Option<f64>,
     /// Whether the budget did not hold smaller tolerances.
     too_long: bool,
-    /// Why the last plan or trial that failed did so.
+    /// The reason why the last plan or trial that failed did so.
     refused: Option<String>,
 }
 
@@ -147,7 +147,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
     verdict
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`Bounds::new`]; errors of the trials are left out.

@@ -20,9 +20,9 @@ const ENTRIES: [&str; 12] = [
 ];
 /// The largest number of characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
-/// Most characters of an error on the terminal, ...
+/// The largest number of characters of an error on the terminal.
 const LONGEST_ERROR: usize = 180;
-/// ... and most errors.
+/// The largest number of errors on the terminal.
 const MOST_ERRORS: usize = 10;
 /// First line of `table.tex`.
 const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a copy.";
