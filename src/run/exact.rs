@@ -87,7 +87,7 @@ pub fn exact_run(
 /// Reports the progress of the exact solution, and once a warning if it takes long.
 struct ExactWatch {
     progress: Progress,
-    /// Whether no progress and no warning are reported.
+    /// Whether no warning is reported, or none any more.
     silent: bool,
     /// Number of times at which the exact solution is wanted.
     all: usize,
@@ -121,10 +121,10 @@ impl ExactWatch {
 /// is for `all` times, of which the first `done` took `seconds`.
 fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
     /// The shortest time in seconds from which the whole time is extrapolated.
-    const SEEN: f64 = 1.0;
+    const SHORTEST: f64 = 1.0;
     const LONG: f64 = 10.0;
     let expected = seconds * all as f64 / done as f64;
-    (done < all && seconds >= SEEN && expected >= LONG).then(|| {
+    (done < all && seconds >= SHORTEST && expected >= LONG).then(|| {
         format!(
             "the exact moments at {all} times take about {expected:.0} s in all; with \
              exact.moments = \"end\" they are computed at time.end only"

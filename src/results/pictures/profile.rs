@@ -19,7 +19,7 @@ const DISTINCT: usize = 200;
 const MOST: usize = 2000;
 /// Margin beyond the ends of the domain of dependence, relative to its length.
 const BEYOND: f64 = 0.04;
-/// Points in `p` at this distance or less count as one point.
+/// Points in `p` at this distance or less, relative to the larger of `|p|` and 1, count as one.
 const SAME: f64 = 1e-9;
 
 /// The data of the plan about the modes.
@@ -64,7 +64,7 @@ impl PlannedModes {
         }))
     }
 
-    /// `p◇`.
+    /// The recovery point `p◇`.
     fn point(&self) -> f64 {
         self.readings[0].point
     }

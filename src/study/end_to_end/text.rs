@@ -186,7 +186,7 @@ impl fmt::Display for QuantumMethod {
 }
 
 impl DegreeCost {
-    /// The reason why the method has no number of gates, if it has none.
+    /// The reason why this degree has no number of gates, if it has none.
     fn why_not(&self) -> Option<&str> {
         let known = self.grid.is_some() && self.order.is_some() && self.gates.value().is_some();
         (!known).then(|| self.gates.because().unwrap_or_default())
