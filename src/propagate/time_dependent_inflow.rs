@@ -305,6 +305,33 @@ impl StepSearch<'_> {
     }
 }
 
+/// Refuses a tolerance below the round-off of so many stages.
+///
+/// # Errors
+/// [`Error::Tolerance`].
+fn refuse_small_tolerance(case: &Case) -> Result<()> {
+    if case.tolerance >= SMALLEST {
+        return Ok(());
+    }
+    Err(Error::Tolerance {
+        place: case.tolerance_place.clone(),
+        tolerance: case.tolerance,
+        smallest: SMALLEST,
+        ratio: 1.0,
+        growth: 0.0,
+    })
+}
+
+/// The error of an inflow that varies too fast: `steps` steps leave `error`, above `goal`.
+fn varies_too_fast(case: &Case, steps: usize, error: f64, goal: f64) -> Error {
+    Error::Input(format!(
+        "{}: what enters changes too fast for {steps} steps of time: the field is known to \
+         {error:.1e}, {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger \
+         solver.tolerance",
+        case.fields[0].entering().place()
+    ))
+}
+
 /// Finds the number of steps that `case.tolerance` needs, and the couplings of their stages.
 /// Collective.
 ///
@@ -321,15 +348,7 @@ pub fn schedule(
     let largest = communicator.world.agree(sampled(case, matrix))?;
     let largest = communicator.space.max(largest);
     let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
-    if case.tolerance < SMALLEST {
-        return Err(Error::Tolerance {
-            place: case.tolerance_place.clone(),
-            tolerance: case.tolerance,
-            smallest: SMALLEST,
-            ratio: 1.0,
-            growth: 0.0,
-        });
-    }
+    refuse_small_tolerance(case)?;
     let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
     let search = StepSearch { case, matrix, communicator, start, roots };
     let goal = TIME_SHARE * case.tolerance;
@@ -366,14 +385,7 @@ pub fn schedule(
             break (fine, found);
         }
         if 2 * steps >= STEPS.1 || error.is_nan() {
-            return Err(Error::Input(format!(
-                "{}: what enters changes too fast for {} steps of time: the field is known to \
-                {error:.1e}, \
-                 {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger \
-                 solver.tolerance",
-                case.fields[0].entering().place(),
-                2 * steps
-            )));
+            return Err(varies_too_fast(case, 2 * steps, error, goal));
         }
         (coarse, steps) = (fine, 2 * steps);
     };

@@ -190,6 +190,19 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
     (0..points).map(amplitude).collect()
 }
 
+/// The norm of the state at the start.
+///
+/// # Errors
+/// [`Error::Input`] if it is zero.
+fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
+    match norm(initial) {
+        0.0 => Err(Error::Input(format!(
+            "{name}: the state at the start is zero or underflows: f(0), or g(p) on these points"
+        ))),
+        norm => Ok(norm),
+    }
+}
+
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
@@ -207,12 +220,7 @@ impl Export {
 
         let start = amplitudes(&warp.series, grid.points, grid.lower);
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
-        let norm_of_state = norm(&initial);
-        if norm_of_state == 0.0 {
-            let what =
-                "the state at the start is zero or underflows: f(0), or g(p) on these points";
-            return Err(Error::Input(format!("{}: {what}", case.name)));
-        }
+        let norm_of_state = nonzero_norm(&initial, &case.name)?;
         let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
         let mut modes = [initial, evolution.run(system, communicator)?];
         modes[1].resize(unknowns * grid.points, Complex64::ZERO);

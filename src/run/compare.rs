@@ -138,9 +138,10 @@ pub(crate) fn compare(
     let Some(warp) = &plan.warp else {
         return Vec::new();
     };
-    let mut warnings = estimate(prepared, warp, &solution.fields, summary);
+    let norm_fell = estimate(prepared, warp, &solution.fields, summary);
     include_step_error(summary);
-    warnings.extend(above_tolerance(plan, summary));
+    let warnings: Vec<String> =
+        norm_fell.into_iter().chain(above_tolerance(plan, summary)).collect();
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
@@ -268,16 +269,15 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
 }
 
 /// Puts the error estimate into `summary`: from the two readings of each field, or with inflow that
-/// depends on time from its steps. Warns if a norm fell by more than planned. Collective.
+/// depends on time from its steps. Returns a warning if a norm fell by more than planned. Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
     fields: &[Vec<Vec<f64>>],
     summary: &mut Summary,
-) -> Vec<String> {
+) -> Option<String> {
     let (plan, system) = (&prepared.plan, &prepared.system);
     let communicator = &prepared.communicator;
-    let mut warnings = Vec::new();
     let mut largest_ratio: f64 = 0.0;
     // The largest estimate of a field, and the round-off in it.
     let mut found: Option<(f64, f64)> = None;
@@ -303,13 +303,6 @@ fn estimate(
     }
     summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
     summary.norm_ratio_planned = Some(warp.ratio);
-    if largest_ratio > RATIO_MARGIN * warp.ratio {
-        warnings.push(format!(
-            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
-             the error may exceed the tolerance in proportion",
-            warp.ratio
-        ));
-    }
     let found = match &system.schedule {
         Some(schedule) => found.map(|_| estimate_from_steps(prepared, schedule, &fields[0][0])),
         None => found.map(|(estimate, round_off)| ErrorEstimate {
@@ -318,20 +311,17 @@ fn estimate(
             doubt: warp.estimate_doubt(),
         }),
     };
-    if let Some(ErrorEstimate { estimate, round_off, doubt }) = found {
-        if let [only] = &mut summary.fields[..] {
-            only.error_estimate = Some(estimate).filter(|e| e.is_finite());
-        }
-        summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
-        summary.hidden_by_round_off = estimate <= round_off;
-        let hidden = summary.hidden_by_round_off.then(|| {
-            format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
-        });
-        summary.doubt = doubt.map(str::to_owned).or(hidden);
-        let is_known = estimate.is_finite() && !summary.hidden_by_round_off;
-        summary.error_estimate_reliable = is_known && summary.doubt.is_none();
+    if let Some(found) = found {
+        found.put_into(summary);
     }
-    warnings
+    let fell_more = largest_ratio > RATIO_MARGIN * warp.ratio;
+    fell_more.then(|| {
+        format!(
+            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
+             the error may exceed the tolerance in proportion",
+            warp.ratio
+        )
+    })
 }
 
 /// An estimate of the error of a field, relative to the field.
@@ -341,6 +331,25 @@ struct ErrorEstimate {
     round_off: f64,
     /// The reason why the estimate may not be the error; `None` if there is none.
     doubt: Option<&'static str>,
+}
+
+impl ErrorEstimate {
+    /// Puts the estimate into `summary`, and whether it is reliable.
+    fn put_into(self, summary: &mut Summary) {
+        let Self { estimate, round_off, doubt } = self;
+        let finite = Some(estimate).filter(|e| e.is_finite());
+        if let [only] = &mut summary.fields[..] {
+            only.error_estimate = finite;
+        }
+        summary.error_estimate = finite;
+        summary.hidden_by_round_off = estimate <= round_off;
+        let hidden = summary.hidden_by_round_off.then(|| {
+            format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
+        });
+        summary.doubt = doubt.map(str::to_owned).or(hidden);
+        let is_known = finite.is_some() && !summary.hidden_by_round_off;
+        summary.error_estimate_reliable = is_known && summary.doubt.is_none();
+    }
 }
 
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search

@@ -157,6 +157,21 @@ pub(in crate::quantum) struct Wires {
 const VELOCITIES: [&[&str]; 2] = [&["velocity"], &["velocity_x", "velocity_y", "velocity_z"]];
 const SPACES: [&[&str]; 2] = [&["space"], &["space_x", "space_y", "space_z"]];
 
+/// A register of the system for each of `axes`, of so many `bits`. The last axis is the lowest.
+fn registers_by_axis(
+    c: &mut Circuit,
+    names: [&[&'static str]; 2],
+    axes: &[AxisTransport],
+    bits: impl Fn(&AxisTransport) -> usize,
+) -> Vec<Vec<Qubit>> {
+    let names = names[usize::from(axes.len() > 1)];
+    let each = names.iter().zip(axes).rev();
+    let mut all: Vec<Vec<Qubit>> =
+        each.map(|(name, axis)| c.register(name, bits(axis), RegisterRole::System)).collect();
+    all.reverse();
+    all
+}
+
 impl Wires {
     pub fn new(
         c: &mut Circuit,
@@ -166,18 +181,8 @@ impl Wires {
     ) -> Self {
         let axes = &transport.axes;
         let warped = c.register("warped", modes.qubits(), RegisterRole::System);
-        // The last axis is the lowest.
-        let mut by_axis = |names: [&[&'static str]; 2], bits: &dyn Fn(&AxisTransport) -> usize| {
-            let names = names[usize::from(axes.len() > 1)];
-            let each = names.iter().zip(axes).rev();
-            let mut all: Vec<Vec<Qubit>> = each
-                .map(|(name, axis)| c.register(name, bits(axis), RegisterRole::System))
-                .collect();
-            all.reverse();
-            all
-        };
-        let velocities = by_axis(VELOCITIES, &|axis| bits_of(axis.speeds) + 1);
-        let spaces = by_axis(SPACES, &|axis| bits_of(axis.cells));
+        let velocities = registers_by_axis(c, VELOCITIES, axes, |axis| bits_of(axis.speeds) + 1);
+        let spaces = registers_by_axis(c, SPACES, axes, |axis| bits_of(axis.cells));
         let control = c.register("control", usize::from(controlled), RegisterRole::System);
         let bins = c.register("bins", transport.bin_bits, RegisterRole::Block);
         let levels = velocities.iter().map(Vec::len).max().unwrap_or_default();

@@ -287,7 +287,7 @@ impl RankFile {
         let header: Header = serde_json::from_slice(&text).map_err(|_| not_a_checkpoint())?;
         let before = 2 + length;
         let words = file.metadata()?.len() / 8;
-        let starts = header.starts().ok_or_else(broken)?;
+        let starts = header.starts().ok_or_else(not_a_checkpoint)?;
         if before.checked_add(starts.end).and_then(|w| w.checked_add(1)) != Some(words as usize) {
             return Err(not_a_checkpoint());
         }
@@ -299,18 +299,24 @@ impl RankFile {
     /// # Errors
     /// If the file cannot be read, or its contents do not fit `to`.
     pub fn read_into(&self, to: &mut ReadDestination<'_>, with_sums: bool) -> Result<()> {
-        let header = &self.header;
-        if !header.suits(to) {
+        if !self.header.suits(to) {
             return Err(not_a_checkpoint());
         }
-        let &PartOffsets { results, auxiliary, kept, .. } = &self.starts;
-        let blocks = common_runs(&header.block, to.block);
-        let shares = common_runs(&header.share, to.share);
-        let (block, share) = (points(&header.block), points(&header.share));
+        if with_sums {
+            self.add_sums(to)?;
+        }
+        self.read_results(to)?;
+        self.read_modes(to)
+    }
+
+    /// Adds the sums of the common space cells to those of `to`.
+    fn add_sums(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let runs = common_runs(&header.block, to.block);
         let mut first = 0;
         for (sum, numbers) in to.sums.iter_mut().zip(&header.sums) {
             let width = 2 * numbers;
-            for run in blocks.iter().filter(|_| with_sums) {
+            for run in &runs {
                 let into = &mut sum[run.to * width..(run.to + run.length) * width];
                 self.read(first + run.from * width, into.len(), |at, words| {
                     for (part, &word) in into[at..].iter_mut().zip(words) {
@@ -318,11 +324,18 @@ impl RankFile {
                     }
                 })?;
             }
-            first += block * width;
+            first += points(&header.block) * width;
         }
-        let mut first = results;
+        Ok(())
+    }
+
+    /// Reads the results on the common space cells of the shares.
+    fn read_results(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let runs = common_runs(&header.share, to.share);
+        let mut first = self.starts.results;
         for (result, width) in to.results.iter_mut().zip(&header.results) {
-            for run in &shares {
+            for run in &runs {
                 let into = &mut result[run.to * width..(run.to + run.length) * width];
                 self.read(first + run.from * width, into.len(), |at, words| {
                     for (x, &word) in into[at..].iter_mut().zip(words) {
@@ -330,8 +343,15 @@ impl RankFile {
                     }
                 })?;
             }
-            first += share * width;
+            first += points(&header.share) * width;
         }
+        Ok(())
+    }
+
+    /// Reads the common rows of the modes that both the file and `to` store.
+    fn read_modes(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let &PartOffsets { auxiliary, kept, .. } = &self.starts;
         let Some((mine, modes)) = &mut to.kept else {
             return Ok(());
         };
@@ -342,14 +362,16 @@ impl RankFile {
             let found = words.iter().zip(at..);
             moves.extend(found.filter_map(|(cell, m)| Some((m, *places.get(cell)?))));
         })?;
+        let runs = common_runs(&header.block, to.block);
         let velocities = header.velocity_cells;
-        let (from_cells, to_cells) = (block * velocities, points(to.block) * velocities);
+        let from_cells = points(&header.block) * velocities;
+        let to_cells = points(to.block) * velocities;
         for (k, &(mode, progress)) in header.kept.iter().enumerate() {
             let Some(rows) = modes.replace(mode, progress) else {
                 continue;
             };
             let first = kept + k * 2 * header.rows();
-            for run in &blocks {
+            for run in &runs {
                 let cells = run.to * velocities..(run.to + run.length) * velocities;
                 self.read_complex(first + 2 * run.from * velocities, &mut rows[cells])?;
             }
