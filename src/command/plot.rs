@@ -125,7 +125,7 @@ fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
 pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
         let DrawnRun { run, album, .. } = album(args)?;
-        let place = PictureDirectory::new(&run, args.output.as_deref());
+        let place = PictureDirectory::new(&run, args.places.output.as_deref());
         if !args.force {
             place.refuse_to_replace(&album.file_names())?;
         }
@@ -177,7 +177,7 @@ fn write_report(
         times: times.as_ref(),
         description: description.as_deref().map_err(String::as_str),
     };
-    let directory = args.output.as_ref().unwrap_or(&args.directory);
+    let directory = args.places.output.as_ref().unwrap_or(&args.places.directory);
     if !args.force {
         refuse_among_other_results(&page.run.directory, directory)?;
         page.refuse_to_replace(directory)?;
@@ -239,7 +239,7 @@ pub(super) fn open(directory: &Path) -> Result<StoredRun> {
 
 /// Reads the run and draws its pictures.
 fn album(args: &PlotArgs) -> Result<DrawnRun> {
-    let run = open(&args.directory)?;
+    let run = open(&args.places.directory)?;
     let beside = (args.beside.as_deref()).map(open).transpose()?;
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;

@@ -226,31 +226,33 @@ impl<'a> Classical<'a> {
         span: ClassicalSpan,
         negligible: f64,
     ) {
-        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
-        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
-        for _ in 0..parts {
-            self.part_of_exponential(exchange, state, part, negligible);
-        }
-    }
-
-    fn part_of_exponential(
-        &mut self,
-        exchange: &mut GhostExchange,
-        state: &mut [f64],
-        span: ClassicalSpan,
-        negligible: f64,
-    ) {
-        let rows = self.matrix.rows();
         if span.courant() == 0.0 {
             // No transport: inflow enters no cell.
             return;
         }
-        let (start, weights) = poisson_weights(span.courant(), negligible);
-        self.sum[..rows].fill(0.0);
-        let Self { matrix, sum, inflow, image, progress, .. } = self;
-        let mut terms = ExponentialTerms { matrix, inflow, rate: span.rate, sum };
+        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
+        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
+        let (start, weights) = poisson_weights(part.courant(), negligible);
         let left_out = std::iter::repeat_n(None, start);
         let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
+        for _ in 0..parts {
+            self.apply_series(exchange, state, span.rate, &weights);
+        }
+    }
+
+    /// `state ← Σ_k weight_k Q^k state`, without the terms that have no weight. Collective over the
+    /// space group.
+    fn apply_series(
+        &mut self,
+        exchange: &mut GhostExchange,
+        state: &mut [f64],
+        rate: f64,
+        weights: &[Option<f64>],
+    ) {
+        let rows = self.matrix.rows();
+        self.sum[..rows].fill(0.0);
+        let Self { matrix, sum, inflow, image, progress, .. } = self;
+        let mut terms = ExponentialTerms { matrix, inflow, rate, sum };
         let (mut x, mut next) = (&mut *state, &mut image[..]);
         for weights in weights.chunks(TOGETHER) {
             match matrix.layer() {
