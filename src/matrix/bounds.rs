@@ -329,9 +329,9 @@ impl ContributionBounds {
 /// An interval that contains the spectrum of `H = μS + iK`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpectralInterval {
-    /// Its centre `c`.
+    /// Centre `c` of the interval.
     pub centre: f64,
-    /// Half its width, `h`.
+    /// Half the width of the interval, `h`.
     pub half_width: f64,
 }
 

@@ -57,7 +57,7 @@ pub struct Resources {
 }
 
 impl Resources {
-    /// The same ranks on the blocks of `mesh`.
+    /// These ranks, on the blocks of `mesh`.
     pub fn on_mesh(&self, mesh: &ProcessMesh) -> Self {
         Self { ranks_x: Some(mesh.space.clone()), ..self.clone() }
     }

@@ -80,7 +80,7 @@ pub struct TracedPath {
 pub struct BoxExit {
     /// The axis, of the `2n`: space first.
     pub axis: usize,
-    /// Whether it is the upper end.
+    /// Whether the end is the upper one.
     pub upper: bool,
     /// Whether a jump of `V` gave the particle a velocity outside of the box. Otherwise a slope
     /// did, or the particle moved out of the box in space.
@@ -194,7 +194,7 @@ struct Arrival {
     time: f64,
     /// The velocity at that time.
     w: f64,
-    /// Whether it arrives at the upper end.
+    /// Whether the particle arrives at the upper end.
     at_upper: bool,
 }
 
@@ -679,8 +679,8 @@ impl<'a> Tracer<'a> {
         cell
     }
 
-    /// How far a particle at a face can move away from it within its cell: `w²/(2|slope|)` if the
-    /// slope pushes it back in the direction `to_face`, else infinity.
+    /// The distance by which a particle at a face can move away from the face within its cell:
+    /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }

@@ -25,7 +25,7 @@ pub enum ExportKind {
 }
 
 impl ExportKind {
-    /// Its name in messages and directories.
+    /// The name of the kind in messages and directories.
     pub fn word(self) -> &'static str {
         match self {
             Self::Matrix => "matrix",

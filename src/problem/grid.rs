@@ -58,7 +58,7 @@ impl PhaseSpace {
         self.x.iter().chain(&self.v)
     }
 
-    /// `(N_x1, …, N_xn, N_v1, …, N_vn)`.
+    /// Number of cells along each axis, `(N_x1, …, N_xn, N_v1, …, N_vn)`.
     pub fn shape(&self) -> Vec<usize> {
         self.axes().map(|a| a.cells).collect()
     }

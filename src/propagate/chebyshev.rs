@@ -126,7 +126,7 @@ impl Chebyshev {
         Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
     }
 
-    /// As [`new`](Self::new), with the given blocking of steps.
+    /// Scratch as [`new`](Self::new) makes it, with the given blocking of steps.
     pub fn blocked(
         matrix: &BlockMatrix,
         largest_degree: usize,

@@ -75,7 +75,7 @@ fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
     m.min(DIMENSION)
 }
 
-/// Most applications of a mode: those of the steps that are guaranteed beforehand.
+/// Largest number of applications of a mode: those of the steps that the a-priori bound allows.
 fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
     let &ModeDemand { half_width, time, tolerance, step } = demand;
     if half_width == 0.0 {
@@ -250,8 +250,8 @@ impl Krylov {
         }
     }
 
-    /// `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective over
-    /// the space group.
+    /// Builds `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective
+    /// over the space group.
     fn build(
         &mut self,
         system: &mut Evolution<'_>,

@@ -116,7 +116,7 @@ impl BatchCoupling {
 pub struct PropagatorSetting {
     /// Method and time step.
     pub propagation: Propagation,
-    /// Most work of a mode, see [`Descriptor::work`].
+    /// Largest work of a mode, see [`Descriptor::work`].
     pub largest_work: usize,
     /// Whether the space is split between ranks.
     pub split: bool,
@@ -140,7 +140,7 @@ pub struct ModeDemand {
 pub struct RunWork {
     /// Least work of a mode.
     pub least: usize,
-    /// Most work of a mode.
+    /// Largest work of a mode.
     pub most: usize,
     /// Time step of the case, if it gives one.
     pub step: Option<f64>,
@@ -162,7 +162,7 @@ pub trait Descriptor: Sync {
     /// Applications that cost as much as a unit of [`work`](Self::work), about.
     fn applications_per_work(&self) -> usize;
 
-    /// How many times longer a unit of work takes where space is split over ranks.
+    /// Factor on the time of a unit of work where space is split over ranks.
     fn cost_of_splitting(&self) -> f64 {
         1.0
     }

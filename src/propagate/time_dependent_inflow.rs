@@ -78,7 +78,8 @@ pub struct Schedule {
     pub reference: Vec<f64>,
     /// Relative l2 error of `reference`.
     pub reference_error: f64,
-    /// Whether that follows from three numbers of steps. From two it may be five times too large.
+    /// Whether the error of the reference follows from runs with three numbers of steps. From two
+    /// numbers it may be five times too large.
     pub order_is_seen: bool,
     /// Whether the inflow jumps in time: different numbers of steps may err alike then.
     pub jumps: bool,

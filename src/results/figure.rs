@@ -36,7 +36,7 @@ pub struct PlotAxis {
     pub scale: Scale,
     /// Ends of the axis, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
-    /// Labels at 0, 1, … instead of numbers.
+    /// Labels of the ticks at 0, 1, … instead of numbers.
     pub names: Vec<String>,
     /// Whether its values are whole numbers.
     pub whole: bool,

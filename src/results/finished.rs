@@ -74,7 +74,7 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     !stopped && summary >= result && older && fields.iter().all(|name| written(name).is_some())
 }
 
-/// When a file was written, if it exists.
+/// The time at which a file was written; `None` if there is no such file.
 fn modified(path: &Path) -> Option<SystemTime> {
     let found = std::fs::metadata(path).ok().filter(|found| found.is_file());
     found.and_then(|found| found.modified().ok())

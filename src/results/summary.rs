@@ -415,7 +415,7 @@ pub struct Summary {
     /// Whether round-off may hide the distance of the two readings.
     #[serde(skip)]
     pub hidden_by_round_off: bool,
-    /// Why the estimate is not reliable.
+    /// The reason why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,
     /// Whether the estimate is reliable. It is not if round-off hides the difference, if there is

@@ -64,7 +64,7 @@ pub struct View {
     pub name: &'static str,
     /// Path of the dataset, which the views of all times share.
     pub dataset: Rc<str>,
-    /// Whether it has three components, as its last index.
+    /// Whether the dataset has three components, as its last index.
     pub vector: bool,
     /// The time of the view; `None` for a dataset without times.
     pub time_slice: Option<TimeSlice>,

@@ -30,9 +30,9 @@ pub struct ModeProgress {
     pub legs: usize,
     /// `phase_l`.
     pub phase: Complex64,
-    /// Its norm before the first leg, over all ranks of the space group, or a bound on it.
+    /// Norm of the mode before the first leg, over all ranks of the space group, or a bound on it.
     pub norm: f64,
-    /// Allowed change of the norm since, relative to it.
+    /// Allowed change of the norm since then, relative to the norm.
     pub allowed: f64,
 }
 

@@ -29,7 +29,7 @@ pub struct Prepared {
     pub bounds: Bounds,
     /// Bounds with which the system was assembled, before the growth was measured.
     expected: Bounds,
-    /// Most sweeps for the weights.
+    /// Largest number of sweeps for the weights.
     max_weight_sweeps: usize,
 }
 
@@ -42,7 +42,8 @@ impl Prepared {
         Self::assemble(world, case, ProvisionalPlan::new(case, resources)?)
     }
 
-    /// As [`new`](Self::new), on all ranks of `world` with the memory of this machine. Collective.
+    /// Plans and assembles `case` as [`new`](Self::new) does, on all ranks of `world` with the
+    /// memory of this machine. Collective.
     ///
     /// # Errors
     /// As [`new`](Self::new).

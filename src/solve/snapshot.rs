@@ -161,9 +161,9 @@ impl Snapshot<'_> {
 /// Numbers, point by point of a box of space.
 #[derive(Clone, Copy)]
 pub struct BoxValues<'a, T> {
-    /// Numbers at a point.
+    /// Number of values at a point.
     pub width: usize,
-    /// All numbers.
+    /// The values, point by point.
     pub values: &'a [T],
 }
 
@@ -180,7 +180,7 @@ pub struct StoredModes<'a> {
 pub struct StoredMode<'a> {
     /// Number of the mode.
     pub mode: usize,
-    /// Its progress.
+    /// Progress of the mode.
     pub progress: ModeProgress,
     /// The block's cells and its auxiliary unknowns.
     pub rows: &'a [Complex64],

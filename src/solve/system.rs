@@ -70,7 +70,7 @@ fn check_magnitude(
 pub struct SystemLimits {
     /// The largest number of reals in a row of a vector whose ghosts are exchanged.
     pub ghost_width: usize,
-    /// Most sweeps for the weights.
+    /// Largest number of sweeps for the weights.
     pub max_weight_sweeps: usize,
 }
 

@@ -60,7 +60,7 @@ const LEAST_SHARE: f64 = 1e-3;
 /// Names of methods.
 const QUADRATURE: &str = "quadrature over characteristics";
 const MONTE_CARLO: &str = "Monte Carlo over characteristics";
-/// Why nothing is traced where `V` reflects in part.
+/// The reason why nothing is traced where `V` reflects in part.
 const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; all \
                         branches are too many, and ways that draw one are not built";
 
@@ -180,7 +180,7 @@ fn classical_methods(
     baselines
 }
 
-/// Why no slopes are limited in a case by elements.
+/// The reason why a case by elements has no method with slopes.
 fn no_slopes(case: &Case) -> String {
     let key = match (case.space.degree(), case.reflects()) {
         (0, true) => "potential.reflection".to_owned(),

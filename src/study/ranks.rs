@@ -99,7 +99,8 @@ pub struct RankCost {
     pub memory_per_node: Option<u64>,
     /// Whether the number of ranks is worth it.
     pub worth_it: bool,
-    /// Whether it is the last number of ranks that is worth it; the first that fits if none is.
+    /// Whether this is the last number of ranks that is worth it, or the first that fits if none
+    /// is.
     pub recommended: bool,
 }
 
@@ -230,7 +231,7 @@ impl RankTable {
     }
 }
 
-/// Why the case cannot run on a number of ranks, on one line.
+/// The reason why the case cannot run on a number of ranks, on one line.
 fn refusal(error: &Error) -> String {
     match error {
         Error::Memory { needed, available, .. } => format!("{needed} a rank, {available} there"),

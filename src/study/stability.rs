@@ -45,7 +45,8 @@ use std::time::Duration;
 struct PanelSpec {
     name: PanelName,
     title: &'static str,
-    /// Whether it rarely uses an equal share of the budget: it may then have two, as time is left.
+    /// Whether the panel rarely uses an equal share of the budget. It may then take two shares of
+    /// the time that is left.
     cheap: bool,
     x: AxisScale,
     y: AxisScale,

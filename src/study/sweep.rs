@@ -55,7 +55,7 @@ pub struct SweepRun {
     pub values: Vec<Value>,
     /// Directory of the results of the run.
     pub directory: PathBuf,
-    /// Why its case is refused.
+    /// The reason why the case of the run is refused.
     pub refused: Option<String>,
     /// `--set` options of its case.
     overrides: Vec<String>,
@@ -336,9 +336,9 @@ fn is_too_late(world: &World, error: &Error) -> bool {
     world.group().max_count(usize::from(matches!(error, Error::WallTime { .. }))) > 0
 }
 
-/// Why no further run may begin: any rank received a signal, or the wall time is over. The wall
-/// time counts only if something was `computed`; if it is too short for the first run, that run
-/// fails. Collective.
+/// The reason why no further run may begin: any rank received a signal, or the wall time is over.
+/// The wall time counts only if something was `computed`; if it is too short for the first run,
+/// that run fails. Collective.
 fn reason_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
     let signal = options.stop.load(Ordering::Relaxed);
     let wall = options.walltime.filter(|_| computed);

@@ -41,7 +41,7 @@ const AT_END: f64 = 1e-12;
 pub struct SurfaceZero {
     /// The cell of space it lies in, numbered in the rank's share.
     pub cell: usize,
-    /// Its contribution to `∫ f dx dv` over that cell.
+    /// The contribution of the zero to `∫ f dx dv` over that cell.
     pub mass: f64,
     /// Coordinates `[x, y, z, vx, vy, vz]` of the zero.
     pub point: [f64; 6],
@@ -55,9 +55,9 @@ fn overlap(degree: usize) -> f64 {
 
 /// A point of a quadrature rule along an axis.
 struct RulePoint {
-    /// Its coordinate in the reference element.
+    /// Coordinate of the point in the reference element.
     xi: f64,
-    /// Its weight as a part of the element's width.
+    /// Weight of the point as a part of the element's width.
     weight: f64,
 }
 

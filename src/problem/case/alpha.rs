@@ -168,7 +168,7 @@ impl Serialize for Alpha {
 
 impl fmt::Display for Alpha {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Most characters of a formula that are shown.
+        /// Largest number of characters of a formula in a message.
         const MOST_SHOWN: usize = 60;
         match self {
             Self::Constant(alpha) => fmt::Display::fmt(alpha, f),

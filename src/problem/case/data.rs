@@ -9,7 +9,7 @@ use crate::problem::table::Interpolation;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Most fields of a case: a density and a level set for each velocity axis.
+/// Largest number of fields of a case: a density, and a level set for each velocity axis.
 pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
 
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.

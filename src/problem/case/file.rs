@@ -16,7 +16,7 @@ use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Most characters of a value or a line that a message shows.
+/// Largest number of characters of a value or of a line in a message.
 const MOST_SHOWN: usize = 120;
 
 /// A case file with its `--set` options applied.

@@ -272,7 +272,8 @@ impl PlateauTable {
     }
 }
 
-/// Why this HDF5 library cannot compress a dataset that several ranks write; `None` if it can.
+/// The reason why this HDF5 library cannot compress a dataset that several ranks write; `None` if
+/// it can.
 fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
     if version < (1, 10, 2) {
         let (major, minor, micro) = version;

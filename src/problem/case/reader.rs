@@ -30,7 +30,7 @@ impl Mistake {
         de::Error::custom(format!("{what} expected"))
     }
 
-    /// The same mistake with `key`, unless it has a key already.
+    /// This mistake with `key`, unless it has a key already.
     fn at(mut self, key: &str) -> Self {
         self.key.get_or_insert_with(|| key.to_owned());
         self

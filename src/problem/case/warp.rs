@@ -54,7 +54,8 @@ pub enum ProfileChoice {
 }
 
 impl ProfileChoice {
-    /// Whether it is a series that is known on its domain only, and no function on the whole line.
+    /// Whether the profile is a series that is known on its domain only, and no function on the
+    /// line.
     pub fn is_series(&self) -> bool {
         matches!(self, Self::Designed)
     }
@@ -126,7 +127,7 @@ pub enum Delta {
     /// `δ = max |b|` (the paper's).
     #[serde(rename = "max")]
     Largest,
-    /// This number.
+    /// `δ` is this number.
     Given(f64),
 }
 
@@ -136,7 +137,7 @@ pub enum Delta {
 pub enum Shift {
     /// `σ` is the bound on the growth rate, so that `ũ` does not grow.
     Growth,
-    /// This number.
+    /// `σ` is this number.
     Given(f64),
 }
 

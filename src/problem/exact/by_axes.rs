@@ -71,13 +71,13 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
 /// A particle that moves along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LineParticle {
-    /// The cell it is in.
+    /// The cell in which the particle is.
     pub cell: usize,
-    /// Its position, within the cell.
+    /// Position of the particle, within the cell.
     pub x: f64,
-    /// Its velocity in the direction of motion, `direction · v`.
+    /// Velocity in the direction of motion, `direction · v`.
     pub w: f64,
-    /// The time for which it is still to be followed.
+    /// The time for which the particle is still to be followed.
     pub left: f64,
 }
 

@@ -62,7 +62,7 @@ pub enum InitialSheet {
     Entering {
         /// The axis.
         axis: usize,
-        /// Whether it is the upper end.
+        /// Whether the end is the upper one.
         upper: bool,
     },
 }
@@ -577,8 +577,8 @@ impl Cells<'_> {
             .collect()
     }
 
-    /// As [`overlap`](Self::overlap), for an interval anywhere on a periodic axis. A cell may occur
-    /// more than once.
+    /// The cells that an interval anywhere on a periodic axis overlaps, as
+    /// [`overlap`](Self::overlap) gives them. A cell may occur more than once.
     fn overlap_around(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
         let axis = self.axis;
         let length = axis.upper - axis.lower;

@@ -80,7 +80,7 @@ fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
 pub struct StrayEdge {
     /// Axis along which it was found.
     pub axis: usize,
-    /// Its position along that axis.
+    /// Position of the edge along that axis.
     pub at: f64,
     /// The face to which the scheme moves it.
     pub face: f64,

@@ -21,7 +21,7 @@ pub struct Film<'a> {
     run: &'a StoredRun,
     cut: Cut,
     times: Vec<StoredTime>,
-    /// Why there is no exact density, if the case names an exact solution.
+    /// The reason why there is no exact density, if the case names an exact solution.
     pub without_exact: Option<String>,
     scales: FrameRanges,
     scene: JumpLines,

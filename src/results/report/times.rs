@@ -23,7 +23,7 @@ pub struct Times {
     frames: Vec<TimePicture>,
     /// Number of times that the run stores.
     stored: usize,
-    /// Why there is no exact density, if the case names an exact solution.
+    /// The reason why there is no exact density, if the case names an exact solution.
     without_exact: Option<String>,
 }
 

@@ -34,10 +34,10 @@ pub struct ReadField {
     pub checksum: u64,
     /// The largest magnitude in it.
     pub largest: f64,
-    /// How far `e^p w` is from flat, relative to its largest value: the largest
-    /// `e^{p◇} |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with
-    /// `u = e^p w` at the point next to `p◇`. Places are the points of the file, and the middles
-    /// between them, where the trigonometric interpolant is taken. It bounds the error of `f`.
+    /// The distance of `e^p w` from a constant, relative to its largest value: the largest `e^{p◇}
+    /// |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with `u = e^p w`
+    /// at the point next to `p◇`. Places are the points of the file, and the middles between them,
+    /// where the trigonometric interpolant is taken. It bounds the error of `f`.
     pub unevenness: f64,
 }
 
@@ -149,7 +149,7 @@ pub struct ModesFromFile<'a> {
     pub series: &'a Series,
     /// The modes of this rank, which are overwritten.
     pub kept: &'a mut KeptModes,
-    /// Where it is measured how flat the field is.
+    /// The interval in `p` on which the flatness of the field is measured.
     pub domain: ReadingDomain,
 }
 

@@ -19,7 +19,7 @@ const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
 pub struct AxisEnd {
     /// Index of the axis, space first.
     pub axis: usize,
-    /// Whether it is the upper one.
+    /// Whether the end is the upper one.
     pub upper: bool,
 }
 

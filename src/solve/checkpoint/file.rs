@@ -28,21 +28,21 @@ use std::path::Path;
 const MARK: u64 = u64::from_le_bytes(*b"phwarp01");
 /// Words read or written at a time: 512 KiB.
 const PIECE: usize = 1 << 16;
-/// Most words of a header: 64 MiB.
+/// Largest number of words of a header: 64 MiB.
 const LONGEST_HEADER: u64 = 1 << 23;
 
 /// The header of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// The run it belongs to.
+    /// The run that the file belongs to.
     pub fingerprint: Fingerprint,
     /// Number of the checkpoint.
     pub generation: u64,
-    /// The rank that wrote it.
+    /// The rank that wrote the file.
     pub rank: usize,
-    /// Space cells of its block.
+    /// Space cells of the rank's block.
     pub block: Vec<Range<usize>>,
-    /// Space cells of its share.
+    /// Space cells of the rank's share.
     pub share: Vec<Range<usize>>,
     /// Velocity cells at a point of space.
     pub velocity_cells: usize,
@@ -52,7 +52,7 @@ pub struct Header {
     pub results: Vec<usize>,
     /// Auxiliary unknowns of the block.
     pub auxiliary: usize,
-    /// The modes that it stores, and the progress of each.
+    /// The modes in the file, and the progress of each.
     pub kept: Vec<(usize, ModeProgress)>,
     /// Progress of the rank's mode group.
     pub state: GroupProgress,
@@ -244,7 +244,7 @@ fn not_a_checkpoint() -> Error {
 
 /// A file that was checked, opened for reading.
 pub struct RankFile {
-    /// Its header.
+    /// The header of the file.
     pub header: Header,
     starts: PartOffsets,
     file: File,

@@ -73,7 +73,7 @@ pub enum CommonDecision {
     Failed,
 }
 
-/// When checkpoints are made.
+/// The times at which checkpoints are made, and the signal to stop.
 #[derive(Clone, Debug, Default)]
 pub struct CheckpointTimes {
     /// The interval between checkpoints, by rank 0's clock.
@@ -92,12 +92,12 @@ pub struct Watch {
     leads: bool,
     /// Whether ranks wait for each other's votes.
     together: bool,
-    /// When the last checkpoint was begun or finished, or the run began.
+    /// The time at which the last checkpoint was begun or finished, or at which the run began.
     written: Instant,
     /// Whether the last vote was not for a checkpoint: there is at least one batch between two
     /// checkpoints.
     batch_since_checkpoint: bool,
-    /// How long a checkpoint takes to write; `None` before the first estimate.
+    /// Time to write a checkpoint; `None` before the first estimate.
     writing: Option<Duration>,
     /// Start of this rank's current batch, if there is one.
     begun: Option<Instant>,
@@ -136,7 +136,7 @@ impl Watch {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
 
-    /// This rank continues with its next batch, if any.
+    /// Starts the clock of this rank's next batch, if it has one.
     pub fn begin(&mut self, standing: RankState) {
         self.begun = (standing == RankState::Working).then(Instant::now);
     }

@@ -78,7 +78,7 @@ impl Study<'_> {
         }
     }
 
-    /// Why the grid `reached` does not reach the accuracy, if it does not.
+    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
     fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
         let (error, on) = (reached.error, shape_text(&reached.shape));
         if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
@@ -392,8 +392,9 @@ impl Study<'_> {
     }
 }
 
-/// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than
-/// [`MOST_SEARCHED`] elements of space are not searched: only tiny regions could vanish there.
+/// The reason why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids
+/// of more than [`MOST_SEARCHED`] elements of space are not searched: only tiny regions could
+/// vanish there.
 fn vanished_region(target: &Case) -> Option<String> {
     if target.space.by_elements().space_cells() > MOST_SEARCHED {
         return None;

@@ -119,8 +119,8 @@ impl SetupReport {
         }
     }
 
-    /// Why the set-up is only an estimate, if it is: its order is from one pair of grids, or it
-    /// takes more than `longest` seconds.
+    /// The reason why the set-up is only an estimate, if it is: its order is from one pair of
+    /// grids, or it takes more than `longest` seconds.
     pub fn not_settled(&self, longest: f64) -> Option<String> {
         let open = "not settled within this budget; ";
         if self.refused.is_some() {
@@ -208,7 +208,7 @@ impl AdviceReport {
         best.and_then(|k| self.entries.get(k))
     }
 
-    /// Why nothing by `method` is advised.
+    /// The reason why no set-up by `method` is advised.
     pub fn why_nothing(&self, method: Method) -> String {
         let mut of_method = self.entries.iter().filter(|e| e.method == method);
         let why = of_method.find_map(|e| e.estimate.clone().or_else(|| e.refused.clone()));

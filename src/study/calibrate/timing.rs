@@ -7,7 +7,7 @@ pub const PARTS: usize = 64;
 /// Seconds of a trial that is long enough to measure a rate; shorter trials are repeated with more
 /// parts of the time.
 pub const LONG_ENOUGH: f64 = 0.25;
-/// Most times that a trial is repeated.
+/// Largest number of runs of a trial.
 const REPEATS: f64 = 9.0;
 
 /// Seconds that work of this cost took, the same on all ranks.

@@ -78,7 +78,7 @@ struct ReducingRate {
 #[derive(Clone, Copy)]
 struct ExpectedSeconds {
     seconds: f64,
-    /// Whether they are only a lower bound.
+    /// Whether the seconds are only a lower bound.
     at_least: bool,
 }
 

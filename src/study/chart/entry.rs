@@ -42,9 +42,9 @@ pub struct ChartEntry {
     /// Whether the expected seconds are a lower bound: without the steps, or those of a coarser
     /// grid.
     pub expected_at_least: bool,
-    /// Whether it is the case as its file has it.
+    /// Whether the entry is the case as its file has it.
     pub as_given: bool,
-    /// Whether it is the paper's set-up.
+    /// Whether the entry is the paper's set-up.
     pub paper: bool,
     /// Classical or by modes.
     pub method: Method,
@@ -99,7 +99,7 @@ pub struct ChartEntry {
     pub error_exact: Option<f64>,
     /// Relative L2 distance of `f` to the exact solution.
     pub error_exact_l2: Option<f64>,
-    /// Relative l2 distance to `exp(AT) f(0) + …`, the largest over the fields.
+    /// Relative l2 distance to the exact semi-discrete solution, the largest over the fields.
     pub error_semidiscrete: Option<f64>,
     /// The estimate of that distance by the run itself.
     pub error_estimate: Option<f64>,
@@ -199,7 +199,7 @@ impl ChartEntry {
         }
     }
 
-    /// Whether it computes `exp(AT) f(0) + …` itself.
+    /// Whether the entry is the exact semi-discrete solution itself.
     pub fn is_reference(&self) -> bool {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }

@@ -153,7 +153,7 @@ pub fn is_reference(case: &Case) -> bool {
     case.method == Method::Classical && case.integrator == Integrator::Exponential
 }
 
-/// Why a case file with these choices would be refused.
+/// The reason why a case file with the choices of `case` would be refused.
 pub fn refused(case: &Case) -> Option<&'static str> {
     if case.is_closed() && case.embeds() {
         return Some("nothing enters through closed ends");

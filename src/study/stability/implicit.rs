@@ -56,7 +56,7 @@ struct ImplicitSteps {
     method: PropagatorMethod,
     /// Points by rising step.
     points: Vec<CurvePoint>,
-    /// Why a trial failed, if one did.
+    /// The reason why a trial failed, if one did.
     refused: Option<String>,
     /// The largest number of steps, if the budget ended the trials.
     most_steps: Option<u32>,

@@ -93,7 +93,7 @@ pub struct Curve {
     pub bound: bool,
 }
 
-/// Where a method begins to fail.
+/// The value of the varied quantity at which a method begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
     /// Name of the border.

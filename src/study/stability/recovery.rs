@@ -48,7 +48,7 @@ struct TreatmentReadings {
 }
 
 impl TreatmentReadings {
-    /// Where the plateau begins and ends, measured and by theory.
+    /// The ends of the plateau, measured and by theory.
     fn ends(&self) -> [[Option<f64>; 2]; 2] {
         [|p: &CurvePoint| p.measured, |p: &CurvePoint| p.theory]
             .map(|of| plateau(&self.points, self.threshold, of))

@@ -38,7 +38,7 @@ pub struct SweepRow {
     pub values: Vec<Value>,
     /// Directory of the results of the run.
     pub directory: String,
-    /// Whether it ended, with or without an error.
+    /// Whether the run ended, with or without an error.
     pub ended: bool,
     /// `summary.json`; null where there is none, and on other ranks than the first.
     pub summary: Value,
