@@ -72,7 +72,7 @@ use std::time::Duration;
 struct CaseTables {
     title: String,
     reference: String,
-    /// `[constants]`. `constants::resolved` has read it before, as numbers may be formulas of
+    /// `[constants]`. `constants::evaluate` has read it before, as numbers may be formulas of
     /// constants.
     #[serde(rename = "constants")]
     _constants: ConstantsTable,
@@ -218,7 +218,7 @@ impl Case {
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
-        file.constants = constants::resolved(&file)?;
+        file.constants = constants::evaluate(&file)?;
         let tables: CaseTables = file.read()?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;

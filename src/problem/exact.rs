@@ -358,7 +358,7 @@ impl<'a> Tracer<'a> {
         let start =
             LineParticle { cell: particle.cell[a], x: particle.x[a], w: particle.w[a], left };
         let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
-        let x = if end.left == 0.0 { self.snapped(a, end.x) } else { end.x };
+        let x = if end.left == 0.0 { self.snapped_to_face(a, end.x) } else { end.x };
         Some(LineParticle { x, ..end })
     }
 
@@ -415,7 +415,7 @@ impl<'a> Tracer<'a> {
             let Some(event) = event.filter(|e| e.time < left - round_off) else {
                 self.advance(&mut particle, &block, left);
                 for a in 0..self.faces.len() {
-                    particle.x[a] = self.snapped(a, particle.x[a]);
+                    particle.x[a] = self.snapped_to_face(a, particle.x[a]);
                 }
                 break;
             };
@@ -442,7 +442,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// `x` on axis `a`, moved onto a face that it misses by round-off only.
-    fn snapped(&self, a: usize, x: f64) -> f64 {
+    fn snapped_to_face(&self, a: usize, x: f64) -> f64 {
         let faces = &self.faces[a];
         let i = self.cell_at(a, x);
         let near = |face: &f64| (x - face).abs() < ON_FACE * (faces[i + 1] - faces[i]);

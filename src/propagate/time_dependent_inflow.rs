@@ -135,7 +135,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
 ///
 /// # Errors
 /// [`Error::Formula`] where it is not finite. Not collective.
-pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
+pub fn largest_inflow(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     let field = &case.fields[0];
     let mut largest: f64 = 0.0;
     for k in 0..=SAMPLES {
@@ -346,7 +346,7 @@ pub fn schedule(
     communicator: &Communicator,
     start: &WeightedField<'_>,
 ) -> Result<Schedule> {
-    let largest = communicator.world.agree(sampled(case, matrix))?;
+    let largest = communicator.world.agree(largest_inflow(case, matrix))?;
     let largest = communicator.space.max(largest);
     let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
     refuse_small_tolerance(case)?;

@@ -206,7 +206,7 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
             let opened = open_file()?;
             for name in &names {
                 if let Some(chunk) = check_dataset(&opened, bytes, name)? {
-                    allow(chunk);
+                    allow_memory(chunk);
                 }
                 if let Ok(dataset) = opened.dataset(name) {
                     numbers(name, &dataset)?;
@@ -241,7 +241,7 @@ fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
 fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
     let all = datasets(file)?;
     let chunk = shapes(&all, bytes)?;
-    allow(chunk);
+    allow_memory(chunk);
     sums_of(share, all, |name, values| {
         progress(chunk);
         match values.iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
@@ -254,7 +254,7 @@ fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts
 }
 
 /// Allows memory for chunks of `chunk` bytes: as they are stored, while filters work, and after.
-fn allow(chunk: u64) {
+fn allow_memory(chunk: u64) {
     if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_memory(MEMORY.saturating_add(chunk.saturating_mul(4)));
     }
@@ -273,7 +273,7 @@ fn holds_numbers(name: &str) -> bool {
 
 /// Reads the attributes of a file or a dataset, and the text of a dataset, as far as they can be
 /// read. What cannot be read is reported by those that need it; what never ends, ends here.
-fn described(location: &hdf5::Location) {
+fn read_descriptions(location: &hdf5::Location) {
     for name in location.attr_names().unwrap_or_default() {
         let _ = text_attribute(location, &name);
         progress(0);
@@ -287,8 +287,8 @@ fn described(location: &hdf5::Location) {
 fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
     let all = datasets(file)?;
     shapes(&all, bytes)?;
-    described(file);
-    all.values().for_each(|dataset| described(dataset));
+    read_descriptions(file);
+    all.values().for_each(|dataset| read_descriptions(dataset));
     Ok(())
 }
 
@@ -296,7 +296,7 @@ fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
 /// chunks, which HDF5 finds by an index.
 fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
     let chunk = check_dataset(file, bytes, name)?.unwrap_or(0);
-    allow(chunk);
+    allow_memory(chunk);
     for axis in ["x", "y", "z", "vx", "vy", "vz", "p"].map(|axis| format!("axis/{axis}")) {
         check_dataset(file, bytes, &axis)?;
         if let Ok(dataset) = file.dataset(&axis) {
@@ -305,7 +305,7 @@ fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
         }
     }
     let Ok(dataset) = file.dataset(name) else { return Ok(()) };
-    described(&dataset);
+    read_descriptions(&dataset);
     if chunk == 0 {
         return Ok(());
     }

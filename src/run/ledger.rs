@@ -358,13 +358,13 @@ impl DataSupport {
         let count = world.sum_count(beyond.len());
         let bound = world.max(beyond.iter().fold(0.0, |most: f64, mass| most.max(*mass)));
         let beyond = world.sum(bound, count, beyond.into_iter()) / points as f64;
-        Self { within: around(space, &ends), beyond }
+        Self { within: box_around(space, &ends), beyond }
     }
 }
 
 /// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
 /// an element on each side; the whole box if there are no data.
-fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
+fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     let whole = SampleBox::whole(space, 0.0);
     let axes = ends.len() / 2;
     if ends[0] == f64::NEG_INFINITY {

@@ -54,7 +54,7 @@ pub(crate) fn by_modes(
     let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, seconds: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
-    let resumed = generation.map(|found| resumed(found, plan, communicator, rank_cells));
+    let resumed = generation.map(|found| resume_point(found, plan, communicator, rank_cells));
     summary.resumed = resumed.is_some();
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
@@ -97,7 +97,7 @@ pub(crate) fn by_modes(
     let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
-    count(summary, &recovered, communicator);
+    set_counts(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.seconds);
     drop(start.kept);
     Ok(FieldsWithHistory {
@@ -268,7 +268,7 @@ impl ModeRun<'_> {
 }
 
 /// The checkpoint that a run resumes from, with the batches that are left.
-fn resumed<'a>(
+fn resume_point<'a>(
     generation: Generation,
     plan: &Plan,
     communicator: &Communicator,
@@ -283,7 +283,7 @@ fn resumed<'a>(
 }
 
 /// Puts the counts of a run by modes into `summary`, summed over all groups. Collective.
-fn count(summary: &mut Summary, recovered: &RecoveredFields, communicator: &Communicator) {
+fn set_counts(summary: &mut Summary, recovered: &RecoveredFields, communicator: &Communicator) {
     let groups = &communicator.modes;
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;

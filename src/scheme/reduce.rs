@@ -44,7 +44,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     }
     let mut reductions = Reductions::default();
     let (allowed, before) = (case.reduce, case.space.cells());
-    match needs_all(&case) {
+    match key_needing_whole_grid(&case) {
         Some(key) if allowed.axes || allowed.velocities => {
             let line = format!("axes and velocities: all of them, for {key}");
             reductions.kept.push(line);
@@ -94,7 +94,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
 }
 
 /// The key whose value requires the whole grid, if there is one.
-fn needs_all(case: &Case) -> Option<&'static str> {
+fn key_needing_whole_grid(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.start.is_some()),
         ("initial.field", case.start_field.is_some()),

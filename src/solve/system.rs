@@ -166,7 +166,7 @@ fn inflow_schedule(
     match (case.varies(), case.method) {
         (false, _) => Ok(None),
         (true, Method::Classical) => {
-            communicator.world.agree(time_dependent_inflow::sampled(case, matrix))?;
+            communicator.world.agree(time_dependent_inflow::largest_inflow(case, matrix))?;
             Ok(None)
         }
         (true, Method::Schrodingerized) => {

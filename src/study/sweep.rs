@@ -200,7 +200,9 @@ impl Sweep {
                 self.report_end(world, run, &done);
                 run::refuse_missed(world, &run.directory, self.case(run)?.strict)
             }
-            Err(error) if error.exit_code() == CAN_GO_ON => Err(self.stopped(why(&error), 0, 1)),
+            Err(error) if error.exit_code() == CAN_GO_ON => {
+                Err(self.stopped(reason_text(&error), 0, 1))
+            }
             Err(error) => Err(error),
         }
     }
@@ -243,7 +245,7 @@ impl Sweep {
                 return Err(error);
             }
             if too_late || error.exit_code() == CAN_GO_ON {
-                let stopped = Some(stopped(why(&error)));
+                let stopped = Some(stopped(reason_text(&error)));
                 return Ok(SweepResult { table, stopped });
             }
             self.report_end(world, run, &error);
@@ -324,7 +326,7 @@ fn value_of(tree: &Value, key: &str) -> Value {
 }
 
 /// The reason why a run or the sweep stopped early, as text.
-fn why(error: &Error) -> String {
+fn reason_text(error: &Error) -> String {
     match error {
         Error::Stopped { why, .. } | Error::SweepStopped { why, .. } => why.clone(),
         other => other.to_string(),

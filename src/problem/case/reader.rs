@@ -99,7 +99,7 @@ pub fn decimal(number: &DeInteger<'_>) -> String {
 }
 
 /// The key `name` of the table `path`.
-pub fn joined(path: &str, name: &str) -> String {
+pub fn joined_key(path: &str, name: &str) -> String {
     match path {
         "" => name.to_owned(),
         _ => format!("{path}.{name}"),
@@ -131,7 +131,11 @@ impl<'t> KeyValue<'t> {
 
     /// The entry `name` of a table or a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
-        KeyValue { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
+        KeyValue {
+            key: joined_key(&self.key, name),
+            value: value.get_ref(),
+            constants: self.constants,
+        }
     }
 
     /// The mistake of a value that is not of the kind `expected`.
@@ -253,7 +257,7 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         if let Some(name) = (table.keys()).find(|name| !known.contains(&name.get_ref().as_ref())) {
             let near = nearest(name.get_ref(), known);
             return Err(Mistake {
-                key: Some(joined(&self.key, name.get_ref())),
+                key: Some(joined_key(&self.key, name.get_ref())),
                 unknown: true,
                 message: format!("{near}; known here: {}", known.join(", ")),
             });

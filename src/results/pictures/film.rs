@@ -12,7 +12,7 @@ use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{ValueSpread, map, undershoots};
-use crate::results::pictures::moments::{planes, titled};
+use crate::results::pictures::moments::{panel_title, planes};
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
@@ -177,7 +177,7 @@ impl<'a> Film<'a> {
             for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
                 let cells = &self.cut.cells[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
-                let title = titled(run, title, plane, &self.cut);
+                let title = panel_title(run, title, plane, &self.cut);
                 let mut panel = self.map(plane, title, field, self.scales.density);
                 if !border.is_empty() {
                     panel = panel.line("", Style::theory(), border.clone());

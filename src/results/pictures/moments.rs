@@ -62,7 +62,7 @@ const COMPUTED: &str = "";
 const EXACT: &str = "_exact";
 
 /// The moment `name` of a run in one dimension as points; velocities are NaN in vacuum.
-fn listed(run: &StoredRun, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
+fn moment_points(run: &StoredRun, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| Ok::<_, String>(run.line(&run.list(&format!("{name}{whose}"))?));
     if name != "velocity" {
         return read(name);
@@ -100,14 +100,14 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         // The second run is drawn as points below the lines, so that all are visible where they
         // agree.
         if let Some(beside) = runs.beside {
-            let points = listed(beside, name, COMPUTED)?;
+            let points = moment_points(beside, name, COMPUTED)?;
             panel = panel.points(named(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if exact {
-            let points = listed(run, name, EXACT)?;
+            let points = moment_points(run, name, EXACT)?;
             panel = panel.line(named("exact"), Style::of(2).plain(), points);
         }
-        let points = listed(run, name, COMPUTED)?;
+        let points = moment_points(run, name, COMPUTED)?;
         panel = panel.line(named(&runs.names[0]), Style::of(0).plain(), points);
         panels.push(panel.verticals(&faces));
     }
@@ -132,7 +132,7 @@ pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
 }
 
 /// The title of a panel with a plane through a cut.
-pub(crate) fn titled(run: &StoredRun, name: &str, plane: [usize; 2], cut: &Cut) -> String {
+pub(crate) fn panel_title(run: &StoredRun, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     let place = cut.place(run, plane, 0..run.dimension());
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
@@ -201,7 +201,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
         panel.line("", Style::theory(), border.clone())
     };
     let show = |title: &str, field: Plane| {
-        let title = titled(run, title, plane, cut);
+        let title = panel_title(run, title, plane, cut);
         bordered(map(run, plane, title, field, shared))
     };
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
@@ -214,7 +214,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
+        let title = panel_title(run, &format!("{label}, {} − exact", names[0]), plane, cut);
         panels.push(bordered(difference_map(run, plane, title, field, scale)));
     }
     Ok((panels, lowest))

@@ -121,7 +121,7 @@ impl PlannedModes {
     }
 
     /// The panel with a vertical line at each reading.
-    fn marked(&self, mut panel: Panel) -> Panel {
+    fn with_readings(&self, mut panel: Panel) -> Panel {
         for (k, reading) in self.readings.iter().enumerate() {
             panel = panel.vertical(["p◇", "second reading"][k.min(1)], reading.point);
         }
@@ -187,7 +187,8 @@ pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
         short(lower),
         short(upper)
     );
-    let panels = [modes.profile_panel(), modes.error_panel()].map(|panel| modes.marked(panel));
+    let panels =
+        [modes.profile_panel(), modes.error_panel()].map(|panel| modes.with_readings(panel));
     Ok(Some(Figure::new("Profile in p", panels.into()).caption(caption)))
 }
 

@@ -9,7 +9,7 @@ use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::dataset::RESULT;
 use crate::results::figure;
-use crate::results::pictures::mesh::{self, FineMesh, drawn};
+use crate::results::pictures::mesh::{self, FineMesh, values_on_parts};
 use crate::results::readback::{PIECE, read_text, text_attribute};
 use crate::results::{FileResult, summary};
 use hdf5::{Dataset, File, Location};
@@ -323,7 +323,7 @@ impl StoredRun {
             slab.count[skip + plane[1]] = lengths[1];
             let read = read_slab(&dataset, &slab);
             let read = read.map_err(|e| format!("/{name} of result.h5: {e}"))?;
-            let read = drawn(&read, elements[1] - elements[0], &meshes);
+            let read = values_on_parts(&read, elements[1] - elements[0], &meshes);
             for line in lines {
                 for column in &column {
                     let before = elements[0] * parts;

@@ -180,7 +180,7 @@ impl ParticleSampler<'_> {
         let time = self.case.end;
         let values = self.case.fields[0].initial.at_points(&points, 0.0);
         let particle = |((value, point), inside): ((f64, _), _)| {
-            keep(Particle { point, time, mass: volume * value, inside })
+            nonzero(Particle { point, time, mass: volume * value, inside })
         };
         values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
@@ -206,12 +206,12 @@ impl ParticleSampler<'_> {
         let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
         let rate = inwards * self.case.fields[0].entering().at_point(&point, now);
         let mass = area * self.case.end * rate;
-        keep(Particle { point, time: self.case.end - now, mass, inside })
+        nonzero(Particle { point, time: self.case.end - now, mass, inside })
     }
 }
 
 /// The particle, if its mass is not zero. Values that are not finite are refused elsewhere.
-fn keep(particle: Particle) -> Option<Particle> {
+fn nonzero(particle: Particle) -> Option<Particle> {
     (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
 }
 

@@ -126,7 +126,7 @@ impl Study<'_> {
             entry.refused = Some(why);
             return None;
         }
-        match self.planned(target) {
+        match self.plan_of(target) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
                 entry.computed_cells = plan.cells as f64;
@@ -145,7 +145,7 @@ impl Study<'_> {
     }
 
     /// The plan of `case` on all ranks. Collective.
-    fn planned(&self, case: &Case) -> Result<Plan> {
+    fn plan_of(&self, case: &Case) -> Result<Plan> {
         planning::plan(self.world, case, &Resources::here(self.world))
     }
 
@@ -205,7 +205,7 @@ impl Study<'_> {
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = self.planned(&target)?;
+            let plan = self.plan_of(&target)?;
             let updates = mode_updates(&target, &plan);
             if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
                 break;
@@ -339,7 +339,7 @@ impl Study<'_> {
 
     /// The case as its file has it, with two errors: that of the discretisation by its own `scheme`
     /// on its own grid, and that of its solver. `None` if they cannot be estimated. Collective.
-    pub(super) fn given(
+    pub(super) fn given_case(
         &mut self,
         scheme: SchemeChoice,
         reached: &ReachedGrid,
@@ -383,7 +383,7 @@ impl Study<'_> {
     ) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
-        let updates = self.planned(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
+        let updates = self.plan_of(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
         if !self.trials.budget.allows(updates, 1.0) {
             return None;
         }

@@ -13,7 +13,7 @@ use std::time::Instant;
 ///
 /// # Errors
 /// As [`Reconstruction::new`].
-pub fn expected(prepared: &mut Prepared) -> Result<SolveTime> {
+pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
     let Prepared { case, plan, communicator, system, .. } = prepared;
     let (case, world) = (&*case, &communicator.world);
     let fields = case.fields.len();

@@ -36,7 +36,11 @@ const PIECES: usize = 3;
 ///
 /// # Errors
 /// As [`modes::run`].
-pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result<SolveTime> {
+pub fn predict_solve_time(
+    prepared: &mut Prepared,
+    warp: &WarpPlan,
+    whole: bool,
+) -> Result<SolveTime> {
     let given = GivenMode::new(prepared);
     let norms: Vec<f64> = match &given {
         Some(given) if given.norm > 0.0 => vec![given.norm; prepared.system.states.len()],
@@ -69,7 +73,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
         given,
         coupling: descriptor(plan.propagation.method).batch_coupling(),
     };
-    trials.expected(whole)
+    trials.predict_solve_time(whole)
 }
 
 /// A mode with made-up values, in place of the modes of a warped field that a run starts from.
@@ -113,7 +117,7 @@ struct ModeTrials<'a> {
 }
 
 impl<'a> ModeTrials<'a> {
-    fn expected(&mut self, whole: bool) -> Result<SolveTime> {
+    fn predict_solve_time(&mut self, whole: bool) -> Result<SolveTime> {
         let (plan, world) = (self.plan, &self.communicator.world);
         let groups = &plan.layout.groups;
         let mine = &groups[self.communicator.modes.rank() % groups.len()];

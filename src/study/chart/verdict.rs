@@ -127,7 +127,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
             chart.grid
         ));
     }
-    found.push(account(chart));
+    found.push(counts_of_trials(chart));
     found
 }
 
@@ -241,7 +241,7 @@ fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
 }
 
 /// The expected seconds of `entries`: one number, or the least and the most.
-pub fn expected(entries: &[&ChartEntry]) -> String {
+pub fn expected_seconds_text(entries: &[&ChartEntry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
     let [least, most] = ends(&all).map(time_text);
     let bound = if entries.iter().any(|e| e.expected_at_least) { "at least " } else { "" };
@@ -255,7 +255,7 @@ pub fn ends(all: &[f64]) -> [f64; 2] {
 }
 
 /// A sentence on the numbers of trials that ran, were refused, and were left out.
-fn account(chart: &Chart) -> String {
+fn counts_of_trials(chart: &Chart) -> String {
     let count = |status| chart.entries.iter().filter(|e| e.status == status).count();
     let mut text = format!(
         "{} trials on {} took {:.1} s of a budget of {} s; refused: {}",
@@ -271,7 +271,7 @@ fn account(chart: &Chart) -> String {
             (chart.entries.iter()).filter(|e| e.status == Status::LeftOut).collect();
         text += &format!(
             ", left out as they did not fit: {out} (expected to take {} each)",
-            expected(&all)
+            expected_seconds_text(&all)
         );
     }
     text + "."

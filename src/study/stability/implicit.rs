@@ -64,7 +64,7 @@ struct ImplicitSteps {
 
 impl ImplicitSteps {
     /// Tries `method` with ever shorter steps. Collective.
-    fn tried(
+    fn measure(
         task: &PanelTask<'_>,
         case: &Case,
         name: &'static str,
@@ -152,7 +152,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
     let all: Vec<ImplicitSteps> = implicit_propagators()
-        .map(|(name, method)| ImplicitSteps::tried(task, &case, name, method))
+        .map(|(name, method)| ImplicitSteps::measure(task, &case, name, method))
         .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {

@@ -155,7 +155,7 @@ impl IntervalErrors {
     }
 
     /// The text for a border that was not found.
-    fn unknown(&self) -> &'static str {
+    fn missing_text(&self) -> &'static str {
         match self.skipped == 0 && self.right.len() > LENGTHS as usize {
             true => "(not located: the error does not cross it)",
             false => "(not located within the budget)",
@@ -192,7 +192,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let run = sampled(case.clone(), ratio);
     let tolerance = run.tolerance;
     let shortest = intervals.shortest(task, run)?;
-    let number = |x: Option<f64>| x.map_or(errors.unknown().to_owned(), |x| format!("{x:.2}"));
+    let number = |x: Option<f64>| x.map_or(errors.missing_text().to_owned(), |x| format!("{x:.2}"));
     let refused = match &shortest {
         Some(ShortestInterval { left_end, .. }) => format!(", here L above {left_end:.2}."),
         None => "; from which L on was not located.".to_owned(),

@@ -40,7 +40,7 @@ struct ToleranceErrors {
 
 impl ToleranceErrors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
-    fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
+    fn measure(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
         if task.budget.is_over() {
             found.too_long = true;
@@ -161,7 +161,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     for (name, profile) in &PROFILES {
         let mut case = case.clone();
         case.warp.profile = profile.clone();
-        all.push(ToleranceErrors::tried(task, name, case)?);
+        all.push(ToleranceErrors::measure(task, name, case)?);
     }
     let borders: Vec<Border> = all.iter().map(ToleranceErrors::border).collect();
     let verdict = verdict(&all, &borders);
