@@ -88,7 +88,7 @@ pub struct Plan {
     pub layout: Layout,
 }
 
-/// The plan of a case before its growth and norms are measured: what it is assembled by.
+/// The plan by which a case is assembled, before its growth and norms are measured.
 #[derive(Clone, Debug)]
 pub struct ProvisionalPlan {
     /// Bounds on the generator, without the measured growth.

@@ -98,7 +98,7 @@ pub struct Bounds {
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
-    /// What the matrix takes; none before it is assembled.
+    /// The size of the matrix; `None` before it is assembled.
     #[serde(skip)]
     pub assembled: Option<AssembledSize>,
 }

@@ -240,7 +240,7 @@ impl Case {
         Self::parse(&path.display().to_string(), &read_text(path)?, overrides)
     }
 
-    /// The case of `tables`, each section checked by itself.
+    /// The case of `tables`. Each section is checked by itself.
     fn new(file: &CaseFile<'_>, tables: CaseTables) -> Result<Self> {
         let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
         let degree = space.degree();
@@ -479,9 +479,9 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// The reductions that were made and those that could not be made, one line each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
-    /// What was left out of the computation.
+    /// The reductions that were made: the parts of the problem that are left out, one line each.
     pub dropped: Vec<String>,
-    /// What could not be left out, and why.
+    /// The parts that could not be left out, each with the reason.
     pub kept: Vec<String>,
     /// Whether auxiliary unknowns are kept although nothing enters.
     pub idle_unknowns: bool,

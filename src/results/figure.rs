@@ -96,7 +96,7 @@ pub struct Map {
     pub label: String,
 }
 
-/// What is drawn between the axes.
+/// A layer that is drawn between the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Layer {
     /// Points joined by lines in their order; a point that is not finite breaks the line.
@@ -158,7 +158,7 @@ pub enum Layer {
     },
 }
 
-/// Axes and what is drawn between them.
+/// Axes, and the layers that are drawn between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     /// Title above the panel.

@@ -18,7 +18,8 @@ use std::path::Path;
 const SAME: f64 = 1e-12;
 
 /// Checks that the file `start` holds `f` on the grid of `case` at its `time.start`, and returns
-/// what the file says of itself. Collective over `world`.
+/// the origin of the continued run: checksum, time and error of that result. Collective over
+/// `world`.
 ///
 /// # Errors
 /// [`Error::Input`], the same on all ranks, that says what is wrong with the file.

@@ -61,7 +61,7 @@ static ROLE: OnceLock<ProcessRole> = OnceLock::new();
 /// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
-    /// Names and shapes of all datasets, and all attributes and texts: what a run is compared by.
+    /// Names and shapes of all datasets, and all attributes and texts, by which runs are compared.
     Description,
     /// Names and shapes of all datasets, and the values of a share of each.
     Values(FileShare),
@@ -75,7 +75,7 @@ pub(crate) enum Inspection {
     Table(Vec<String>),
 }
 
-/// The checksums of the datasets of a file, or what is wrong with it.
+/// The checksums of the datasets of a file, or a sentence that says what is wrong with the file.
 type InspectionResult = FileResult<ChecksumParts>;
 
 /// Does the work of a subprocess and returns its exit code, if this process is one. Otherwise it
@@ -109,7 +109,7 @@ pub fn serve() -> Option<i32> {
 /// Inspects the file `path`, or for [`Inspection::Directory`] that of a directory.
 ///
 /// # Errors
-/// What is wrong with it.
+/// A sentence that says what is wrong with the file.
 pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
     if ROLE.get() != Some(&ProcessRole::Parent) {
         return inspect_here(path, inspection);
@@ -272,7 +272,8 @@ fn holds_numbers(name: &str) -> bool {
 }
 
 /// Reads the attributes of a file or a dataset, and the text of a dataset, as far as they can be
-/// read. What cannot be read is reported by those that need it; what never ends, ends here.
+/// read. Data that cannot be read are reported by the functions that need them. A read that never
+/// ends is ended here, with the subprocess.
 fn read_descriptions(location: &hdf5::Location) {
     for name in location.attr_names().unwrap_or_default() {
         let _ = text_attribute(location, &name);

@@ -72,8 +72,8 @@ impl Checkpointing {
     }
 }
 
-/// Refuses a symbolic link in the place of the directory of checkpoints: what it leads to may
-/// belong to others.
+/// Refuses a symbolic link in the place of the directory of checkpoints, as its target may belong
+/// to others.
 fn refuse_link(folder: &Path) -> Result<()> {
     match std::fs::symlink_metadata(folder) {
         Ok(found) if found.is_symlink() => Err(Error::Directory {

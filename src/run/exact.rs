@@ -48,7 +48,7 @@ fn times(case: &Case) -> Vec<f64> {
 }
 
 /// The exact solution of a run of `case` on `rank_cells`; empty if the case names none. A rank that
-/// `prints` says if it takes long. Collective over `world`.
+/// `prints` reports if it takes long. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite, the same on all ranks.

@@ -238,7 +238,7 @@ impl<'t> CaseFile<'t> {
     /// `count`, if it is at least `least`.
     ///
     /// # Errors
-    /// [`Error::Input`] that says so.
+    /// [`Error::Input`], which names the least number.
     pub fn count(&self, key: &str, count: i64, least: usize) -> Result<usize> {
         match usize::try_from(count) {
             Ok(count) if count >= least => Ok(count),

@@ -21,7 +21,7 @@ pub struct Mistake {
     pub key: Option<String>,
     /// Whether there is no such key.
     pub unknown: bool,
-    /// What is wrong, or what is expected, as a sentence.
+    /// A sentence that says what is wrong, or what is expected.
     pub message: String,
 }
 

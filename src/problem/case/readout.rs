@@ -1,4 +1,4 @@
-//! `[readout]`: what is measured of the result on a quantum computer.
+//! `[readout]`: the observables of the result that are measured on a quantum computer.
 
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
@@ -11,7 +11,7 @@ use serde::Deserialize;
 /// and each cell takes some 15 kB of `summary.json`.
 const MOST_READ: usize = 256;
 
-/// `[readout]`: what is measured of the result on a quantum computer (see
+/// The observables of the result that are measured on a quantum computer (see
 /// [`crate::quantum::readout`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadoutSettings {

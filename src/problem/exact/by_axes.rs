@@ -100,7 +100,7 @@ pub(super) struct AxisLine {
     rest: f64,
 }
 
-/// What a particle does at a face.
+/// The outcome for a particle that has arrived at a face.
 enum AtFace {
     /// The particle moves on in the box.
     Goes,

@@ -19,7 +19,7 @@
 //! its image bends or its density changes, until it is as small as `FINEST` allows.
 //!
 //! First boxes, of which no box was halved yet, may be followed in any order and by any rank
-//! ([`Sheets`]). What a box leaves in a cell is a [`Deposit`] with the box's number, and
+//! ([`Sheets`]). The mass that a box leaves in a cell is a [`Deposit`] with the box's number, and
 //! [`SheetSums`](sums::SheetSums) adds deposits in the order of these numbers.
 
 pub mod sums;
@@ -264,7 +264,8 @@ impl<'a> Sheets<'a> {
     }
 
     /// Follows the first boxes `numbers` (row-major) of `sheet`, halved as far as needed within
-    /// `budget`. Returns what they leave, and the number of particles that halvings added.
+    /// `budget`. Returns their mass in cells and their pieces of the curve, and the number of
+    /// particles that halvings added.
     ///
     /// # Errors
     /// [`Error::Formula`] where `density` or `velocity` is not finite.

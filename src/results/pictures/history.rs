@@ -19,7 +19,7 @@ const LEAST_CHANGE: f64 = 0.01;
 /// without output times.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>) -> FileResult<Option<Figure>> {
     let run = runs.run;
     if !run.has("history") {
@@ -128,7 +128,7 @@ pub fn steps(run: &StoredRun) -> Vec<(&str, f64)> {
 /// The seconds of each step as bars, one after the other.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn time(run: &StoredRun) -> FileResult<Figure> {
     let steps = steps(run);
     if steps.is_empty() {

@@ -77,7 +77,7 @@ fn moment_points(run: &StoredRun, name: &str, whose: &str) -> FileResult<Vec<[f6
 /// multivalued velocity.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let run = runs.run;
     // Results of older versions, whose exact moments were others, have no momentum_exact.
@@ -223,7 +223,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 /// The density in more than one dimension, on every plane of two space axes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let shown = MomentMap { name: "density", component: None, label: "density" };
     let rows: FileResult<Vec<MapRow>> = (planes(runs.run.dimension()).into_iter())
@@ -239,7 +239,7 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
 /// axes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let n = runs.run.dimension();
     let rows: FileResult<Vec<Vec<Panel>>> = planes(n)

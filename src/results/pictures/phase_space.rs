@@ -18,7 +18,7 @@ use crate::results::pictures::stored::{FINEST, Plane, StoredRun, StoredTime};
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let run = runs.run;
     let n = run.dimension();

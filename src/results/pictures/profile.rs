@@ -169,7 +169,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 /// run without modes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let Some(kind) = &modes.kind else {
@@ -195,7 +195,7 @@ pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
 /// Weight and applications of every mode; `None` for a run without modes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let count = modes.series.modes();
@@ -228,7 +228,7 @@ pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
 /// The field read at other points; `None` without `output.plateau`.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("plateau") {
         return Ok(None);

@@ -15,7 +15,7 @@ const LARGEST_BOUND: f64 = 10.0;
 /// `[readout]`.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);

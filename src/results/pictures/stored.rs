@@ -80,7 +80,7 @@ impl StoredRun {
     /// ([`untrusted::open`](crate::results::untrusted::open)).
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// A sentence that says what is wrong with the file.
     pub(crate) fn read(directory: &Path) -> FileResult<Self> {
         let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
         Self::of(directory, file)
@@ -204,7 +204,7 @@ impl StoredRun {
     /// The times at which there are fields, the end last.
     ///
     /// # Errors
-    /// What the file lacks.
+    /// A sentence that names the data that the file lacks.
     pub fn snapshots(&self) -> FileResult<Vec<StoredTime>> {
         let times = match self.has("axis/field_time") {
             true => self.list("axis/field_time")?,

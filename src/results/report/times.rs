@@ -39,7 +39,7 @@ impl Times {
     /// one time only.
     ///
     /// # Errors
-    /// What the files lack.
+    /// A sentence that names the data that the files lack.
     pub fn new(run: &StoredRun, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {

@@ -141,7 +141,7 @@ pub struct WarpedFile {
     pub points: usize,
 }
 
-/// What is read from a file with a warped field.
+/// The modes that are read from a file with a warped field, and the test of its flatness.
 pub struct ModesFromFile<'a> {
     /// The distribution of cells and modes over the ranks.
     pub spread: &'a Spread<'a>,

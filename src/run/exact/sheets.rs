@@ -1,8 +1,8 @@
 //! The exact moments of measure-valued data, computed by all ranks together.
 //!
-//! The boxes of a sheet are dealt to the ranks one by one, in rounds that bound the memory. A rank
-//! sends every [`Deposit`] to the rank whose share holds the cell. That rank adds deposits in the
-//! order of the boxes' numbers, as a single rank would, so that the bits are the same.
+//! The boxes of a sheet are distributed over the ranks one by one, in rounds that bound the memory.
+//! A rank sends every [`Deposit`] to the rank whose share holds the cell. That rank adds deposits
+//! in the order of the boxes' numbers, as a single rank would, so that the bits are the same.
 //!
 //! In two cases every rank follows all boxes of a round, and keeps the deposits on its share. The
 //! budget of particles may run out: a box may use what those before it left. Or a formula is not

@@ -23,7 +23,7 @@ pub struct ParticleTally {
     pub energy: [f64; MAX_DIMENSION],
     /// Outflow, by [`end_index`].
     pub outflow: [f64; ENDS],
-    /// Mass that a jump of `V` throws out of the velocity box, by [`end_index`].
+    /// Mass to which a jump of `V` gives a velocity outside of the box, by [`end_index`].
     pub at_jumps: [f64; ENDS],
 }
 

@@ -192,7 +192,7 @@ pub struct AdviceReport {
     pub best_classical: Option<usize>,
     /// The set-ups that reach the accuracy, quickest first; then those that are refused.
     pub entries: Vec<SetupReport>,
-    /// Names of what was not tried, each with the reason.
+    /// Names of the set-ups that were not tried, each with the reason.
     pub left_out: Vec<String>,
     /// Warnings to the user.
     pub warnings: Vec<String>,

@@ -109,7 +109,7 @@ fn mib_text(bytes: u64) -> String {
     format!("{:.0}", bytes as f64 / MIB)
 }
 
-/// A line of titles, then one an entry, and what the columns mean.
+/// A line of titles, a line for each entry, and the meaning of the columns.
 fn table(
     f: &mut fmt::Formatter<'_>,
     rows: &[&ChartEntry],

@@ -31,9 +31,9 @@ pub(super) const UNITS_OF_TRIALS: usize = 1;
 pub(super) const UNITS_OF_PRICE: usize = 1;
 /// Name of the method.
 pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
-/// What the tolerance of a state follows from.
+/// The source of the tolerance of a state, in labels.
 const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
-/// What the numbers of a grid method follow from.
+/// The source of the numbers of a grid method, in labels.
 const MEASURED: &str = "norms and errors on the case's grid, and the measured order";
 
 /// A scheme of some degree, and its errors; or why there are none.

@@ -44,7 +44,7 @@ pub struct PanelContents {
 pub type PanelResult = Result<PanelContents>;
 
 impl PanelTask<'_> {
-    /// Whether the time of the panel is over; a note then says so. Collective.
+    /// Whether the time of the panel is over. If it is, a note is added. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
         let over = self.budget.is_over();
         if over {

@@ -42,7 +42,7 @@ pub struct SweepRow {
     pub ended: bool,
     /// `summary.json`; null where there is none, and on other ranks than the first.
     pub summary: Value,
-    /// The error of the run. Beside a summary it says that the results miss the requested accuracy.
+    /// The error of the run. If there is a summary, too, the results miss the requested accuracy.
     pub error: Option<String>,
 }
 
