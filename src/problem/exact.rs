@@ -137,7 +137,7 @@ struct TracedParticle {
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
-    /// `direction · v`.
+    /// Velocity in the direction of motion, `direction · v`.
     w: [f64; MAX_DIMENSION],
     /// Axes along which the particle rests at a face towards which both sides push it.
     rests: [bool; MAX_DIMENSION],

@@ -98,7 +98,7 @@ pub struct ClassicalSpan {
 }
 
 impl ClassicalSpan {
-    /// `rate·time`.
+    /// The product `rate·time`.
     pub fn courant(&self) -> f64 {
         self.rate * self.time
     }

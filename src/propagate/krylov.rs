@@ -112,9 +112,9 @@ pub struct Krylov {
 /// The exponential of `T_m` by its eigenvalues `θ_k` and -vectors `q_k`.
 struct TridiagonalExponential {
     values: [f64; DIMENSION],
-    /// `q_k`.
+    /// The eigenvectors `q_k`.
     vectors: [[f64; DIMENSION]; DIMENSION],
-    /// `y`.
+    /// The first column `y` of the exponential.
     column: [Complex64; DIMENSION],
     /// `q_{0k} q_{m−1,k} e^{−iθ_k s}` and `e^{−iθ_k δ}`.
     terms: [Complex64; DIMENSION],

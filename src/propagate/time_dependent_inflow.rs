@@ -59,7 +59,7 @@ pub fn halves() -> [[f64; 2]; 2] {
 /// The inflow in stages: constant on each half of each step.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
-    /// Steps; there are two stages a step.
+    /// Number of steps, of two stages each.
     pub steps: usize,
     /// `κ_i` by stage, then row by row of [`BlockMatrix::inflow`], in weighted unknowns.
     pub couplings: Vec<f64>,
@@ -71,7 +71,7 @@ pub struct Schedule {
     pub summed_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
-    /// `‖f(T)‖`.
+    /// Norm `‖f(T)‖` of the field at the end.
     pub norm: f64,
     /// The weighted field at the end by the most steps that were tried, without modes, on the
     /// block's cells.

@@ -53,7 +53,7 @@ pub struct MeasuredCase {
     expected: Bounds,
     /// Bounds with the measured growth.
     bounds: Bounds,
-    /// `‖ũ(0)‖/‖f(T)‖`.
+    /// The ratio of norms `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
     /// Totals of the data on the grid at time zero, if the grid was assembled.
     pub at_start: Option<Totals>,

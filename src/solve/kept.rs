@@ -28,7 +28,7 @@ pub struct KeptModes {
 pub struct ModeProgress {
     /// Number of legs over which it was propagated.
     pub legs: usize,
-    /// `phase_l`.
+    /// The factor `phase_l`.
     pub phase: Complex64,
     /// Norm of the mode before the first leg, over all ranks of the space group, or a bound on it.
     pub norm: f64,

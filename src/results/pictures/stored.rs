@@ -196,7 +196,7 @@ impl StoredRun {
         }
     }
 
-    /// The end of the run.
+    /// The time at the end of the run.
     pub fn end(&self) -> StoredTime {
         StoredTime { time: self.time, early: None }
     }

@@ -44,7 +44,7 @@ pub struct ReadField {
 /// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingDomain {
-    /// `p◇`.
+    /// The recovery point `p◇`.
     pub point: f64,
     /// `[p◇ − λ⁺T, p◇ + λ⁻T]`; the width of the reading is added to the upper end.
     pub ends: [f64; 2],
@@ -65,7 +65,7 @@ struct Flatness {
     /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
     /// ones are points of the file, odd ones lie between.
     first: usize,
-    /// `e^{p◇}`.
+    /// The factor `e^{p◇}`.
     amplification: f64,
     /// `e^{−p}` at the places of the domain.
     decay: Vec<f64>,
@@ -137,7 +137,7 @@ pub struct WarpedFile {
     pub path: PathBuf,
     /// `[L, R]`: the first point, and the first point plus one period.
     pub interval: [f64; 2],
-    /// `N_p`.
+    /// The number `N_p` of points in `p`.
     pub points: usize,
 }
 

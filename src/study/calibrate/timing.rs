@@ -13,9 +13,9 @@ const REPEATS: f64 = 9.0;
 /// Seconds that work of this cost took, the same on all ranks.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedWork {
-    /// Seconds.
+    /// Seconds that the work took.
     pub seconds: f64,
-    /// Cost, as the plan counts it.
+    /// Cost of the work, as the plan counts it.
     pub cost: f64,
 }
 

@@ -121,7 +121,7 @@ pub(crate) struct Attempts<'a> {
 }
 
 impl<'a> Attempts<'a> {
-    /// No attempts yet.
+    /// A chart of `case` within `budget`, before any attempt.
     pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: Budget) -> Self {
         Self {
             world,

@@ -46,7 +46,7 @@ pub struct ChartEntry {
     pub as_given: bool,
     /// Whether the entry is the paper's set-up.
     pub paper: bool,
-    /// Classical or by modes.
+    /// The method: classical, or by modes.
     pub method: Method,
     /// Elements along each axis, and their degree; of degree 0 cells.
     pub grid: String,
@@ -58,11 +58,11 @@ pub struct ChartEntry {
     pub cells: usize,
     /// Interface law.
     pub interface: String,
-    /// Classical: kind of steps.
+    /// The time integrator of a classical run.
     pub integrator: Option<String>,
-    /// Classical: slopes.
+    /// The slope limiter of a classical run.
     pub limiter: Option<String>,
-    /// Classical: step over the largest stable one.
+    /// The step of a classical run, relative to the largest stable one.
     pub cfl: Option<f64>,
     /// Profile `g(p)` of a run by modes, or the unitary scheme, which has none.
     pub profile: Option<String>,
@@ -81,9 +81,9 @@ pub struct ChartEntry {
     pub step: Option<f64>,
     /// Tolerance; `None` if `N_p` or a step is given instead, or a tolerance has no effect.
     pub tolerance: Option<f64>,
-    /// `N_p`, if it is given.
+    /// The number `N_p` of points in `p`, if it is given.
     pub points: Option<usize>,
-    /// Modes `l ≥ 0`.
+    /// Number of modes `l ≥ 0`.
     pub modes: Option<usize>,
     /// Applications of the matrix, over all modes and fields.
     pub applications: Option<usize>,

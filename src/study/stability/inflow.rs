@@ -31,11 +31,11 @@ fn over_rows(found: &Prepared, of: impl Fn(&AuxiliaryRow) -> f64) -> f64 {
 
 /// The two factors of the loss.
 struct InflowLoss {
-    /// `λ⁺T`.
+    /// The exponent `λ⁺T` of the growth.
     exponent: f64,
     /// A lower bound on `λ⁺T`, from one row and its unknown.
     least_exponent: f64,
-    /// `‖ũ(0)‖/‖f(T)‖`.
+    /// The ratio of norms `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
 }
 

@@ -29,9 +29,9 @@ const SIGMA: f64 = 1.0;
 /// The ends of the spectrum of `S`, times `T`.
 #[derive(Clone, Copy, Debug)]
 pub struct SpectrumExtent {
-    /// `λ⁺T`.
+    /// The largest eigenvalue `λ⁺` of `S`, times `T`.
     pub growth: f64,
-    /// `λ⁻T`.
+    /// Minus the smallest eigenvalue of `S`, `λ⁻`, times `T`.
     pub decay: f64,
 }
 
