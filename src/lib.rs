@@ -94,7 +94,7 @@ pub use problem::case::Case;
 pub use problem::grid::{Axis, PhaseSpace};
 pub use results::dataset::ExactSolution;
 pub use results::summary::Summary;
-pub use run::expand::Expanded;
+pub use run::expand::ExpandedResults;
 pub use run::options::Options;
 pub use run::{Solution, run, solve};
 pub use schrodingerization::warp_plan::WarpPlan;

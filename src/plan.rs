@@ -33,7 +33,7 @@ use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::method::{PropagatorSetting, RunWork};
-use crate::propagate::{Span, descriptor};
+use crate::propagate::{PropagationSpan, descriptor};
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
@@ -42,7 +42,7 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
 
-/// `‖ũ(0)‖/‖f(T)‖` until it is measured.
+/// The ratio `‖ũ(0)‖/‖f(T)‖` that is assumed until it is measured.
 pub const ASSUMED_RATIO: f64 = 1.5;
 
 /// A run that is assembled on one process mesh is assembled again on another if that is at least
@@ -64,7 +64,7 @@ pub struct Plan {
     pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
-    /// The method.
+    /// The method that computes `f(T)`.
     pub method: Method,
     /// Interface law.
     pub interface: Interface,
@@ -88,12 +88,12 @@ pub struct Plan {
     pub layout: Layout,
 }
 
-/// The plan of a case before its growth and norms are measured: what it is assembled by.
+/// The plan by which a case is assembled, before its growth and norms are measured.
 #[derive(Clone, Debug)]
 pub struct ProvisionalPlan {
     /// Bounds on the generator, without the measured growth.
     pub bounds: Bounds,
-    /// The plan; see [`Plan::provisional`].
+    /// The provisional plan; see [`Plan::provisional`].
     pub plan: Plan,
 }
 
@@ -137,7 +137,7 @@ impl Plan {
         Self::with_bounds(case, bounds, resources, ratio)
     }
 
-    /// As [`new`](Self::new), with known bounds.
+    /// Plans `case` as [`new`](Self::new) does, with known bounds.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -281,7 +281,7 @@ impl Plan {
         let mut scratch = Vec::new();
         let mut of_mode = |l| {
             let (mu, bounds) = (series.wavenumber(l), &self.bounds);
-            let span = Span { time: case.duration(), tolerance };
+            let span = PropagationSpan { time: case.duration(), tolerance };
             propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
         let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();

@@ -81,12 +81,12 @@ pub fn steps(propagation: &Propagation, time: f64) -> usize {
     }
 }
 
-/// A time to propagate over, and the relative error a mode is allowed in it.
+/// A time to propagate over, and the relative error that a mode may have after it.
 #[derive(Clone, Copy, Debug)]
-pub struct Span {
-    /// The time.
+pub struct PropagationSpan {
+    /// The time to propagate over.
     pub time: f64,
-    /// The error.
+    /// The allowed relative error.
     pub tolerance: f64,
 }
 
@@ -95,7 +95,7 @@ pub fn work(
     propagation: &Propagation,
     bounds: &Bounds,
     mu: f64,
-    span: Span,
+    span: PropagationSpan,
     scratch: &mut Vec<f64>,
 ) -> usize {
     let demand = ModeDemand {

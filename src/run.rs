@@ -37,11 +37,11 @@ use crate::base::log::report;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::results::finished;
-use crate::results::summary::{self, Missed, Summary};
+use crate::results::summary::{self, MissedGoals, Summary};
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
 pub use crate::run::solution::Solution;
-use crate::run::steps::{Computed, Driver};
+use crate::run::steps::{Driver, StepResults};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -79,7 +79,7 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
 /// cannot be read.
 pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
     world.group().on_first_rank(|| {
-        let missed = Missed::deserialize(&summary::read(directory)?["missed"]);
+        let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);
         missed.unwrap_or_default().refuse(strict)
     })
 }
@@ -116,5 +116,13 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let solution = driver.solve(&mut planned, &mut start, checkpointing.as_mut())?;
     let compared = driver.compare(&mut planned, &solution)?;
     let results = driver.expand(&reduced, &planned, &exact, solution)?;
-    Ok(driver.finish(Computed { reduced, planned, exact, checkpointing, start, compared, results }))
+    Ok(driver.finish(StepResults {
+        reduced,
+        planned,
+        exact,
+        checkpointing,
+        start,
+        compared,
+        results,
+    }))
 }

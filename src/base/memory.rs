@@ -59,17 +59,17 @@ pub struct Peak {
 }
 
 /// What was seen of this process so far.
-static SEEN: Mutex<Seen> = Mutex::new(Seen::NOTHING);
+static SEEN: Mutex<ProcessMemory> = Mutex::new(ProcessMemory::NOTHING);
 
 /// What was seen of a process so far, in bytes.
 #[derive(Debug)]
-struct Seen {
+struct ProcessMemory {
     peak: Peak,
     /// Pages of files at the last look.
     files: u64,
 }
 
-impl Seen {
+impl ProcessMemory {
     const NOTHING: Self = Self { peak: Peak { resident: 0, anonymous: 0 }, files: 0 };
 
     /// Looks at a file like `/proc/self/status`.
@@ -119,7 +119,7 @@ pub fn reset_peak() {
     give_back();
     // Not every kernel lets a process do this.
     let _ = std::fs::write("/proc/self/clear_refs", "5");
-    *SEEN.lock().unwrap_or_else(PoisonError::into_inner) = Seen::NOTHING;
+    *SEEN.lock().unwrap_or_else(PoisonError::into_inner) = ProcessMemory::NOTHING;
 }
 
 /// A value of a file of `/proc` in bytes, given in kB there.
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn pages_of_files_are_not_anonymous() {
-        let mut seen = Seen::NOTHING;
+        let mut seen = ProcessMemory::NOTHING;
         let mut look = |peak: u64, [anonymous, files, shared]: [u64; 3]| {
             let text = format!(
                 "VmHWM: {peak} kB\nVmRSS: {} kB\nRssAnon: {anonymous} kB\nRssFile: {files} kB\n\

@@ -21,7 +21,7 @@ use serde::Serialize;
 
 /// The JSON of `check`.
 #[derive(Serialize)]
-struct Checked<'a> {
+struct CheckJson<'a> {
     /// Always true.
     ok: bool,
     title: &'a str,
@@ -42,7 +42,7 @@ struct Checked<'a> {
 
 /// The JSON of `check` for a case that is refused.
 #[derive(Serialize)]
-struct Refused {
+struct RefusalJson {
     /// Always false.
     ok: bool,
     error: RefusedBy,
@@ -80,7 +80,7 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     if let (true, Err(error)) = (args.json, &outcome) {
         let (exit_code, text) = (error.exit_code(), error.to_string());
         let error = RefusedBy { refusal: error.into(), exit_code, text };
-        print_json(world, &Refused { ok: false, error });
+        print_json(world, &RefusalJson { ok: false, error });
     }
     outcome
 }
@@ -115,7 +115,7 @@ fn checked<'a>(
     bounds: &'a Bounds,
     ledger: &'a Ledger,
     warnings: &'a [String],
-) -> Checked<'a> {
+) -> CheckJson<'a> {
     let periodic = case.space.periodic.iter().take(case.space.dimension()).copied();
     let names = axis_names(case.space.dimension());
     let whole = case.space.whole();
@@ -128,7 +128,7 @@ fn checked<'a>(
         degree: axis.nodes.degree,
         periodic,
     });
-    Checked {
+    CheckJson {
         ok: true,
         title: &case.title,
         settings: &case.settings,

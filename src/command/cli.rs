@@ -334,15 +334,23 @@ pub struct AdviseArgs {
     pub json: bool,
 }
 
-/// Options of `plot` and `report`.
+/// The run that is drawn, and the directory to write to.
 #[derive(Clone, Debug, Args)]
-pub struct PlotArgs {
+pub struct PictureArgs {
     /// Directory with the results of a run
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
     /// Directory to write to; by default DIR/plots
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+}
+
+/// Options of `plot` and `report`.
+#[derive(Clone, Debug, Args)]
+pub struct PlotArgs {
+    /// The run, and the directory of the files.
+    #[command(flatten)]
+    pub places: PictureArgs,
     /// In more than one dimension: the position at which pictures cut the axes they do not show,
     /// such as x=0.1,vy=0; by default where the data are largest. Repeat it for more pictures
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
@@ -366,12 +374,9 @@ pub struct SchemaArgs {
 /// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
-    /// Directory with the results of a run
-    #[arg(value_name = "DIR")]
-    pub directory: PathBuf,
-    /// Directory to write to; by default DIR/plots
-    #[arg(short, long, value_name = "DIR")]
-    pub output: Option<PathBuf>,
+    /// The run, and the directory of the files.
+    #[command(flatten)]
+    pub places: PictureArgs,
     /// In more than one dimension: the position at which movies cut the axes they do not show, such
     /// as x=0.1,vy=0; by default where the data are largest. Repeat it for more movies
     #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]

@@ -10,7 +10,7 @@ use crate::command::resources::has_counts;
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let names = export::NAMES.map(str::to_owned);
-    let owner = Owner::new(ExportKind::Quantum, &case.settings);
+    let owner = ExportOwner::new(ExportKind::Quantum, &case.settings);
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
     let (case, about_interface) = on_a_quantum_computer(case);
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
@@ -76,7 +76,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = matrices::names(&case.fields);
-    let owner = Owner::new(ExportKind::Matrix, &case.settings);
+    let owner = ExportOwner::new(ExportKind::Matrix, &case.settings);
     let directory = output(world, args, &owner, &names, &case.name)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
@@ -97,7 +97,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// [`Record::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
-    let owner = Owner::new(ExportKind::Circuit, &case.settings);
+    let owner = ExportOwner::new(ExportKind::Circuit, &case.settings);
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
     has_counts(&case)?;
@@ -141,11 +141,11 @@ fn on_a_quantum_computer(case: Case) -> (Case, &'static str) {
 /// Collective.
 ///
 /// # Errors
-/// As [`Owner::refuse_to_replace`].
+/// As [`ExportOwner::refuse_to_replace`].
 fn output(
     world: &World,
     args: &ExportArgs,
-    owner: &Owner,
+    owner: &ExportOwner,
     names: &[String],
     name: &str,
 ) -> Result<PathBuf> {

@@ -10,7 +10,7 @@ use crate::results::movie::{self, MOST_FRAMES};
 use crate::results::pictures;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Stored, StoredTime};
+use crate::results::pictures::stored::{StoredRun, StoredTime};
 
 /// Writes the movies of a run; the first rank reads and writes. Collective.
 ///
@@ -25,7 +25,7 @@ pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
 
 /// Writes one movie per cut.
 fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
-    let run = open(&args.directory)?;
+    let run = open(&args.places.directory)?;
     let times = times(args, &run)?;
     let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
     let mut cuts = cuts?;
@@ -33,7 +33,7 @@ fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
         cuts.push(Cut::usual(&run, &times));
     }
     let names: Vec<String> = (1..=cuts.len()).map(name).collect();
-    let place = PictureDirectory::new(&run, args.output.as_deref());
+    let place = PictureDirectory::new(&run, args.places.output.as_deref());
     if !args.force {
         let files =
             names.iter().flat_map(|name| ["gif", "webm"].map(|end| format!("{name}.{end}")));
@@ -42,7 +42,7 @@ fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     let mut written = WrittenFiles::default();
     for (name, cut) in names.iter().zip(&cuts) {
         let film = Film::new(&run, cut, times.clone());
-        let film = film.map_err(|why| failure(&args.directory, &why))?;
+        let film = film.map_err(|why| failure(&args.places.directory, &why))?;
         if let Some(why) = &film.without_exact {
             written.left_out.push(("the exact density".to_owned(), why.clone()));
         }
@@ -63,9 +63,9 @@ fn name(k: usize) -> String {
 }
 
 /// The times of the frames.
-fn times(args: &MovieArgs, run: &Stored) -> Result<Vec<StoredTime>> {
-    let place = args.directory.display();
-    let all = run.snapshots().map_err(|why| failure(&args.directory, &why))?;
+fn times(args: &MovieArgs, run: &StoredRun) -> Result<Vec<StoredTime>> {
+    let place = args.places.directory.display();
+    let all = run.snapshots().map_err(|why| failure(&args.places.directory, &why))?;
     if all.len() < 2 {
         return Err(Error::Input(format!(
             "{place}: it has fields at one time only, t = {}; a movie needs several: set \

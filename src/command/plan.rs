@@ -6,7 +6,7 @@ use crate::command::cli::PlanArgs;
 use crate::command::describe::errors;
 use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_as, print_json};
-use crate::command::sbatch::{self, Needs};
+use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -70,7 +70,7 @@ fn resources(args: &PlanArgs, ranks: usize) -> Resources {
 }
 
 /// Prints the plan on `ranks` ranks. Collective.
-fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<Needs> {
+fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<JobResources> {
     let resources = resources(args, ranks);
     let (plan, calibration) = if args.calibrate {
         let (plan, found) = calibrate(world, case, &resources)?;
@@ -93,7 +93,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
             print(world, &calibration.to_string());
         }
     }
-    Ok(Needs {
+    Ok(JobResources {
         ranks,
         ranks_per_node: args.ranks_per_node.map(|n| n as usize),
         memory: plan.memory(),
@@ -103,7 +103,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<N
 
 /// Prints a table for these ascending numbers of ranks. Returns what the last number that is worth
 /// it needs. Collective.
-fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<Needs> {
+fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<JobResources> {
     let most = numbers.last().copied().unwrap_or(1);
     let measured = planning::MeasuredCase::new(world, case, &resources(args, most))?;
     let mut known: Option<RunPlans> = None;
@@ -134,7 +134,7 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
     let table = RankTable::new(&measured.case, choices, &one.plan, reference.as_ref())?;
     print_as(world, &table, args.json);
     let best = table.recommended();
-    Ok(Needs {
+    Ok(JobResources {
         ranks: best.map_or(1, |best| best.ranks),
         ranks_per_node: args.ranks_per_node.map(|n| n as usize),
         memory: best.map_or(0, |best| best.memory),

@@ -8,10 +8,10 @@ use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::results::dataset::RESULT;
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::pictures::{self, Album};
 use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
@@ -49,12 +49,12 @@ pub(super) struct PictureDirectory {
     /// The directory of the run.
     of_run: PathBuf,
     /// The case that owns the pictures; `None` for pictures among the results of the run.
-    owner: Option<Owner>,
+    owner: Option<ExportOwner>,
 }
 
 impl PictureDirectory {
     /// The directory `output`, by default that of pictures among the results of the run.
-    pub fn new(run: &Stored, output: Option<&Path>) -> Self {
+    pub fn new(run: &StoredRun, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
         let own = of_run.join(pictures::FOLDER);
         let Some(output) = output else { return Self { directory: own, of_run, owner: None } };
@@ -65,7 +65,7 @@ impl PictureDirectory {
         let settings = run.case.as_ref().map(|case| case.settings.clone());
         // A case that this program cannot read is identified by its text.
         let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
-        let owner = Some(Owner { export: ExportKind::Pictures, settings });
+        let owner = Some(ExportOwner { export: ExportKind::Pictures, settings });
         Self { directory, of_run, owner }
     }
 
@@ -125,7 +125,7 @@ fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
 pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
         let DrawnRun { run, album, .. } = album(args)?;
-        let place = PictureDirectory::new(&run, args.output.as_deref());
+        let place = PictureDirectory::new(&run, args.places.output.as_deref());
         if !args.force {
             place.refuse_to_replace(&album.file_names())?;
         }
@@ -177,7 +177,7 @@ fn write_report(
         times: times.as_ref(),
         description: description.as_deref().map_err(String::as_str),
     };
-    let directory = args.output.as_ref().unwrap_or(&args.directory);
+    let directory = args.places.output.as_ref().unwrap_or(&args.places.directory);
     if !args.force {
         refuse_among_other_results(&page.run.directory, directory)?;
         page.refuse_to_replace(directory)?;
@@ -196,7 +196,7 @@ fn write_report(
 
 /// What `phasewarp check` prints about the case of a run, or why that is unknown. Only the first
 /// rank has `run`. Collective.
-fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
+fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<String, String> {
     /// Name, text and overrides of a case; or why it is not described.
     type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
     let group = world.group();
@@ -221,7 +221,7 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
 
 /// A run and its pictures.
 struct DrawnRun {
-    run: Stored,
+    run: StoredRun,
     album: Album,
     /// The first cut that was requested, if any.
     cut: Option<Cut>,
@@ -231,7 +231,7 @@ struct DrawnRun {
 ///
 /// # Errors
 /// As [`untrusted::open`].
-pub(super) fn open(directory: &Path) -> Result<Stored> {
+pub(super) fn open(directory: &Path) -> Result<StoredRun> {
     let mut run = untrusted::open(directory)?;
     run.case = run.case.map(|case| with_tables_known(case, &run.provenance));
     Ok(run)
@@ -239,7 +239,7 @@ pub(super) fn open(directory: &Path) -> Result<Stored> {
 
 /// Reads the run and draws its pictures.
 fn album(args: &PlotArgs) -> Result<DrawnRun> {
-    let run = open(&args.directory)?;
+    let run = open(&args.places.directory)?;
     let beside = (args.beside.as_deref()).map(open).transpose()?;
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;

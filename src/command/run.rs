@@ -11,7 +11,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
 use crate::quantum::readout::Readout;
 use crate::results::finished::refuse_to_replace;
-use crate::results::summary::{Continued, Summary};
+use crate::results::summary::{ContinuedResult, Summary};
 use crate::run;
 use crate::run::options::Options;
 use std::path::{Path, PathBuf};
@@ -63,7 +63,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if let Some(line) = summary.readout.as_ref().and_then(Readout::line) {
         print(world, &line);
     }
-    let inherited = summary.continued.as_ref().map(Continued::line);
+    let inherited = summary.continued.as_ref().map(ContinuedResult::line);
     let goal = goal_line(case.accuracy, &summary);
     for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
         print(world, &line);

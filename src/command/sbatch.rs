@@ -42,7 +42,7 @@ const NO_TIME: &str = "\
 
 /// The resources of a job.
 #[derive(Clone, Copy, Debug)]
-pub struct Needs {
+pub struct JobResources {
     /// Number of ranks.
     pub ranks: usize,
     /// Ranks on a node, if given.
@@ -57,7 +57,7 @@ pub struct Needs {
 struct JobScript {
     /// Name of the job: letters, digits and `._-` only.
     name: String,
-    needs: Needs,
+    needs: JobResources,
     /// Settings of the site.
     site: String,
     /// Absolute paths of the program and of the script.
@@ -92,7 +92,7 @@ pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Input`] for a name that is no text; [`Error::Output`].
-pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Result<()> {
+pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: JobResources) -> Result<()> {
     let Some(file) = &args.sbatch else { return Ok(()) };
     world.group().on_first_rank(|| {
         let script = JobScript::new(args, file, case, needs)?;
@@ -105,7 +105,7 @@ pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Resul
 }
 
 impl JobScript {
-    fn new(args: &PlanArgs, script: &Path, case: &Case, needs: Needs) -> Result<Self> {
+    fn new(args: &PlanArgs, script: &Path, case: &Case, needs: JobResources) -> Result<Self> {
         let file = &args.case.case;
         let results = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
         let mut words = vec![absolute(file)?, absolute(&results)?];
@@ -139,7 +139,7 @@ fn absolute(path: &Path) -> Result<String> {
 
 impl fmt::Display for JobScript {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Needs { ranks, ranks_per_node, memory, seconds } = self.needs;
+        let JobResources { ranks, ranks_per_node, memory, seconds } = self.needs;
         writeln!(f, "#!/bin/bash\n# Written by phasewarp {VERSION}.\n{HEAD}")?;
         writeln!(f, "#SBATCH --job-name={}", self.name)?;
         writeln!(f, "#SBATCH --ntasks={ranks}")?;

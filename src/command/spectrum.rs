@@ -16,7 +16,7 @@ use crate::problem::case::{Case, Interface, Method};
 use crate::problem::limits::MOST_CELLS;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum::{self, Extremes, SpectrumEnd};
+use crate::solve::spectrum::{self, SpectrumEnd, SpectrumExtremes};
 use crate::study::grids::refined;
 use serde::Serialize;
 use std::time::Instant;
@@ -49,7 +49,7 @@ pub struct GridSpectrum {
     /// The system that `S` belongs to.
     system: MeasuredSystem,
     /// Extreme eigenvalues.
-    lanczos: Extremes,
+    lanczos: SpectrumExtremes,
     /// Lower and upper bound by row sums of `|S|`.
     gershgorin: [f64; 2],
     /// `½ max (Aᵀπ)/π`.
@@ -233,7 +233,7 @@ fn table(list: &[GridSpectrum]) -> String {
 
 impl GridSpectrum {
     fn line(&self) -> String {
-        let Extremes { highest, lowest, steps } = self.lanczos;
+        let SpectrumExtremes { highest, lowest, steps } = self.lanczos;
         let number = |value: f64| number(rounded(value, self.decay));
         let within = |end: &SpectrumEnd| {
             let residual = format!("+- {:.1e}", end.residual);

@@ -27,9 +27,9 @@ pub(super) struct AlikeCells {
 
 /// A space cell of a block.
 struct SpaceCell {
-    /// Its number in the block.
+    /// Number of the cell in the block.
     number: usize,
-    /// Its cell of phase space at the first velocity.
+    /// The cell of phase space at its first velocity.
     index: Cell,
     /// The first unknowns of the cells next to it, lower and upper along each axis.
     neighbours: Vec<Option<usize>>,

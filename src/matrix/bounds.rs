@@ -52,7 +52,7 @@ pub(crate) const LONGEST_SPAN: f64 = 1e6;
 /// Bounds on the norm of each contribution to `S` by itself, summed over the axes of elements.
 /// Their sum may exceed the bound on the norm of `S`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Causes {
+pub struct ContributionBounds {
     /// The flux between elements.
     pub flux: f64,
     /// Open ends of space axes.
@@ -98,7 +98,7 @@ pub struct Bounds {
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
-    /// What the matrix takes; none before it is assembled.
+    /// The size of the matrix; `None` before it is assembled.
     #[serde(skip)]
     pub assembled: Option<AssembledSize>,
 }
@@ -232,8 +232,8 @@ impl Bounds {
     }
 
     /// For degrees above 0: bounds on the contributions to `S`.
-    pub fn causes(&self) -> Causes {
-        let mut causes = Causes::default();
+    pub fn causes(&self) -> ContributionBounds {
+        let mut causes = ContributionBounds::default();
         self.lines.iter().for_each(|line| causes.add(line.lines()));
         causes
     }
@@ -250,16 +250,16 @@ impl Bounds {
 
     /// Bound on the numerical radius: on `|x*Ax|` for unit vectors `x`, in weighted unknowns.
     pub fn radius(&self) -> f64 {
-        let Interval { centre, half_width } = self.interval(0.0);
+        let SpectralInterval { centre, half_width } = self.interval(0.0);
         self.decay.hypot(centre.abs() + half_width)
     }
 
     /// The interval that holds the spectrum of `H = μS + iK` for wavenumber `mu`. As
     /// `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror image.
-    pub fn interval(&self, mu: f64) -> Interval {
+    pub fn interval(&self, mu: f64) -> SpectralInterval {
         if mu < 0.0 {
             let mirrored = self.interval(-mu);
-            return Interval { centre: -mirrored.centre, ..mirrored };
+            return SpectralInterval { centre: -mirrored.centre, ..mirrored };
         }
         let root = (1.0 + mu * mu).sqrt();
         let (lower, upper) = if self.lines.is_empty() {
@@ -274,7 +274,7 @@ impl Bounds {
             }
             (lower, upper)
         };
-        Interval { centre: 0.5 * (lower + upper), half_width: 0.5 * (upper - lower) }
+        SpectralInterval { centre: 0.5 * (lower + upper), half_width: 0.5 * (upper - lower) }
     }
 }
 
@@ -305,7 +305,7 @@ fn line_bounds(
     Ok(bounds)
 }
 
-impl Causes {
+impl ContributionBounds {
     /// Adds the dissipation of the lines along a pair of axes.
     fn add(&mut self, lines: &PhaseLines) {
         let by = |cause: FaceKind| {
@@ -328,10 +328,10 @@ impl Causes {
 
 /// An interval that contains the spectrum of `H = μS + iK`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
-    /// Its centre `c`.
+pub struct SpectralInterval {
+    /// Centre `c` of the interval.
     pub centre: f64,
-    /// Half its width, `h`.
+    /// Half the width of the interval, `h`.
     pub half_width: f64,
 }
 
@@ -367,7 +367,7 @@ mod tests {
                 };
                 let widest = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
                 let found = angles.map(value).fold([f64::INFINITY, f64::NEG_INFINITY], widest);
-                let Interval { centre, half_width } = bounds.interval(mu);
+                let SpectralInterval { centre, half_width } = bounds.interval(mu);
                 let size = 1e-6 * half_width;
                 for (end, found) in [centre - half_width, centre + half_width].iter().zip(found) {
                     assert!((end - found).abs() <= size, "{rate}, {growth}, {mu}: {end}, {found}");

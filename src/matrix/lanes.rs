@@ -10,7 +10,7 @@ use crate::parallel::communicator::VectorRow;
 pub struct Lanes(pub [f64; 2 * LANES]);
 
 impl Lanes {
-    /// All zero.
+    /// A row of zeros.
     pub const ZERO: Lanes = Lanes([0.0; 2 * LANES]);
 
     /// Real and imaginary parts.
@@ -47,13 +47,13 @@ impl VectorRow for Lanes {
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct StepConstants {
-    /// `a`.
+    /// The factor `a` of the step, see [`kernel`](crate::matrix::kernel).
     pub scale: [f64; LANES],
     /// `c`, the centre of the spectral interval.
     pub shift: [f64; LANES],
-    /// `μ`.
+    /// The wavenumber `μ`.
     pub wavenumber: [f64; LANES],
-    /// Factor of the start vector that is added.
+    /// The factor of the start vector, which is added.
     pub coefficient: [f64; LANES],
 }
 

@@ -12,7 +12,8 @@ use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
 /// grid is cut.
 const ROUGH: f64 = 1e-2;
-/// So is a part whose polynomial is off at an end by this fraction of the largest value.
+/// A part is cut, too, if its polynomial misses the function at an end by this fraction of the
+/// largest value.
 const MISSED: f64 = 5e-2;
 
 /// A matrix by rows.

@@ -38,7 +38,7 @@ pub struct SampledCells<'a> {
 }
 
 impl<'a> SampledCells<'a> {
-    /// All of `block`.
+    /// All cells of `block`.
     pub fn whole(block: &'a Block) -> Self {
         Self { block, cells: 0..block.cells(), ranges: &block.ranges }
     }

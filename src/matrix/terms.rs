@@ -13,7 +13,7 @@ use std::ops::Range;
 pub struct TermRows<'a> {
     /// The term.
     pub term: &'a [Lanes],
-    /// Its factor in the sum.
+    /// Factor of the term in the sum.
     pub coefficient: &'a [f64; LANES],
     /// The sum.
     pub sum: &'a mut [Lanes],
@@ -27,7 +27,7 @@ pub struct TermRows<'a> {
     pub times: usize,
     /// The times to whose moments the term adds.
     pub active: Range<usize>,
-    /// Its factors at each of these times: real parts, then imaginary parts.
+    /// Factors of the term at each of these times: real parts, then imaginary parts.
     pub weights: &'a [[f64; 2 * LANES]],
     /// The moments, by point, time and moment (density, momenta, energy).
     pub values: &'a mut [[f64; LANES]],
@@ -56,7 +56,7 @@ fn read_moments<const FMA: bool>(rows: TermRows<'_>) {
     }
 }
 
-/// Reads `COUNT` moments.
+/// Adds the term to the sum, and its `COUNT` moments to those at the active times.
 #[inline(always)]
 fn read_some<const FMA: bool, const COUNT: usize>(rows: TermRows<'_>) {
     let TermRows {

@@ -23,7 +23,7 @@ use crate::problem::grid::{Axis, PhaseSpace};
 
 /// A Jacobi sweep contracts by `d/(d + s)`; after this many times `d/s` sweeps it has converged.
 const MOST_SWEEPS: f64 = 100.0;
-/// A certificate below this fraction of the sufficient one is as good as zero.
+/// A certificate below this fraction of the sufficient one counts as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
 /// Numbers that are compared at once.
@@ -75,7 +75,7 @@ pub struct Weights {
     pub sweeps: usize,
     /// `max √π / min √π`.
     pub spread: f64,
-    /// Whether they are the volumes of the cells relative to their mean.
+    /// Whether the weights are the volumes of the cells relative to their mean.
     pub are_volumes: bool,
 }
 

@@ -55,7 +55,7 @@ pub struct MeshCandidate {
     pub split: f64,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
-    /// Whether this is within the memory of a rank.
+    /// Whether the planned bytes fit into the memory of a rank.
     pub fits: bool,
 }
 

@@ -62,7 +62,7 @@ pub fn share_out(
     let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, coupling);
     let costs: Vec<usize> = pieces.iter().map(|piece| batch(piece).cost).collect();
     let mut shares: Vec<Vec<Batch>> = vec![Vec::new(); groups];
-    for (piece, group) in pieces.iter().zip(deal(&costs, groups)) {
+    for (piece, group) in pieces.iter().zip(assign_groups(&costs, groups)) {
         let share = &mut shares[group];
         match share.last_mut() {
             Some(last) if coupling == BatchCoupling::Sequential && last.modes.len() < LANES => {
@@ -78,7 +78,7 @@ pub fn share_out(
 
 /// The group of each piece. The longest pieces come first, each to the group with least to do. For
 /// few pieces a search improves this to the best assignment.
-fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
+fn assign_groups(costs: &[usize], groups: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..costs.len()).collect();
     order.sort_by_key(|&k| (Reverse(costs[k]), k));
     let sorted: Vec<usize> = order.iter().map(|&k| costs[k]).collect();
@@ -245,7 +245,7 @@ mod tests {
             costs in prop::collection::vec(1usize..100, 1..9),
             groups in 1usize..4,
         ) {
-            let dealt = deal(&costs, groups);
+            let dealt = assign_groups(&costs, groups);
             let load = |g: usize| -> usize {
                 costs.iter().zip(&dealt).filter(|(_, d)| **d == g).map(|(c, _)| c).sum()
             };

@@ -57,7 +57,7 @@ pub struct Resources {
 }
 
 impl Resources {
-    /// The same ranks on the blocks of `mesh`.
+    /// These ranks, on the blocks of `mesh`.
     pub fn on_mesh(&self, mesh: &ProcessMesh) -> Self {
         Self { ranks_x: Some(mesh.space.clone()), ..self.clone() }
     }
@@ -106,7 +106,9 @@ impl Layout {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if let Some(space) = &resources.ranks_x {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(&case.space, space, ranks)?);
-            return layout.within(case, bounds, warp, resources)?.numbered(&case.space);
+            return layout
+                .within(case, bounds, warp, resources)?
+                .require_column_numbers(&case.space);
         }
         // The cheapest mesh that fits. Fewest blocks come first; more must be faster by a factor.
         let mut best: Option<(bool, f64, Self)> = None;
@@ -123,14 +125,14 @@ impl Layout {
         }
         match best {
             Some((_, _, layout)) => {
-                layout.within(case, bounds, warp, resources)?.numbered(&case.space)
+                layout.within(case, bounds, warp, resources)?.require_column_numbers(&case.space)
             }
             None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
         }
     }
 
-    /// Refuses more cells on a rank than 32-bit column numbers can address.
-    fn numbered(self, space: &PhaseSpace) -> Result<Self> {
+    /// This layout. Refuses more cells on a rank than 32-bit column numbers can address.
+    fn require_column_numbers(self, space: &PhaseSpace) -> Result<Self> {
         let largest = self.mesh.fullest_block(space);
         if 2 * largest.cells + largest.ghosts <= u32::MAX as usize {
             return Ok(self);

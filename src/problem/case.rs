@@ -3,7 +3,7 @@
 //! [`Case::parse`] reads a case in four steps, without MPI:
 //!
 //! 1. `file` reads TOML and `--set` into a tree that remembers the place of each value.
-//! 2. serde makes `Tables` of the tree through `reader`, which refuses unknown keys and wrong
+//! 2. serde makes `CaseTables` of the tree through `reader`, which refuses unknown keys and wrong
 //!    types, and evaluates formulas of constants given for numbers.
 //! 3. `Case::new` makes a [`Case`] of the tables, section by section.
 //! 4. `Case::validate` refuses settings that contradict each other.
@@ -28,15 +28,15 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
-    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Origin, Region, StartField, TIME,
-    TableFile, TableOf, WarpedStart,
+    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Region, ResultOrigin, StartField,
+    TIME, TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
+    AllowedReductions, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
     Propagation, PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
@@ -66,13 +66,14 @@ use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
-/// The case file as it is written.
+/// The sections of a case file as they are written, before any check.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
-struct Tables {
+struct CaseTables {
     title: String,
     reference: String,
-    /// Already read by `constants::resolved`, as numbers may be formulas of constants.
+    /// `[constants]`. `constants::evaluate` has read it before, as numbers may be formulas of
+    /// constants.
     #[serde(rename = "constants")]
     _constants: ConstantsTable,
     axis: List<AxisPair>,
@@ -90,7 +91,7 @@ struct Tables {
 
 /// All keys that a case file may have, as a table for the whole file.
 pub fn keys() -> ValueKind {
-    keys::of::<Tables>()
+    keys::of::<CaseTables>()
 }
 
 /// The values of a case file with its `--set` options, as JSON. They are not checked.
@@ -108,7 +109,7 @@ pub struct Case {
     pub name: String,
     /// `title`; by default the name of the case file.
     pub title: String,
-    /// `reference`.
+    /// `reference`: a text that is stored with the results.
     pub reference: String,
     /// `[constants]`, by name.
     pub constants: Constants,
@@ -132,17 +133,17 @@ pub struct Case {
     pub begin: f64,
     /// `time.end`: final time `T`.
     pub end: f64,
-    /// `scheme.interface`.
+    /// `scheme.interface`: the law of transmission and reflection at a jump of `V`.
     pub interface: Interface,
-    /// Whether the case names it.
+    /// Whether the case file gives `scheme.interface`.
     pub names_interface: bool,
     /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
     pub flux: f64,
-    /// `scheme.ends`.
+    /// `scheme.ends`: the numerical flux at the ends of the box.
     pub ends: EndFlux,
-    /// `scheme.limiter`.
+    /// `scheme.limiter`: the slope limiter of the classical method.
     pub limiter: Limiter,
-    /// `solver.method`.
+    /// `solver.method`: Schrödingerization, or direct integration of the semi-discrete system.
     pub method: Method,
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
     pub tolerance: f64,
@@ -161,25 +162,27 @@ pub struct Case {
     pub verify: bool,
     /// `solver.strict`: whether a run that misses its tolerance or accuracy ends with an error.
     pub strict: bool,
-    /// `[solver.warp]`.
+    /// `[solver.warp]`: the settings of the auxiliary variable `p`.
     pub warp: Warp,
-    /// `[solver.propagator]`.
+    /// `[solver.propagator]`: the method that propagates the modes, and its time step.
     pub propagator: Propagation,
-    /// `solver.classical.integrator`.
+    /// `solver.classical.integrator`: the time integrator of the classical method.
     pub integrator: Integrator,
-    /// `solver.classical.cfl`.
+    /// `solver.classical.cfl`: the step of explicit methods, relative to the longest one that keeps
+    /// the maximum principle.
     pub cfl: f64,
-    /// `[solver.reduce]`.
-    pub reduce: Allowed,
-    /// The reductions: what was left out of the computation, and what could not be left out.
+    /// `[solver.reduce]`: the reductions that are allowed.
+    pub reduce: AllowedReductions,
+    /// The reductions that were made, and those that could not be made.
     pub reductions: Reductions,
-    /// `[exact]`.
+    /// `[exact]`: the exact solution with which results are compared.
     pub exact: Option<Exact>,
-    /// `exact.moments`.
+    /// `exact.moments`: the times at which moments of the exact solution are computed.
     pub exact_times: ExactTimes,
-    /// `output.recovery_points`: 2 gives the error estimate.
+    /// `output.recovery_points`: number of points in `p` at which the field is read at the end.
+    /// With 2 there is an error estimate.
     pub recovery_points: usize,
-    /// `output.plateau`.
+    /// `output.plateau`: the points in `p` at which the first field is read for comparison.
     pub plateau: Option<Plateau>,
     /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
     pub at_start: Option<OutputTime>,
@@ -191,13 +194,14 @@ pub struct Case {
     pub expand: bool,
     /// `output.positive`: whether `f` is limited to positive values before it is written.
     pub positive: bool,
-    /// `output.delta_width`, for measure-valued data.
+    /// `output.delta_width`: the half-width of the discrete delta function, for measure-valued
+    /// data.
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
     pub storage: Storage,
     /// `checkpoint.minutes`: time between checkpoints; `None` if they are not made by the clock.
     pub checkpoint_every: Option<Duration>,
-    /// `[readout]`.
+    /// `[readout]`: the observables that are measured on a quantum computer.
     pub readout: Option<ReadoutSettings>,
     /// The case file as read.
     pub text: String,
@@ -214,8 +218,8 @@ impl Case {
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
-        file.constants = constants::resolved(&file)?;
-        let tables: Tables = file.read()?;
+        file.constants = constants::evaluate(&file)?;
+        let tables: CaseTables = file.read()?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);
@@ -236,8 +240,8 @@ impl Case {
         Self::parse(&path.display().to_string(), &read_text(path)?, overrides)
     }
 
-    /// The case of `tables`, each section checked by itself.
-    fn new(file: &CaseFile<'_>, tables: Tables) -> Result<Self> {
+    /// The case of `tables`. Each section is checked by itself.
+    fn new(file: &CaseFile<'_>, tables: CaseTables) -> Result<Self> {
         let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
         let degree = space.degree();
         let n = space.dimension();
@@ -349,7 +353,7 @@ impl Case {
         }
     }
 
-    /// The same case with `values` and `checksum` of table number `k`.
+    /// This case with the values and the checksum of table number `k`.
     fn with_values(mut self, k: usize, values: Expression, checksum: Option<u64>) -> Self {
         self.tables[k].checksum = checksum;
         match (self.tables[k].of, self.fields.first_mut()) {
@@ -361,7 +365,7 @@ impl Case {
         self
     }
 
-    /// The same case with the values of table number `k`, which were read from its file.
+    /// This case with the values of table number `k`, which were read from its file.
     #[must_use]
     pub fn with_table(self, k: usize, table: Table) -> Self {
         let TableFile { of, interpolation, .. } = self.tables[k];
@@ -373,7 +377,7 @@ impl Case {
         }
     }
 
-    /// The same case with the tables that `other` read from the same files.
+    /// This case with the tables that `other` read from the same files.
     #[must_use]
     pub fn with_tables_of(mut self, other: &Self) -> Self {
         for k in 0..self.tables.len() {
@@ -403,12 +407,13 @@ impl Case {
         self.fields.iter().any(LiouvilleField::enters)
     }
 
-    /// Whether there are auxiliary unknowns: with inflow, and if they are kept without it.
+    /// Whether there are auxiliary unknowns: if a field may have inflow, or if they are kept
+    /// without.
     pub fn embeds(&self) -> bool {
         self.enters() || self.reductions.idle_unknowns
     }
 
-    /// The same case without inflow.
+    /// This case without inflow.
     pub fn without_inflow(&self) -> Self {
         let mut case = self.clone();
         for field in &mut case.fields {
@@ -474,9 +479,9 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// The reductions that were made and those that could not be made, one line each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
-    /// What was left out of the computation.
+    /// The reductions that were made: the parts of the problem that are left out, one line each.
     pub dropped: Vec<String>,
-    /// What could not be left out, and why.
+    /// The parts that could not be left out, each with the reason.
     pub kept: Vec<String>,
     /// Whether auxiliary unknowns are kept although nothing enters.
     pub idle_unknowns: bool,

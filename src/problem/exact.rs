@@ -55,16 +55,16 @@ pub struct Foot {
     pub entry: f64,
 }
 
-/// The end of a path that was followed for a time.
+/// A path that was followed for a time: its end, and what the particle met.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Followed {
+pub struct TracedPath {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
     /// The time that remained when the particle left the phase-space box; `None` if it did not.
     pub remaining: Option<f64>,
     /// The end of the box through which it left; `None` if it did not, or was outside from the
     /// start.
-    pub exit: Option<Exit>,
+    pub exit: Option<BoxExit>,
     /// A hash of the jumps that the particle met, in order, and of whether they transmitted it.
     /// Among particles with the same hash, the point depends continuously on the start.
     pub history: u64,
@@ -77,10 +77,10 @@ pub struct Followed {
 
 /// An end of the phase-space box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Exit {
+pub struct BoxExit {
     /// The axis, of the `2n`: space first.
     pub axis: usize,
-    /// Whether it is the upper end.
+    /// Whether the end is the upper one.
     pub upper: bool,
     /// Whether a jump of `V` gave the particle a velocity outside of the box. Otherwise a slope
     /// did, or the particle moved out of the box in space.
@@ -137,17 +137,18 @@ struct TracedParticle {
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
-    /// `direction · v`.
+    /// Velocity in the direction of motion, `direction · v`.
     w: [f64; MAX_DIMENSION],
-    /// Axes along which it rests at a face towards which both sides push it.
+    /// Axes along which the particle rests at a face towards which both sides push it.
     rests: [bool; MAX_DIMENSION],
-    /// Axes along which it is not moved at all.
+    /// Axes along which the particle is not moved, as its path is followed along another axis
+    /// alone.
     held: [bool; MAX_DIMENSION],
-    /// See [`Followed::history`].
+    /// See [`TracedPath::history`].
     history: u64,
-    /// See [`Followed::turns`].
+    /// See [`TracedPath::turns`].
     turns: [i32; MAX_DIMENSION],
-    /// See [`Followed::segments`].
+    /// See [`TracedPath::segments`].
     segments: usize,
 }
 
@@ -162,7 +163,7 @@ struct FreeBlock<'a> {
     slopes: &'a [f64; MAX_DIMENSION],
 }
 
-/// Whether two slopes of `V` are the same but for round-off.
+/// Whether two slopes of `V` are equal up to round-off.
 fn alike(a: &[f64; MAX_DIMENSION], b: &[f64; MAX_DIMENSION]) -> bool {
     const ROUND_OFF: f64 = 1e-9;
     let near = |(a, b): (&f64, &f64)| (a - b).abs() <= ROUND_OFF * a.abs().max(b.abs());
@@ -193,7 +194,7 @@ struct Arrival {
     time: f64,
     /// The velocity at that time.
     w: f64,
-    /// Whether it arrives at the upper end.
+    /// Whether the particle arrives at the upper end.
     at_upper: bool,
 }
 
@@ -235,7 +236,8 @@ impl<'a> Tracer<'a> {
         Self::with_cells(case, MOST_TRACED_CELLS)
     }
 
-    /// The same, with elements cut into cells of which there are at most `most` in space.
+    /// Prepares tracing in `case`'s potential, with elements cut into at most `most` space cells in
+    /// all.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -261,7 +263,7 @@ impl<'a> Tracer<'a> {
         Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths, lines })
     }
 
-    /// The same, but [`follow`](Self::follow) goes forward in time.
+    /// This tracer, whose [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
         let paths = self.paths.is_some().then(AxisPaths::default);
         // The lines are those of motion back in time, and only save time.
@@ -277,7 +279,7 @@ impl<'a> Tracer<'a> {
         self.values(std::slice::from_ref(point), time)[0]
     }
 
-    /// The same at many points.
+    /// The exact `f(time, x, v)` at many points, as [`value`](Self::value) gives it at one.
     pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];
         let inflow_is_constant =
@@ -322,7 +324,7 @@ impl<'a> Tracer<'a> {
         if let Some(end) = self.along_line(&particle, a, time) {
             return (end.left == 0.0).then_some([end.x, 0.0 + self.direction * end.w]);
         }
-        let Followed { point, remaining, .. } = self.follow_particle(particle, time, &mut |_| {});
+        let TracedPath { point, remaining, .. } = self.follow_particle(particle, time, &mut |_| {});
         remaining.is_none().then(|| [point[a], point[3 + a]])
     }
 
@@ -356,7 +358,7 @@ impl<'a> Tracer<'a> {
         let start =
             LineParticle { cell: particle.cell[a], x: particle.x[a], w: particle.w[a], left };
         let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
-        let x = if end.left == 0.0 { self.snapped(a, end.x) } else { end.x };
+        let x = if end.left == 0.0 { self.snapped_to_face(a, end.x) } else { end.x };
         Some(LineParticle { x, ..end })
     }
 
@@ -367,26 +369,27 @@ impl<'a> Tracer<'a> {
         (64.0 + 16.0 * self.face_rate * time) as usize
     }
 
-    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier. For a
-    /// tracer that goes [`forward`](Self::forward): where it will be.
+    /// The path of the particle at `point = [x, y, z, vx, vy, vz]` over a time `time ≥ 0`: back in
+    /// time, or [`forward`](Self::forward). It ends where the particle was, or will be.
     ///
     /// The work is bounded: a particle that has met more faces than physics allows stays where it
     /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
     /// a particle at rest in a circle.
-    pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
+    pub fn follow(&self, point: &[f64; 6], time: f64) -> TracedPath {
         self.follow_with(point, time, &mut |_| {})
     }
 
-    /// The same, and calls `meet` for every jump of `V` on the path.
+    /// The path as [`follow`](Self::follow) gives it. Calls `meet` for every jump of `V` on the
+    /// path.
     pub fn follow_with(
         &self,
         point: &[f64; 6],
         time: f64,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Followed {
+    ) -> TracedPath {
         match self.start(point) {
             Some(particle) => self.follow_particle(particle, time, meet),
-            None => Followed {
+            None => TracedPath {
                 point: *point,
                 remaining: Some(time.max(0.0)),
                 exit: None,
@@ -403,7 +406,7 @@ impl<'a> Tracer<'a> {
         mut particle: TracedParticle,
         time: f64,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Followed {
+    ) -> TracedPath {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         for _ in 0..self.most_faces(left) {
@@ -412,7 +415,7 @@ impl<'a> Tracer<'a> {
             let Some(event) = event.filter(|e| e.time < left - round_off) else {
                 self.advance(&mut particle, &block, left);
                 for a in 0..self.faces.len() {
-                    particle.x[a] = self.snapped(a, particle.x[a]);
+                    particle.x[a] = self.snapped_to_face(a, particle.x[a]);
                 }
                 break;
             };
@@ -432,14 +435,14 @@ impl<'a> Tracer<'a> {
                 None => Some(self.velocity_end(&particle, event.axis, false)),
             };
             if exit.is_some() {
-                return Followed { remaining: Some(left), exit, ..self.followed(&particle) };
+                return TracedPath { remaining: Some(left), exit, ..self.traced_path(&particle) };
             }
         }
-        self.followed(&particle)
+        self.traced_path(&particle)
     }
 
     /// `x` on axis `a`, moved onto a face that it misses by round-off only.
-    fn snapped(&self, a: usize, x: f64) -> f64 {
+    fn snapped_to_face(&self, a: usize, x: f64) -> f64 {
         let faces = &self.faces[a];
         let i = self.cell_at(a, x);
         let near = |face: &f64| (x - face).abs() < ON_FACE * (faces[i + 1] - faces[i]);
@@ -473,7 +476,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The end of the path of a particle that is still in the box.
-    fn followed(&self, particle: &TracedParticle) -> Followed {
+    fn traced_path(&self, particle: &TracedParticle) -> TracedPath {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
@@ -481,15 +484,15 @@ impl<'a> Tracer<'a> {
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
         let TracedParticle { history, turns, segments, .. } = *particle;
-        Followed { point, remaining: None, exit: None, history, turns, segments }
+        TracedPath { point, remaining: None, exit: None, history, turns, segments }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.
-    fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> Exit {
+    fn velocity_end(&self, particle: &TracedParticle, a: usize, at_jump: bool) -> BoxExit {
         let v = &self.space.v[a];
         let velocity = self.direction * particle.w[a];
         let upper = (velocity - v.lower).abs() > (v.upper - velocity).abs();
-        Exit { axis: self.space.dimension() + a, upper, at_jump }
+        BoxExit { axis: self.space.dimension() + a, upper, at_jump }
     }
 
     fn speed_is_inside(&self, particle: &TracedParticle, a: usize) -> bool {
@@ -585,13 +588,13 @@ impl<'a> Tracer<'a> {
         a: usize,
         upper: bool,
         meet: &mut dyn FnMut(&Crossing),
-    ) -> Option<Exit> {
+    ) -> Option<BoxExit> {
         let i = particle.cell[a];
         let step = if upper { 1 } else { -1 };
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
         let Some(there) = self.space.wrap(a, beyond) else {
-            return Some(Exit { axis: a, upper, at_jump: false });
+            return Some(BoxExit { axis: a, upper, at_jump: false });
         };
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
@@ -676,8 +679,8 @@ impl<'a> Tracer<'a> {
         cell
     }
 
-    /// How far a particle at a face can move away from it within its cell: `w²/(2|slope|)` if the
-    /// slope pushes it back in the direction `to_face`, else infinity.
+    /// The distance by which a particle at a face can move away from the face within its cell:
+    /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }

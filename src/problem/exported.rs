@@ -25,7 +25,7 @@ pub enum ExportKind {
 }
 
 impl ExportKind {
-    /// Its name in messages and directories.
+    /// The name of the kind in messages and directories.
     pub fn word(self) -> &'static str {
         match self {
             Self::Matrix => "matrix",
@@ -38,14 +38,14 @@ impl ExportKind {
 
 /// The case that an export belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Owner {
+pub struct ExportOwner {
     /// The kind of export.
     pub export: ExportKind,
     /// Every setting of the case, by key.
     pub settings: Settings,
 }
 
-impl Owner {
+impl ExportOwner {
     /// The owner of an export of the case with these `settings`.
     pub fn new(export: ExportKind, settings: &Settings) -> Self {
         Self { export, settings: settings.clone() }

@@ -55,14 +55,14 @@ impl Expression {
         Self { text, tree: FormulaNode::Unread(positions), place }
     }
 
-    /// The same with the values that were read from the file.
+    /// This formula with the values that were read from its file.
     pub fn with_table(&self, table: Table) -> Self {
         let steps = if table.is_stepped() { ", constant around each" } else { "" };
         let text = format!("{} ({} points{steps})", self.text, table.shape_text());
         Self { text, tree: FormulaNode::Table(Arc::new(table)), place: self.place.clone() }
     }
 
-    /// Whether it contains a table that is constant around each of its points.
+    /// Whether the formula contains a table that is constant around each of its points.
     pub fn is_stepped(&self) -> bool {
         self.tree.is_stepped()
     }
@@ -128,7 +128,7 @@ impl Expression {
         &self.place
     }
 
-    /// The same formula with its place for error messages: `file:line: key`.
+    /// This formula with its place for error messages: `file:line: key`.
     pub fn at(self, place: String) -> Self {
         Self { place, ..self }
     }

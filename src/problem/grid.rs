@@ -31,7 +31,7 @@ pub const MAX_DIMENSION: usize = 3;
 pub type Cell = [usize; 2 * MAX_DIMENSION];
 
 impl PhaseSpace {
-    /// The same box cut into `shape` elements.
+    /// This box cut into `shape` elements.
     pub fn with_elements(&self, shape: &[usize]) -> Self {
         let mut space = self.clone();
         let axes = space.x.iter_mut().chain(&mut space.v);
@@ -58,7 +58,7 @@ impl PhaseSpace {
         self.x.iter().chain(&self.v)
     }
 
-    /// `(N_x1, …, N_xn, N_v1, …, N_vn)`.
+    /// Number of cells along each axis, `(N_x1, …, N_xn, N_v1, …, N_vn)`.
     pub fn shape(&self) -> Vec<usize> {
         self.axes().map(|a| a.cells).collect()
     }
@@ -113,7 +113,7 @@ impl PhaseSpace {
         self.axes().map(|a| a.nodes.degree).max().unwrap_or(0)
     }
 
-    /// The same elements with degree 0.
+    /// This grid with the same elements and degree 0.
     pub fn by_elements(&self) -> Self {
         let all = |axes: &[Axis]| axes.iter().map(Axis::by_elements).collect();
         Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }

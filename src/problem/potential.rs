@@ -16,7 +16,8 @@ mod pieces;
 pub mod resolution;
 
 pub use crate::problem::potential::edges::{
-    MOST_STRAY_EDGES, Overlooked, RegionWidth, StrayEdge, overlooked, region_edges, region_widths,
+    MOST_STRAY_EDGES, RegionWidth, StrayEdge, UnresolvedRegions, region_edges, region_widths,
+    unresolved_regions,
 };
 
 use crate::base::error::{Error, Result};

@@ -79,13 +79,13 @@ impl Table {
         Ok(Self { axes, values, interpolation: Interpolation::Linear })
     }
 
-    /// The same values with this interpolation between them.
+    /// This table with another interpolation between its points.
     #[must_use]
     pub fn with_interpolation(self, interpolation: Interpolation) -> Self {
         Self { interpolation, ..self }
     }
 
-    /// Whether it is constant around each point.
+    /// Whether the table is constant around each point.
     pub fn is_stepped(&self) -> bool {
         self.interpolation == Interpolation::Constant
     }

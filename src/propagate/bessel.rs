@@ -3,8 +3,8 @@
 /// Below this the first three Bessel functions are their leading terms to round-off.
 const SMALL_ARGUMENT: f64 = 1e-8;
 
-/// `J_0(τ), …, J_K(τ)` into `out`, where `K` is the least degree with `2 Σ_{k>K} |J_k(τ)| ≤ tail`;
-/// returns that sum.
+/// Writes `J_0(τ), …, J_K(τ)` into `out`, where `K` is the least degree with `2 Σ_{k>K} |J_k(τ)| ≤
+/// tail`; returns that sum.
 ///
 /// Backward recurrence `J_{k−1} = (2k/τ) J_k − J_{k+1}` from far above (Miller), normalised by
 /// `J_0 + 2 Σ J_{2k} = 1`.

@@ -32,7 +32,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare, StateRows};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
@@ -126,7 +126,7 @@ impl Chebyshev {
         Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
     }
 
-    /// As [`new`](Self::new), with the given blocking of steps.
+    /// Scratch as [`new`](Self::new) makes it, with the given blocking of steps.
     pub fn blocked(
         matrix: &BlockMatrix,
         largest_degree: usize,
@@ -297,7 +297,7 @@ impl Propagator for Chebyshev {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
         let degree = batch.largest_work();
@@ -312,7 +312,7 @@ impl Propagator for Chebyshev {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
         passed: &mut PassedMoments<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
@@ -330,7 +330,7 @@ impl Propagator for Chebyshev {
     }
 }
 
-/// Describes the series of the exponential.
+/// The descriptor of the Chebyshev series of the exponential.
 pub struct ChebyshevMethod;
 
 impl Descriptor for ChebyshevMethod {

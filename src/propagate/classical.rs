@@ -98,7 +98,7 @@ pub struct ClassicalSpan {
 }
 
 impl ClassicalSpan {
-    /// `rate·time`.
+    /// The product `rate·time`.
     pub fn courant(&self) -> f64 {
         self.rate * self.time
     }
@@ -113,7 +113,7 @@ pub struct Classical<'a> {
     reconstruction: Option<Reconstruction>,
     /// The current `b_i`, in weighted unknowns, row by row of the matrix's `inflow`; empty if the
     /// matrix contains the inflow.
-    held: Vec<f64>,
+    inflow: Vec<f64>,
     /// An inflow that depends on time, and `√π_i` of its rows.
     source: Option<(&'a LiouvilleField, Vec<f64>)>,
     /// The start time of a state, for an inflow that depends on time.
@@ -131,7 +131,7 @@ impl<'a> Classical<'a> {
             stage: vector(),
             sum: vector(),
             reconstruction: None,
-            held: Vec::new(),
+            inflow: Vec::new(),
             source: None,
             begin: 0.0,
             progress: Progress::silent(),
@@ -149,25 +149,27 @@ impl<'a> Classical<'a> {
         self.source.is_some()
     }
 
-    /// With the inflow of `field`, which depends on time, in unknowns weighted by `√π`.
+    /// This integrator with the inflow of `field`, which depends on time, in unknowns weighted by
+    /// `√π`.
     pub fn with_source(self, field: &'a LiouvilleField, pi: &[f64]) -> Self {
         let root = |aux: &crate::matrix::inflow::AuxiliaryRow| pi[aux.row as usize].sqrt();
         let roots = self.matrix.inflow.iter().map(root).collect();
         Self { source: Some((field, roots)), ..self }
     }
 
-    /// Sets `b` to these values, row by row of the matrix's `inflow`, in weighted unknowns.
-    pub fn hold(&mut self, values: impl Iterator<Item = f64>) {
-        self.held.clear();
-        self.held.extend(values);
+    /// Sets `b` to these constant values, row by row of the matrix's `inflow`, in weighted
+    /// unknowns.
+    pub fn set_inflow(&mut self, values: impl Iterator<Item = f64>) {
+        self.inflow.clear();
+        self.inflow.extend(values);
     }
 
-    /// Sets `held` to `b` at `time` after the start, in weighted unknowns.
-    fn hold_source(&mut self, time: f64) {
+    /// Sets `inflow` to `b` at `time` after the start, in weighted unknowns.
+    fn set_inflow_at(&mut self, time: f64) {
         if let Some((field, roots)) = &self.source {
             let values = self.matrix.entering.values(field, self.begin + time);
-            self.held.clear();
-            self.held.extend(values.zip(roots).map(|(b, root)| b * root));
+            self.inflow.clear();
+            self.inflow.extend(values.zip(roots).map(|(b, root)| b * root));
         }
     }
 
@@ -188,25 +190,26 @@ impl<'a> Classical<'a> {
         for panel in 0..panels {
             for &QuadraturePoint { node, weight } in &rule {
                 let at = (panel as f64 + node) * h;
-                self.held.clear();
+                self.inflow.clear();
                 self.exponential(exchange, state, ClassicalSpan { time: at - now, ..span }, EXACT);
                 now = at;
-                self.hold_source(at);
-                for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
+                self.set_inflow_at(at);
+                for (aux, b) in self.matrix.inflow.iter().zip(&self.inflow) {
                     state[aux.row as usize] += weight * h * b;
                 }
             }
         }
-        self.held.clear();
+        self.inflow.clear();
         self.exponential(exchange, state, ClassicalSpan { time: span.time - now, ..span }, EXACT);
     }
 
-    /// Reports its progress.
+    /// This integrator, which reports its steps to `progress`.
     pub fn with_progress(self, progress: Progress) -> Self {
         Self { progress, ..self }
     }
 
-    /// With slopes in the explicit steps; the exponential does not use them.
+    /// This integrator with limited slopes in its explicit steps. The exponential does not use
+    /// them.
     pub fn with_slopes(self, reconstruction: Option<Reconstruction>) -> Self {
         Self { reconstruction, ..self }
     }
@@ -223,31 +226,33 @@ impl<'a> Classical<'a> {
         span: ClassicalSpan,
         negligible: f64,
     ) {
-        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
-        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
-        for _ in 0..parts {
-            self.part_of_exponential(exchange, state, part, negligible);
-        }
-    }
-
-    fn part_of_exponential(
-        &mut self,
-        exchange: &mut GhostExchange,
-        state: &mut [f64],
-        span: ClassicalSpan,
-        negligible: f64,
-    ) {
-        let rows = self.matrix.rows();
         if span.courant() == 0.0 {
             // No transport: inflow enters no cell.
             return;
         }
-        let (start, weights) = poisson_weights(span.courant(), negligible);
-        self.sum[..rows].fill(0.0);
-        let Self { matrix, sum, held, image, progress, .. } = self;
-        let mut terms = Terms { matrix, held, rate: span.rate, sum };
+        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
+        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
+        let (start, weights) = poisson_weights(part.courant(), negligible);
         let left_out = std::iter::repeat_n(None, start);
         let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
+        for _ in 0..parts {
+            self.apply_series(exchange, state, span.rate, &weights);
+        }
+    }
+
+    /// `state ← Σ_k weight_k Q^k state`, without the terms that have no weight. Collective over the
+    /// space group.
+    fn apply_series(
+        &mut self,
+        exchange: &mut GhostExchange,
+        state: &mut [f64],
+        rate: f64,
+        weights: &[Option<f64>],
+    ) {
+        let rows = self.matrix.rows();
+        self.sum[..rows].fill(0.0);
+        let Self { matrix, sum, inflow, image, progress, .. } = self;
+        let mut terms = ExponentialTerms { matrix, inflow, rate, sum };
         let (mut x, mut next) = (&mut *state, &mut image[..]);
         for weights in weights.chunks(TOGETHER) {
             match matrix.layer() {
@@ -307,8 +312,8 @@ impl<'a> Classical<'a> {
     fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], now: f64, dt: f64) {
         let rows = self.matrix.rows();
         self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
-        self.hold_source(now);
-        self.matrix.add_inflow(&self.held, 0..rows, &mut self.image);
+        self.set_inflow_at(now);
+        self.matrix.add_inflow(&self.inflow, 0..rows, &mut self.image);
         if let Some(reconstruction) = &mut self.reconstruction {
             reconstruction.add(exchange, &mut self.image, state, rows);
         }
@@ -322,20 +327,20 @@ impl<'a> Classical<'a> {
 const TOGETHER: usize = 4;
 
 /// Terms `Q^k x` of an exponential, one after the other, `Q x = x + (A x + b)/rate`.
-struct Terms<'a> {
+struct ExponentialTerms<'a> {
     matrix: &'a BlockMatrix,
-    /// `b`, see [`Classical::hold`].
-    held: &'a [f64],
+    /// `b`, see [`Classical::set_inflow`].
+    inflow: &'a [f64],
     rate: f64,
     /// The sum of the terms so far.
     sum: &'a mut [f64],
 }
 
-impl Terms<'_> {
+impl ExponentialTerms<'_> {
     /// Adds a term `x` with its weight, and turns `A x` into the next one, in some rows.
     fn add(&mut self, rows: Range<usize>, weight: Option<f64>, image: &mut [f64], x: &[f64]) {
         // A constant inflow is an unknown 1 that stays 1.
-        self.matrix.add_inflow(self.held, rows.clone(), image);
+        self.matrix.add_inflow(self.inflow, rows.clone(), image);
         let x = &x[rows.clone()];
         if let Some(weight) = weight {
             self.sum[rows.clone()].iter_mut().zip(x).for_each(|(sum, x)| *sum += weight * x);
@@ -361,9 +366,9 @@ impl Terms<'_> {
         }
     }
 
-    /// The same in one pass through memory, `layer` rows at a time: each term lags one layer behind
-    /// the previous one, so that its inputs are complete and the rows that it overwrites are no
-    /// longer needed.
+    /// Adds terms as [`add_one_by_one`](Self::add_one_by_one) does, but in one pass through memory,
+    /// `layer` rows at a time. Each term lags one layer behind the previous one, so that its inputs
+    /// are complete and the rows that it overwrites are no longer needed.
     fn add_together(&mut self, layer: usize, weights: &[Option<f64>], [x, next]: [&mut [f64]; 2]) {
         let (matrix, cells) = (self.matrix, self.matrix.block.cells());
         let mut step = |term: usize, rows: Range<usize>| {

@@ -13,7 +13,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
 use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
@@ -76,7 +76,7 @@ impl Propagator for CommutatorFree<'_> {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> crate::base::error::Result<BatchReport> {
         let stages = self.schedule.stages();
         let time = system.time / stages as f64;

@@ -20,7 +20,7 @@ pub struct Evolution<'a> {
     pub space: &'a Group,
     /// Bounds of the spectrum.
     pub bounds: &'a Bounds,
-    /// `T`.
+    /// The time `T` to propagate over.
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
     pub terms: usize,
@@ -102,14 +102,14 @@ impl StateRows<'_> {
 
 /// A state to propagate and the norms of its lanes.
 #[derive(Clone, Copy)]
-pub struct Initial<'a> {
+pub struct InitialState<'a> {
     /// The state.
     pub state: StateRows<'a>,
     /// Norm of each lane over all ranks of the space group, or a bound on it.
     pub norms: [f64; LANES],
 }
 
-impl<'a> Initial<'a> {
+impl<'a> InitialState<'a> {
     /// The real vector `state` of norm `norm` in every mode.
     pub fn real(state: &'a [f64], norm: f64) -> Self {
         Self { state: StateRows::Real(state), norms: [norm; LANES] }
@@ -131,7 +131,7 @@ pub struct BatchSpec {
 }
 
 impl BatchSpec {
-    /// Most work of a lane.
+    /// The largest work of a lane.
     pub fn largest_work(&self) -> usize {
         self.work.iter().copied().max().unwrap_or(0)
     }

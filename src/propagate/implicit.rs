@@ -22,17 +22,17 @@ use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
-use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted, factor_bytes};
+use crate::propagate::shifted::{REFINEMENTS, RESTART, ShiftedSolver, factor_bytes};
 use num_complex::Complex64;
 
 /// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
 pub struct Implicit {
     order: usize,
-    system: Shifted,
+    system: ShiftedSolver,
     /// `w`, `z` and a scratch vector, of one mode.
     mode: Vec<Complex64>,
     solved: Vec<Complex64>,
@@ -56,7 +56,7 @@ impl Implicit {
     pub fn new(matrix: &BlockMatrix, order: usize, split: bool) -> Result<Self> {
         Ok(Self {
             order,
-            system: Shifted::new(matrix, split)?,
+            system: ShiftedSolver::new(matrix, split)?,
             mode: vec![Complex64::ZERO; matrix.length()],
             solved: vec![Complex64::ZERO; matrix.length()],
             state: vec![Lanes::ZERO; matrix.rows()],
@@ -86,7 +86,7 @@ impl Propagator for Implicit {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport> {
         let steps = batch.largest_work();
         let dt = system.time / steps as f64;
@@ -158,7 +158,7 @@ pub fn steps(step: f64, time: f64) -> usize {
     (time / step * (1.0 - 1e-12)).ceil().max(1.0) as usize
 }
 
-/// Describes an implicit method.
+/// The descriptor of an implicit method.
 pub struct ImplicitMethod {
     name: &'static str,
     order: usize,

@@ -13,16 +13,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Rows that a rank applies between two votes, about: 0.1 s of work.
 const ROWS_BETWEEN: usize = 1 << 20;
-/// Fewest applications between two votes: the size of a block of steps.
+/// Least number of applications between two votes: the size of a block of steps.
 const FEWEST_BETWEEN: usize = MOST_LEVELS;
-/// Most applications between two votes.
+/// Largest number of applications between two votes.
 const MOST_BETWEEN: usize = 64;
 
 /// Whether a batch is to be interrupted. All ranks of a space group check after the same
 /// applications.
 #[derive(Default)]
 pub struct Interruption {
-    /// Raised when the run shall stop.
+    /// The flag that is raised when the run is to stop.
     stop: Option<Arc<AtomicBool>>,
     /// The votes, if space is split.
     votes: Option<Vote>,
@@ -47,8 +47,9 @@ impl Interruption {
         }
     }
 
-    /// How many of `most` applications this rank may take before it calls [`after`](Self::after):
-    /// up to the next check of all ranks, since each rank may block its steps differently.
+    /// The number of applications, at most `most`, that this rank may take before it calls
+    /// [`after`](Self::after): up to the next check of all ranks, since each rank may block its
+    /// steps differently.
     pub fn before_look(&self, most: usize) -> usize {
         match self.stop.is_some() && self.allowed && self.votes.is_some() {
             true => most.min(self.every - self.since),

@@ -30,10 +30,10 @@ use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::bounds::Interval;
+use crate::matrix::bounds::SpectralInterval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
@@ -75,7 +75,7 @@ fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
     m.min(DIMENSION)
 }
 
-/// Most applications of a mode: those of the steps that are guaranteed beforehand.
+/// Largest number of applications of a mode: those of the steps that the a-priori bound allows.
 fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
     let &ModeDemand { half_width, time, tolerance, step } = demand;
     if half_width == 0.0 {
@@ -100,28 +100,28 @@ pub struct Krylov {
     length: usize,
     /// `w`, without the lanes' phases.
     state: Vec<Lanes>,
-    /// The given longest step, if any.
+    /// The longest step that the case gives, if any.
     step: Option<f64>,
     /// `α_j` and `β_j` by lane.
     alpha: Vec<[f64; LANES]>,
     beta: Vec<[f64; LANES]>,
-    projected: Projected,
+    projected: TridiagonalExponential,
     series: Vec<f64>,
 }
 
 /// The exponential of `T_m` by its eigenvalues `θ_k` and -vectors `q_k`.
-struct Projected {
+struct TridiagonalExponential {
     values: [f64; DIMENSION],
-    /// `q_k`.
+    /// The eigenvectors `q_k`.
     vectors: [[f64; DIMENSION]; DIMENSION],
-    /// `y`.
+    /// The first column `y` of the exponential.
     column: [Complex64; DIMENSION],
     /// `q_{0k} q_{m−1,k} e^{−iθ_k s}` and `e^{−iθ_k δ}`.
     terms: [Complex64; DIMENSION],
     turns: [Complex64; DIMENSION],
 }
 
-impl Projected {
+impl TridiagonalExponential {
     fn new() -> Self {
         Self {
             values: [0.0; DIMENSION],
@@ -245,13 +245,13 @@ impl Krylov {
             step,
             alpha: vec![[0.0; LANES]; DIMENSION],
             beta: vec![[0.0; LANES]; DIMENSION],
-            projected: Projected::new(),
+            projected: TridiagonalExponential::new(),
             series: Vec::with_capacity(400),
         }
     }
 
-    /// `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective over
-    /// the space group.
+    /// Builds `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective
+    /// over the space group.
     fn build(
         &mut self,
         system: &mut Evolution<'_>,
@@ -311,9 +311,9 @@ impl Krylov {
 
     /// The step and dimension that the a-priori bound guarantees: each lane's step, at most the
     /// time `left` of `time`, and the dimension that suffices for all of them.
-    fn guaranteed(
+    fn steps_by_bound(
         &mut self,
-        intervals: &[Interval; LANES],
+        intervals: &[SpectralInterval; LANES],
         batch: &BatchSpec,
         time: f64,
         left: &[f64; LANES],
@@ -340,7 +340,7 @@ impl Krylov {
     /// The step of lane `l` in the space of dimension `m`, and the bound on its error: the longest
     /// from the guaranteed `step` to `most` that the integrated residual allows. The given
     /// `tolerance` is that of the whole `time`.
-    fn followed(
+    fn step_by_residual(
         &mut self,
         l: usize,
         m: usize,
@@ -395,7 +395,7 @@ impl Propagator for Krylov {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport> {
         let time = system.time;
         let intervals = (batch.wavenumbers).map(|mu| system.bounds.interval(mu));
@@ -415,7 +415,7 @@ impl Propagator for Krylov {
         let largest = initial.norms.into_iter().fold(0.0, f64::max);
         let mut left = [time; LANES];
         while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
-            let (steps, m) = self.guaranteed(&intervals, batch, time, &left);
+            let (steps, m) = self.steps_by_bound(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
             let norms = system.lane_norms(&squares, &self.state);
             self.build(system, &mut constants, &norms, m, &sizes);
@@ -424,7 +424,8 @@ impl Propagator for Krylov {
             let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
             for l in 0..LANES {
                 let most = self.step.unwrap_or(time).min(left[l]);
-                let (tau, error) = self.followed(l, m, steps[l], most, batch.tolerances[l], time);
+                let (tau, error) =
+                    self.step_by_residual(l, m, steps[l], most, batch.tolerances[l], time);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);
@@ -448,7 +449,7 @@ impl Propagator for Krylov {
     }
 }
 
-/// Describes the Krylov propagator.
+/// The descriptor of the Krylov propagator.
 pub struct KrylovMethod;
 
 impl Descriptor for KrylovMethod {
@@ -514,7 +515,7 @@ mod tests {
 
     #[test]
     fn tridiagonal_matrices_are_decomposed() {
-        let mut projected = Projected::new();
+        let mut projected = TridiagonalExponential::new();
         // An ordinary matrix; one decoupled in the middle and at the end; a multiple of the
         // identity; a graded one.
         let cases: [&dyn Fn(usize) -> (f64, f64); 4] = [

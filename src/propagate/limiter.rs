@@ -54,7 +54,7 @@ pub fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
 
 /// The neighbour at one side of a space cell.
 #[derive(Clone, Copy, Debug)]
-enum Beyond {
+enum SideNeighbour {
     /// A cell, by the number of its first unknown.
     Cell(u32),
     /// A jump or an end of the box: one face for each velocity, by the number of the first.
@@ -77,9 +77,9 @@ struct LimitedFace {
 /// A source of a face.
 #[derive(Clone, Copy, Debug)]
 struct SourceShare {
-    /// Local number.
+    /// Local number of the source's unknown.
     column: u32,
-    /// In the cell itself, by reflection.
+    /// Whether the source lies in the cell itself, by reflection.
     same: bool,
     weight: f64,
 }
@@ -89,7 +89,7 @@ struct LimitedTransport {
     /// `v/Δx`, by velocity cell.
     speed: Vec<f64>,
     /// The neighbours below and above each space cell.
-    beyond: Vec<[Beyond; 2]>,
+    beyond: Vec<[SideNeighbour; 2]>,
     faces: Vec<LimitedFace>,
     shares: Vec<SourceShare>,
 }
@@ -197,14 +197,14 @@ impl LimitedTransport {
         };
         block.for_each_own(|first, _| {
             let cell = space.cell(first);
-            let mut beyond = [Beyond::Faces(0); 2];
+            let mut beyond = [SideNeighbour::Faces(0); 2];
             for (side, above) in [false, true].into_iter().enumerate() {
                 let plain = scheme.plain_neighbour(&cell, axis, above);
                 if let Some(number) = plain.and_then(|next| local(space.index(&next))) {
-                    beyond[side] = Beyond::Cell(number);
+                    beyond[side] = SideNeighbour::Cell(number);
                     continue;
                 }
-                beyond[side] = Beyond::Faces(this.faces.len() as u32);
+                beyond[side] = SideNeighbour::Faces(this.faces.len() as u32);
                 for v in 0..nv {
                     let speed = this.speed[v];
                     row.clear();
@@ -246,10 +246,10 @@ impl LimitedTransport {
     }
 
     /// `f` behind a side of cell `v` of a space cell, if it is known.
-    fn value(&self, beyond: Beyond, v: usize, state: &[f64]) -> Option<f64> {
+    fn value(&self, beyond: SideNeighbour, v: usize, state: &[f64]) -> Option<f64> {
         match beyond {
-            Beyond::Cell(first) => Some(state[first as usize + v]),
-            Beyond::Faces(first) => {
+            SideNeighbour::Cell(first) => Some(state[first as usize + v]),
+            SideNeighbour::Faces(first) => {
                 let face = &self.faces[first as usize + v];
                 let sum = |sum, s: &SourceShare| sum + s.weight * state[s.column as usize];
                 face.known.then(|| self.shares(face).iter().fold(face.entering, sum))
@@ -261,7 +261,7 @@ impl LimitedTransport {
         let nv = self.speed.len();
         for (c, &[below, above]) in self.beyond.iter().enumerate() {
             let cells = c * nv..(c + 1) * nv;
-            if let (Beyond::Cell(below), Beyond::Cell(above)) = (below, above) {
+            if let (SideNeighbour::Cell(below), SideNeighbour::Cell(above)) = (below, above) {
                 let lower = &state[below as usize..][..nv];
                 let upper = &state[above as usize..][..nv];
                 let own = &state[cells.clone()];
@@ -290,8 +290,8 @@ impl LimitedTransport {
                 let i = c * nv + v;
                 image[i] -= speed * half[i];
                 match beyond[usize::from(speed < 0.0)] {
-                    Beyond::Cell(first) => image[i] += speed * half[first as usize + v],
-                    Beyond::Faces(first) => {
+                    SideNeighbour::Cell(first) => image[i] += speed * half[first as usize + v],
+                    SideNeighbour::Faces(first) => {
                         let face = &self.faces[first as usize + v];
                         for share in self.shares(face) {
                             // The source across this face continues its motion; the reflected

@@ -8,7 +8,7 @@ use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::problem::case::Propagation;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
@@ -49,7 +49,7 @@ pub trait Propagator {
         &mut self,
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
+        initial: &InitialState<'_>,
     ) -> Result<BatchReport>;
 
     /// Propagates `initial`, and stores the moments at the times of `passed` in it. Collective over
@@ -64,7 +64,7 @@ pub trait Propagator {
         &mut self,
         _system: &mut Evolution<'_>,
         _batch: &BatchSpec,
-        _initial: &Initial<'_>,
+        _initial: &InitialState<'_>,
         _passed: &mut PassedMoments<'_>,
     ) -> Result<BatchReport> {
         panic!("this method stops at every output time");
@@ -116,7 +116,7 @@ impl BatchCoupling {
 pub struct PropagatorSetting {
     /// Method and time step.
     pub propagation: Propagation,
-    /// Most work of a mode, see [`Descriptor::work`].
+    /// Largest work of a mode, see [`Descriptor::work`].
     pub largest_work: usize,
     /// Whether the space is split between ranks.
     pub split: bool,
@@ -140,13 +140,13 @@ pub struct ModeDemand {
 pub struct RunWork {
     /// Least work of a mode.
     pub least: usize,
-    /// Most work of a mode.
+    /// Largest work of a mode.
     pub most: usize,
     /// Time step of the case, if it gives one.
     pub step: Option<f64>,
     /// Steps of an implicit method.
     pub steps: usize,
-    /// `T`.
+    /// The time `T` to propagate over.
     pub time: f64,
 }
 
@@ -162,7 +162,7 @@ pub trait Descriptor: Sync {
     /// Applications that cost as much as a unit of [`work`](Self::work), about.
     fn applications_per_work(&self) -> usize;
 
-    /// How many times longer a unit of work takes where space is split over ranks.
+    /// Factor on the time of a unit of work where space is split over ranks.
     fn cost_of_splitting(&self) -> f64 {
         1.0
     }
@@ -175,7 +175,7 @@ pub trait Descriptor: Sync {
     /// The propagator's arrays and their bytes.
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes>;
 
-    /// Method and work in words.
+    /// The method and its work as text.
     fn summary(&self, work: &RunWork) -> String;
 
     /// The propagator, with its scratch.

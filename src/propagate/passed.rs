@@ -34,7 +34,7 @@ pub struct PassedMoments<'a> {
     lengths: Vec<usize>,
     /// Coefficients `J_0`, `2J_k` by time, term and lane.
     coefficients: Vec<f64>,
-    /// Terms that there is room for.
+    /// The number of terms that there is room for.
     most_terms: usize,
     /// Factors of the terms of one pass through memory, by term and time.
     of_terms: Vec<[f64; 2 * LANES]>,
@@ -71,7 +71,7 @@ impl<'a> PassedMoments<'a> {
         }
     }
 
-    /// The same, with the given blocking of steps: a tile has all velocities.
+    /// These moments with another blocking of steps, whose tiles have all velocities.
     pub fn blocked(self, blocking: Option<Blocking>) -> Self {
         Self { blocking, ..self }
     }

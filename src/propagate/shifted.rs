@@ -27,9 +27,10 @@ const AIM: f64 = 4.0 * f64::EPSILON;
 const RESIDUAL: f64 = 1e-13;
 /// Largest dimension of a Krylov space before GMRES is restarted.
 pub const RESTART: usize = 60;
-/// The same where one rank holds the space: a refinement or two.
+/// Largest dimension where one rank holds all of space, so that the factors solve the system and an
+/// iteration is a refinement.
 pub const REFINEMENTS: usize = 2;
-/// Most iterations for a system.
+/// Largest number of iterations for a system.
 const MOST_ITERATIONS: usize = 3000;
 
 /// Peak bytes a row of the factors and their workspace, from measurements on grids of one to three
@@ -58,13 +59,13 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
 }
 
 /// Solves with `M`, for one `a` and `μ` at a time.
-pub struct Shifted {
-    local: Local,
+pub struct ShiftedSolver {
+    local: LocalFactors,
     gmres: Gmres,
 }
 
 /// `M` on this rank's rows, column by column, with its factors.
-struct Local {
+struct LocalFactors {
     offsets: Vec<usize>,
     rows: Vec<usize>,
     values: Vec<Complex64>,
@@ -96,7 +97,7 @@ struct Gmres {
     integers: Vec<i64>,
 }
 
-/// How a system was solved.
+/// The residual of a solved system, and the work that it took.
 #[derive(Clone, Copy, Debug)]
 pub struct SolveCounts {
     /// `‖w − Mz‖/‖w‖`, plus the part that round-off may hide.
@@ -110,7 +111,7 @@ fn failure(reason: &dyn std::fmt::Debug) -> Error {
     Error::Factors(format!("{reason:?}"))
 }
 
-impl Local {
+impl LocalFactors {
     fn new(matrix: &BlockMatrix) -> Result<Self> {
         let count = matrix.rows();
         let (mut offsets, mut rows) = (vec![0usize], Vec::new());
@@ -195,14 +196,14 @@ impl Local {
     }
 }
 
-impl Shifted {
+impl ShiftedSolver {
     /// The pattern of `matrix`, analysed; `split` says that space is split over ranks.
     ///
     /// # Errors
     /// [`Error::Factors`] where memory or the range of indices does not suffice. Not collective.
     pub fn new(matrix: &BlockMatrix, split: bool) -> Result<Self> {
         Ok(Self {
-            local: Local::new(matrix)?,
+            local: LocalFactors::new(matrix)?,
             gmres: Gmres::new(matrix.length(), if split { RESTART } else { REFINEMENTS }),
         })
     }
@@ -333,7 +334,7 @@ impl Gmres {
     /// P⁻¹`, until its norm, initially `from`, is below `goal`. Returns the applications.
     fn improve(
         &mut self,
-        local: &mut Local,
+        local: &mut LocalFactors,
         system: &mut Evolution<'_>,
         z: &mut [Complex64],
         from: f64,

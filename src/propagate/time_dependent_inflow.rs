@@ -59,7 +59,7 @@ pub fn halves() -> [[f64; 2]; 2] {
 /// The inflow in stages: constant on each half of each step.
 #[derive(Clone, Debug, Default)]
 pub struct Schedule {
-    /// Steps; there are two stages a step.
+    /// Number of steps, of two stages each.
     pub steps: usize,
     /// `κ_i` by stage, then row by row of [`BlockMatrix::inflow`], in weighted unknowns.
     pub couplings: Vec<f64>,
@@ -71,14 +71,15 @@ pub struct Schedule {
     pub summed_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
-    /// `‖f(T)‖`.
+    /// Norm `‖f(T)‖` of the field at the end.
     pub norm: f64,
     /// The weighted field at the end by the most steps that were tried, without modes, on the
     /// block's cells.
     pub reference: Vec<f64>,
     /// Relative l2 error of `reference`.
     pub reference_error: f64,
-    /// Whether that follows from three numbers of steps. From two it may be five times too large.
+    /// Whether the error of the reference follows from runs with three numbers of steps. From two
+    /// numbers it may be five times too large.
     pub order_is_seen: bool,
     /// Whether the inflow jumps in time: different numbers of steps may err alike then.
     pub jumps: bool,
@@ -134,7 +135,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
 ///
 /// # Errors
 /// [`Error::Formula`] where it is not finite. Not collective.
-pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
+pub fn largest_inflow(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     let field = &case.fields[0];
     let mut largest: f64 = 0.0;
     for k in 0..=SAMPLES {
@@ -205,7 +206,7 @@ fn norm(
 ///
 /// # Errors
 /// [`Error::Memory`].
-fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
+fn check_memory(matrix: &BlockMatrix, steps: usize) -> Result<()> {
     let needed = 3 * 8 * steps as u64 * matrix.inflow.len() as u64;
     let available = memory::available();
     let available = available.together.min(available.alone);
@@ -252,7 +253,7 @@ impl StepSearch<'_> {
     /// The run of `steps` steps. Collective.
     fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<RealRun> {
         let world = &self.communicator.world;
-        world.agree(fits(self.matrix, steps))?;
+        world.agree(check_memory(self.matrix, steps))?;
         let values = stage_values(self.case, self.matrix, steps);
         let (rows, stages) = (self.matrix.inflow.len(), 2 * steps);
         let span =
@@ -262,7 +263,7 @@ impl StepSearch<'_> {
         // Ranks without inflow take part in the exchanges of the others.
         for k in 0..stages {
             let stage = &values[k * rows..(k + 1) * rows];
-            classical.hold(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
+            classical.set_inflow(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
             classical.exponential(exchange, &mut state, span, NEGLIGIBLE);
         }
         Ok(RealRun { values, state })
@@ -299,10 +300,37 @@ impl StepSearch<'_> {
 
     /// Whether the steps of a run resolve the inflow. Without this check, two runs that both miss a
     /// pulse would agree. Collective over the space group.
-    fn sees(&self, run: &RealRun, largest: f64) -> bool {
+    fn resolves_inflow(&self, run: &RealRun, largest: f64) -> bool {
         let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
         self.communicator.space.max(found) >= 0.9 * largest
     }
+}
+
+/// Refuses a tolerance below the round-off of so many stages.
+///
+/// # Errors
+/// [`Error::Tolerance`].
+fn refuse_small_tolerance(case: &Case) -> Result<()> {
+    if case.tolerance >= SMALLEST {
+        return Ok(());
+    }
+    Err(Error::Tolerance {
+        place: case.tolerance_place.clone(),
+        tolerance: case.tolerance,
+        smallest: SMALLEST,
+        ratio: 1.0,
+        growth: 0.0,
+    })
+}
+
+/// The error of an inflow that varies too fast: `steps` steps leave `error`, above `goal`.
+fn varies_too_fast(case: &Case, steps: usize, error: f64, goal: f64) -> Error {
+    Error::Input(format!(
+        "{}: what enters changes too fast for {steps} steps of time: the field is known to \
+         {error:.1e}, {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger \
+         solver.tolerance",
+        case.fields[0].entering().place()
+    ))
 }
 
 /// Finds the number of steps that `case.tolerance` needs, and the couplings of their stages.
@@ -318,18 +346,10 @@ pub fn schedule(
     communicator: &Communicator,
     start: &WeightedField<'_>,
 ) -> Result<Schedule> {
-    let largest = communicator.world.agree(sampled(case, matrix))?;
+    let largest = communicator.world.agree(largest_inflow(case, matrix))?;
     let largest = communicator.space.max(largest);
     let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
-    if case.tolerance < SMALLEST {
-        return Err(Error::Tolerance {
-            place: case.tolerance_place.clone(),
-            tolerance: case.tolerance,
-            smallest: SMALLEST,
-            ratio: 1.0,
-            growth: 0.0,
-        });
-    }
+    refuse_small_tolerance(case)?;
     let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
     let search = StepSearch { case, matrix, communicator, start, roots };
     let goal = TIME_SHARE * case.tolerance;
@@ -358,22 +378,15 @@ pub fn schedule(
             jumps,
             ..Schedule::default()
         };
-        if error * ratio <= goal && search.sees(&coarse, largest) {
+        if error * ratio <= goal && search.resolves_inflow(&coarse, largest) {
             break (coarse, found(steps, error * ratio, &fine));
         }
-        if error <= goal && search.sees(&fine, largest) {
+        if error <= goal && search.resolves_inflow(&fine, largest) {
             let found = found(2 * steps, error, &fine);
             break (fine, found);
         }
         if 2 * steps >= STEPS.1 || error.is_nan() {
-            return Err(Error::Input(format!(
-                "{}: what enters changes too fast for {} steps of time: the field is known to \
-                {error:.1e}, \
-                 {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger \
-                 solver.tolerance",
-                case.fields[0].entering().place(),
-                2 * steps
-            )));
+            return Err(varies_too_fast(case, 2 * steps, error, goal));
         }
         (coarse, steps) = (fine, 2 * steps);
     };

@@ -44,9 +44,10 @@ pub(in crate::quantum) mod wires;
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
 use crate::quantum::circuit::description::{
-    Check, CircuitDescription, EvolutionDescription, RotationSequence, Sparse, steps_of,
+    Check, CircuitDescription, EvolutionDescription, RotationSequence, SparseAccessCost,
 };
 use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::circuit::scene::{Bins, CircuitCase};
@@ -93,6 +94,24 @@ pub struct CompiledCircuit {
 /// Names of all files but the description.
 pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
 
+/// The modes of the circuit of `case`: one of the wavenumber of `choice`, the one mode of the
+/// unitary scheme, or a register of all modes of `record`.
+fn circuit_modes(case: &Case, record: &Record, choice: &CircuitChoice) -> CircuitModes {
+    match choice.wavenumber {
+        Some(mu) => CircuitModes::One(mu),
+        // The unitary scheme: H = iK.
+        None if case.flux == 0.0 => CircuitModes::One(0.0),
+        None => {
+            let (qubits, period) = (record.points.trailing_zeros() as usize, record.period);
+            let highest = record.setup.highest_wavenumber;
+            match choice.mode_weights {
+                ModeWeights::Sum => CircuitModes::Register { qubits, period },
+                ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
+            }
+        }
+    }
+}
+
 impl CompiledCircuit {
     /// Compiles the circuit of a case whose whole grid is on this rank. `record` has the cost of
     /// sparse access.
@@ -103,19 +122,7 @@ impl CompiledCircuit {
         let Prepared { case, system, .. } = prepared;
         let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
         let CircuitCase { transport, rounded, change } = CircuitCase::new(case, bins)?;
-        let modes = match choice.wavenumber {
-            Some(mu) => CircuitModes::One(mu),
-            // The unitary scheme: H = iK.
-            None if case.flux == 0.0 => CircuitModes::One(0.0),
-            None => {
-                let (qubits, period) = (record.points.trailing_zeros() as usize, record.period);
-                let highest = record.setup.highest_wavenumber;
-                match choice.mode_weights {
-                    ModeWeights::Sum => CircuitModes::Register { qubits, period },
-                    ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
-                }
-            }
-        };
+        let modes = circuit_modes(case, record, &choice);
         let (time, levels) = (case.duration(), choice.levels);
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
@@ -135,7 +142,6 @@ impl CompiledCircuit {
             }
         };
         let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
-        let sparse_alpha = nonzeros as f64 * largest_entry;
         let evolution = EvolutionDescription::new(tau, tolerance, &controlled);
         let phases = Phases::new(tau, evolution.steps / 2);
         let mut compiled = Self {
@@ -149,13 +155,7 @@ impl CompiledCircuit {
                 alpha_of_highest,
                 rounded,
                 change,
-                sparse: Sparse {
-                    nonzeros,
-                    largest_entry,
-                    alpha: sparse_alpha,
-                    tau: sparse_alpha * time,
-                    steps: steps_of(sparse_alpha * time, tolerance),
-                },
+                sparse: SparseAccessCost::new(nonzeros, largest_entry, time, tolerance),
                 counts: circuit.counts(),
                 controlled,
                 walk_tolerance,

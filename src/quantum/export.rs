@@ -36,14 +36,16 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Interface, Method};
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::circuit::formats::qasm;
-use crate::quantum::export::complete::{About, Complete, CompleteCircuitInput};
+use crate::quantum::export::complete::{
+    CompleteCircuit, CompleteCircuitInput, CompleteDescription,
+};
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::Series;
@@ -63,7 +65,7 @@ const TOLERANCE: f64 = 1e-14;
 pub struct ExportDescription {
     /// The case that the files belong to.
     #[serde(flatten)]
-    pub owner: Owner,
+    pub owner: ExportOwner,
     /// Title of the case.
     pub title: String,
     /// `scheme.interface` of the exported matrices, which the case may not name.
@@ -116,7 +118,7 @@ pub struct Export {
     hamiltonian: String,
     transform: String,
     preparation: Option<String>,
-    complete: Option<Complete>,
+    complete: Option<CompleteCircuit>,
 }
 
 /// Names of all files but the description.
@@ -188,13 +190,26 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
     (0..points).map(amplitude).collect()
 }
 
+/// The norm of the state at the start.
+///
+/// # Errors
+/// [`Error::Input`] if it is zero.
+fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
+    match norm(initial) {
+        0.0 => Err(Error::Input(format!(
+            "{name}: the state at the start is zero or underflows: f(0), or g(p) on these points"
+        ))),
+        norm => Ok(norm),
+    }
+}
+
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
     ///
     /// # Errors
     /// [`Error::Input`] for more than 12 qubits, a number of points that is no power
-    /// of two, or a start that is zero; as [`Complete::new`].
+    /// of two, or a start that is zero; as [`CompleteCircuit::new`].
     pub fn new(prepared: &mut Prepared, estimate: Option<usize>) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
         let warp = planned_modes(&case.name, plan)?;
@@ -205,12 +220,7 @@ impl Export {
 
         let start = amplitudes(&warp.series, grid.points, grid.lower);
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
-        let norm_of_state = norm(&initial);
-        if norm_of_state == 0.0 {
-            let what =
-                "the state at the start is zero or underflows: f(0), or g(p) on these points";
-            return Err(Error::Input(format!("{}: {what}", case.name)));
-        }
+        let norm_of_state = nonzero_norm(&initial, &case.name)?;
         let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
         let mut modes = [initial, evolution.run(system, communicator)?];
         modes[1].resize(unknowns * grid.points, Complex64::ZERO);
@@ -228,7 +238,7 @@ impl Export {
         let complete = estimate
             .map(|estimate| {
                 let series = &warp.series;
-                Complete::new(&CompleteCircuitInput {
+                CompleteCircuit::new(&CompleteCircuitInput {
                     case,
                     registers: &registers,
                     grid: &grid,
@@ -294,7 +304,7 @@ impl Export {
     }
 
     /// The description of the complete circuit, if there is one.
-    pub fn complete(&self) -> Option<&About> {
+    pub fn complete(&self) -> Option<&CompleteDescription> {
         self.complete.as_ref().map(|complete| &complete.about)
     }
 }
@@ -312,7 +322,7 @@ impl ExportDescription {
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
         Self {
-            owner: Owner::new(ExportKind::Quantum, &case.settings),
+            owner: ExportOwner::new(ExportKind::Quantum, &case.settings),
             title: case.title.clone(),
             interface: case.interface,
             qubits_p: registers.p,
@@ -394,7 +404,7 @@ impl ModeEvolution<'_> {
         let most = works.iter().copied().max().unwrap_or(0);
         let mut propagator = Chebyshev::new(&problem.matrix, most);
         let norm = problem.norm(communicator, &problem.states[0], false);
-        let initial = Initial::real(&problem.states[0][..rows], norm);
+        let initial = InitialState::real(&problem.states[0][..rows], norm);
         let mut system = Evolution {
             matrix: &problem.matrix,
             exchange: &mut problem.exchange,

@@ -19,7 +19,7 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, LiouvilleField};
-use crate::problem::exported::{self, ExportKind, Owner};
+use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::quantum::export::numpy;
 use crate::scheme::rows::{Row, Scheme};
 use crate::solve::prepared::Prepared;
@@ -70,7 +70,7 @@ pub struct MatrixCounts {
 #[derive(Serialize)]
 struct MatrixDescription<'a> {
     #[serde(flatten)]
-    owner: Owner,
+    owner: ExportOwner,
     title: &'a str,
     #[serde(flatten)]
     counts: MatrixCounts,
@@ -145,7 +145,7 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
         write(&format!("initial_{}.npy", field.name), &numpy::real(&state[..unknowns]))?;
     }
     let counts = MatrixCounts { cells, unknowns, entries };
-    let owner = Owner::new(ExportKind::Matrix, &case.settings);
+    let owner = ExportOwner::new(ExportKind::Matrix, &case.settings);
     exported::write(directory, &MatrixDescription { owner, title: &case.title, counts })?;
     Ok(counts)
 }

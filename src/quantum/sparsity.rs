@@ -89,12 +89,12 @@ pub fn q(dv: f64, jump: f64) -> usize {
 
 /// The fullest row or column so far: its number of nonzeros, and the global number of its unknown.
 #[derive(Clone, Copy)]
-struct Fullest(usize, usize);
+struct FullestLine(usize, usize);
 
 /// A number that no unknown has.
 const NOWHERE: usize = i64::MAX as usize;
 
-impl Fullest {
+impl FullestLine {
     const NONE: Self = Self(0, NOWHERE);
 
     fn see(&mut self, count: usize, unknown: usize) {
@@ -160,7 +160,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
 struct NonzeroParts {
     dimension: usize,
     /// The fullest row of each part.
-    rows: Vec<Fullest>,
+    rows: Vec<FullestLine>,
     /// Nonzeros of each column, by part, then by cell of the block.
     columns: Vec<Vec<u16>>,
     /// Global numbers of the cells of the block.
@@ -175,7 +175,7 @@ impl NonzeroParts {
         let (parts, cells) = (dimension + 2, block.cells());
         Self {
             dimension,
-            rows: vec![Fullest::NONE; parts],
+            rows: vec![FullestLine::NONE; parts],
             columns: vec![vec![0; cells]; parts],
             globals: vec![0; cells],
             entries: 0,
@@ -237,7 +237,7 @@ impl NonzeroParts {
     /// The counts of a part over all ranks. Collective.
     fn counts(&self, part: usize, q: &[usize], report: &CountsReport<'_>) -> NonzeroCounts {
         let n = self.dimension;
-        let mut fullest_column = Fullest::NONE;
+        let mut fullest_column = FullestLine::NONE;
         for (&number, &global) in self.columns[part].iter().zip(&self.globals) {
             fullest_column.see(usize::from(number), global);
         }
@@ -260,14 +260,14 @@ impl NonzeroParts {
         matrix: &BlockMatrix,
         report: &CountsReport<'_>,
         present: fn(f64, f64) -> bool,
-    ) -> Fullest {
+    ) -> FullestLine {
         let all = report.case.space.cells();
         // Auxiliary unknowns are numbered behind the cells, like their rows.
         let unknown = |i: usize| match i.checked_sub(self.globals.len()) {
             None => self.globals[i],
             Some(m) => all + self.globals[matrix.inflow[m].row as usize],
         };
-        let mut fullest = Fullest::NONE;
+        let mut fullest = FullestLine::NONE;
         let number = |i: usize| matrix.row(i).filter(|&(_, s, k)| present(s, k)).count();
         let own = matrix.shared_row().unwrap_or(matrix.rows());
         (0..own).for_each(|i| fullest.see(number(i), unknown(i)));
@@ -288,8 +288,8 @@ struct CountsReport<'a> {
 
 impl CountsReport<'_> {
     /// The fullest over all ranks, beside its bound. Collective.
-    fn count(&self, found: Fullest, bound: Option<usize>) -> Count {
-        let Fullest(most, unknown) = found.over(self.space);
+    fn count(&self, found: FullestLine, bound: Option<usize>) -> Count {
+        let FullestLine(most, unknown) = found.over(self.space);
         let bound = bound.filter(|_| self.bounded);
         let unknown = self.describe(unknown);
         Count { most, unknown, bound, holds: bound.is_none_or(|b| most <= b) }

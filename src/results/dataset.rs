@@ -89,7 +89,7 @@ impl<'a> Results<'a> {
 /// The field read at `p` instead of `p◇`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlateauPoint {
-    /// `p`.
+    /// The point `p` at which the field is read.
     pub p: f64,
     /// Relative l2 distance to the field read at `p◇`.
     pub distance: f64,
@@ -97,7 +97,7 @@ pub struct PlateauPoint {
     pub norm: f64,
 }
 
-/// Vectors as slices.
+/// The vectors as slices.
 pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }

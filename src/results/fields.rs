@@ -17,7 +17,7 @@ pub const POINT: &str = "point";
 
 /// The cells over which a dataset has values, after its components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Over {
+pub enum DatasetCells {
     /// Cells of space.
     Space,
     /// Cells of phase space.
@@ -30,37 +30,43 @@ pub struct DatasetKind {
     /// Name of the dataset.
     pub name: &'static str,
     /// The cells for which it has values.
-    pub over: Over,
+    pub over: DatasetCells,
     /// Whether its first index numbers components, one per space axis.
     pub vector: bool,
     /// The description of the field, an attribute of the dataset.
     pub what: &'static str,
 }
 
-const fn scalar(name: &'static str, over: Over, what: &'static str) -> DatasetKind {
+const fn scalar(name: &'static str, over: DatasetCells, what: &'static str) -> DatasetKind {
     DatasetKind { name, over, vector: false, what }
 }
 
-const fn vector(name: &'static str, over: Over, what: &'static str) -> DatasetKind {
+const fn vector(name: &'static str, over: DatasetCells, what: &'static str) -> DatasetKind {
     DatasetKind { name, over, vector: true, what }
 }
 
-const F: DatasetKind = scalar("f", Over::PhaseSpace, "cell average of the phase-space density");
-const PHI: DatasetKind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
-const PSI: DatasetKind =
-    vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one per velocity axis");
-const EXACT: DatasetKind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
+const F: DatasetKind =
+    scalar("f", DatasetCells::PhaseSpace, "cell average of the phase-space density");
+const PHI: DatasetKind =
+    scalar("phi", DatasetCells::PhaseSpace, "density phi of f = phi delta(psi)");
+const PSI: DatasetKind = vector(
+    "psi",
+    DatasetCells::PhaseSpace,
+    "level sets psi of f = phi delta(psi), one per velocity axis",
+);
+const EXACT: DatasetKind =
+    scalar("exact", DatasetCells::PhaseSpace, "exact solution at cell centres");
 const DENSITY_EXACT: DatasetKind =
-    scalar("density_exact", Over::Space, "density of the exact solution");
+    scalar("density_exact", DatasetCells::Space, "density of the exact solution");
 const MOMENTUM_EXACT: DatasetKind =
-    vector("momentum_exact", Over::Space, "momentum of the exact solution");
+    vector("momentum_exact", DatasetCells::Space, "momentum of the exact solution");
 const VELOCITY_EXACT: DatasetKind =
-    vector("velocity_exact", Over::Space, "mean velocity of the exact solution");
-const DENSITY: DatasetKind = scalar("density", Over::Space, "integral of f over v");
+    vector("velocity_exact", DatasetCells::Space, "mean velocity of the exact solution");
+const DENSITY: DatasetKind = scalar("density", DatasetCells::Space, "integral of f over v");
 const POTENTIAL: DatasetKind =
-    scalar("potential", Over::Space, "V at the cell's centre, or at the node");
-const MOMENTUM: DatasetKind = vector("momentum", Over::Space, "integral of v f over v");
-const VELOCITY: DatasetKind = vector("velocity", Over::Space, "momentum / density");
+    scalar("potential", DatasetCells::Space, "V at the cell's centre, or at the node");
+const MOMENTUM: DatasetKind = vector("momentum", DatasetCells::Space, "integral of v f over v");
+const VELOCITY: DatasetKind = vector("velocity", DatasetCells::Space, "momentum / density");
 
 /// A dataset's values on a rank's share: one list, or one per component.
 pub struct Field<'a> {
@@ -161,10 +167,10 @@ impl DatasetLayout {
         }
     }
 
-    fn axes_over(&self, over: Over) -> usize {
+    fn axes_over(&self, over: DatasetCells) -> usize {
         match over {
-            Over::Space => self.dimension,
-            Over::PhaseSpace => 2 * self.dimension,
+            DatasetCells::Space => self.dimension,
+            DatasetCells::PhaseSpace => 2 * self.dimension,
         }
     }
 

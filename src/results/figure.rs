@@ -36,7 +36,7 @@ pub struct PlotAxis {
     pub scale: Scale,
     /// Ends of the axis, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
-    /// Labels at 0, 1, … instead of numbers.
+    /// Labels of the ticks at 0, 1, … instead of numbers.
     pub names: Vec<String>,
     /// Whether its values are whole numbers.
     pub whole: bool,
@@ -64,13 +64,13 @@ impl PlotAxis {
         Self { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Self::linear(label) }
     }
 
-    /// The same axis with ticks at whole numbers only.
+    /// This axis with ticks at whole numbers only.
     pub fn whole(mut self) -> Self {
         self.whole = true;
         self
     }
 
-    /// The same axis from `lower` to `upper`.
+    /// This axis from `lower` to `upper`.
     pub fn within(mut self, lower: f64, upper: f64) -> Self {
         self.range = Some([lower, upper]);
         self
@@ -96,7 +96,7 @@ pub struct Map {
     pub label: String,
 }
 
-/// What is drawn between the axes.
+/// A layer that is drawn between the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Layer {
     /// Points joined by lines in their order; a point that is not finite breaks the line.
@@ -158,7 +158,7 @@ pub enum Layer {
     },
 }
 
-/// Axes and what is drawn between them.
+/// Axes, and the layers that are drawn between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     /// Title above the panel.

@@ -74,7 +74,7 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     !stopped && summary >= result && older && fields.iter().all(|name| written(name).is_some())
 }
 
-/// When a file was written, if it exists.
+/// The time at which a file was written; `None` if there is no such file.
 fn modified(path: &Path) -> Option<SystemTime> {
     let found = std::fs::metadata(path).ok().filter(|found| found.is_file());
     found.and_then(|found| found.modified().ok())
@@ -114,7 +114,7 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
     })
 }
 
-/// Why a run of `case` may not write into `directory`, and what to do; `None` if it may.
+/// The reason why a run of `case` may not write into `directory`, with a remedy; `None` if it may.
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";

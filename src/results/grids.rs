@@ -119,13 +119,13 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
         let times = times(steps, name);
         let Some((_, first)) = times.first() else { continue };
         let mesh = UnstructuredGrid::new(first);
-        opened(path, |file| {
+        with_file(path, |file| {
             let group = file.create_group(name)?;
             table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
             table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))
         })?;
         for (first, times) in (0..).step_by(TIMES_AT_ONCE).zip(times.chunks(TIMES_AT_ONCE)) {
-            opened(path, |file| {
+            with_file(path, |file| {
                 for (k, (_, grid)) in (first..).zip(times) {
                     let group = file.create_group(&format!("{name}/{k}"))?;
                     let of_view = |view| values(&group, &result, view, mesh.cells());
@@ -139,7 +139,7 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
 }
 
 /// Lets `write` add to the file `path`.
-fn opened(path: &Path, write: impl FnOnce(&File) -> Hdf5Result<()>) -> Hdf5Result<()> {
+fn with_file(path: &Path, write: impl FnOnce(&File) -> Hdf5Result<()>) -> Hdf5Result<()> {
     let file = File::open_rw(path)?;
     write(&file)?;
     file.close()

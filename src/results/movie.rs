@@ -129,7 +129,7 @@ struct Video {
     /// Reads the messages of `ffmpeg`.
     errors_of_ffmpeg: JoinHandle<String>,
     path: PathBuf,
-    /// Whether it still takes frames.
+    /// Whether `ffmpeg` still takes frames.
     accepts_frames: bool,
 }
 

@@ -33,7 +33,7 @@ use crate::results::FileResult;
 use crate::results::figure::Figure;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use std::path::{Path, PathBuf};
 
 /// The folder of pictures in the directory of a run.
@@ -83,7 +83,7 @@ pub struct Album {
 ///
 /// # Errors
 /// [`Error::Input`] if the two runs are not on the same grid.
-pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album> {
+pub fn draw(run: &StoredRun, beside: Option<&StoredRun>, cuts: &[Cut]) -> Result<Album> {
     if let Some(other) = beside
         && other.space != run.space
     {

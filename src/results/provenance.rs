@@ -2,7 +2,7 @@
 
 use crate::base::version::GIT;
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Origin};
+use crate::problem::case::{Case, ResultOrigin};
 use crate::results::table_file::{checksum_name, file_name};
 use std::time::SystemTime;
 
@@ -32,7 +32,7 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     }
     if let Some(start) = &case.start_field {
         all.push(("start_file".to_owned(), start.path.display().to_string()));
-        if let Some(Origin { checksum, time, .. }) = start.origin {
+        if let Some(ResultOrigin { checksum, time, .. }) = start.origin {
             all.push(("start_checksum".to_owned(), format!("{checksum:016x}")));
             all.push(("start_time".to_owned(), time.to_string()));
         }

@@ -1,5 +1,5 @@
-//! Checks that a file holds what was written: every dataset is read, and its checksum is compared
-//! with the stored one.
+//! Checks that a file holds the values that were written: every dataset is read, and its checksum
+//! is compared with the stored one.
 
 use crate::base::checksum::{self, DatasetBox};
 use crate::base::disk::failure;
@@ -124,7 +124,7 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
 
 /// Checks that a dataset can be read: its values are in this file, and as many as its shape says.
 /// Returns the bytes of a chunk, or 0 without chunks.
-pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
+pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     let list = dataset.dcpl()?;
     if !list.external().is_empty() || list.layout() == Layout::Virtual {
         return Err(error("its values are in another file".to_owned()));
@@ -153,7 +153,8 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
     Ok(chunk)
 }
 
-/// The numbers of the dataset `name`, which may be as large as a table, or what is wrong with it.
+/// The numbers of the dataset `name`, which may be as large as a table, or a sentence that says
+/// what is wrong with it.
 pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
     check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
     let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());

@@ -17,11 +17,11 @@ use crate::base::text::{bytes_text, percent, short};
 use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
 use crate::results::report::trust::{main_warning, trust};
-use crate::results::summary::{Accuracy, Continued};
+use crate::results::summary::{Accuracy, ContinuedResult};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -119,7 +119,7 @@ const PROBABILITIES: [(&str, &str); 7] = [
 /// The contents of a report.
 pub struct Report<'a> {
     /// The run.
-    pub run: &'a Stored,
+    pub run: &'a StoredRun,
     /// `summary.json`.
     pub summary: &'a Value,
     /// Pictures of the run.
@@ -316,7 +316,7 @@ impl Report<'_> {
         });
         let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
         let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
-        let continued = Continued::deserialize(&self.summary["continued"]).ok();
+        let continued = ContinuedResult::deserialize(&self.summary["continued"]).ok();
         let continued = continued.map(|continued| {
             format!("The run continued from {}: {}.", continued.file, continued.line())
         });

@@ -103,7 +103,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
     history::write(&writer, results, &layout)?;
     writer.agree(plateau(&writer, results.plateau))?;
     if let Some(readout) = results.readout {
-        writer.agree(measured(&writer, readout))?;
+        writer.agree(write_readout(&writer, readout))?;
     }
     let steps = match results.case.storage.xdmf {
         true => views::write(&writer, results)?,
@@ -263,7 +263,7 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
 
 /// Writes the emulated readout of a quantum computer, which is the same on all ranks. Ranks must
 /// agree on the outcome afterwards.
-fn measured(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
+fn write_readout(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;
     let single = [

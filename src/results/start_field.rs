@@ -4,7 +4,7 @@ use crate::base::disk::read_text as read_file;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
-use crate::problem::case::{Case, Origin, StartField};
+use crate::problem::case::{Case, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::readback::{read_text, text_attribute};
@@ -18,11 +18,12 @@ use std::path::Path;
 const SAME: f64 = 1e-12;
 
 /// Checks that the file `start` holds `f` on the grid of `case` at its `time.start`, and returns
-/// what the file says of itself. Collective over `world`.
+/// the origin of the continued run: checksum, time and error of that result. Collective over
+/// `world`.
 ///
 /// # Errors
 /// [`Error::Input`], the same on all ranks, that says what is wrong with the file.
-pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> {
+pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<ResultOrigin> {
     // One rank reads the file without MPI.
     let found = world.on_first_rank(|| {
         let found = checked_origin(&start.path, case);
@@ -35,7 +36,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> 
     serde_json::from_str(&text).map_err(|e| Error::Input(format!("{}: {e}", start.place)))
 }
 
-fn checked_origin(path: &Path, case: &Case) -> FileResult<Origin> {
+fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     let file = untrusted::open_given(path, Inspection::Field)?;
     let program = text_attribute(&file, "program").unwrap_or_default();
     if !program.starts_with("phasewarp ") {
@@ -56,7 +57,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<Origin> {
     same_grid(&file, &f, &case.space)?;
     let checksum = f.attr(CHECKSUM).and_then(|a| a.read_scalar());
     let case_of = stored_case(&file);
-    Ok(Origin {
+    Ok(ResultOrigin {
         checksum: checksum.map_err(|_| "/f carries no checksum")?,
         time,
         error: error_of(path.parent().unwrap_or(Path::new(""))),

@@ -238,7 +238,7 @@ fn lowest_degree(space: &PhaseSpace) -> usize {
 
 /// The goals that a run misses, a sentence for each; `None` for a goal that is met or unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Missed {
+pub struct MissedGoals {
     /// `solver.tolerance`, by the run's own error: the measured one, else the estimate if that is
     /// reliable or far above the tolerance.
     pub tolerance: Option<String>,
@@ -250,7 +250,7 @@ pub struct Missed {
 /// than such estimates of implicit steps are off (docs/verification.md, a factor of 4).
 const FAR_ABOVE: f64 = 100.0;
 
-impl Missed {
+impl MissedGoals {
     /// The goals that the run of `case` misses, by the errors of its summary.
     pub fn new(case: &Case, summary: &Summary) -> Self {
         let is_far =
@@ -291,8 +291,8 @@ impl Missed {
 
 /// The result from which a run continued (`initial.field`), and the error of both parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Continued {
-    /// The file.
+pub struct ContinuedResult {
+    /// Path of the file from which the run continued.
     pub file: String,
     /// Checksum of its `/f`, as result files write it.
     pub checksum: String,
@@ -307,7 +307,7 @@ pub struct Continued {
     pub error_total: Option<f64>,
 }
 
-impl Continued {
+impl ContinuedResult {
     /// The errors of the earlier parts as text, for the closing line.
     pub fn line(&self) -> String {
         match (self.error_inherited, self.error_total) {
@@ -327,7 +327,7 @@ impl Continued {
     }
 }
 
-/// The numbers of a finished run. Unknown ones are `null`, never zero.
+/// The numbers of a finished run. Unknown numbers are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
     /// Title of the case.
@@ -415,7 +415,7 @@ pub struct Summary {
     /// Whether round-off may hide the distance of the two readings.
     #[serde(skip)]
     pub hidden_by_round_off: bool,
-    /// Why the estimate is not reliable.
+    /// The reason why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,
     /// Whether the estimate is reliable. It is not if round-off hides the difference, if there is
@@ -427,7 +427,7 @@ pub struct Summary {
     pub error_semidiscrete: Option<f64>,
     /// The result that the run continued from. The errors above are those of its own part.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub continued: Option<Continued>,
+    pub continued: Option<ContinuedResult>,
     /// Errors and range of values of each field.
     pub fields: Vec<FieldSummary>,
     /// Largest change of the norm of a mode, as a fraction of the allowed one.
@@ -496,7 +496,7 @@ pub struct Summary {
     /// The errors of the algorithm and of the grid.
     pub accuracy: Accuracy,
     /// Whether the run misses its tolerance or accuracy.
-    pub missed: Missed,
+    pub missed: MissedGoals,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
     /// Probabilities with which a quantum computer would measure the first field.
@@ -533,7 +533,7 @@ impl Summary {
             ..Accuracy::default()
         };
         self.accuracy = accuracy.with_grid(measured, estimated);
-        self.missed = Missed::new(case, self);
+        self.missed = MissedGoals::new(case, self);
         let accuracy = &mut self.accuracy;
         let of_density = accuracy.goal_error.or(accuracy.goal_estimate);
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {

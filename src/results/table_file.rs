@@ -89,7 +89,7 @@ fn attribute(of: TableOf) -> String {
 
 /// The axes of a table, for other ranks: name, position among the coordinates, number of points.
 #[derive(Default, Serialize, Deserialize)]
-struct Head {
+struct TableHeader {
     axes: Vec<(String, usize, usize)>,
 }
 
@@ -97,8 +97,8 @@ struct Head {
 fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let axes = found.as_ref().map_or(&[][..], Table::axes);
     let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
-    let text = serde_json::to_string(&Head { axes: axes.collect() }).unwrap_or_default();
-    let head: Head =
+    let text = serde_json::to_string(&TableHeader { axes: axes.collect() }).unwrap_or_default();
+    let head: TableHeader =
         serde_json::from_str(&world.broadcast_text(&text)).map_err(|e| e.to_string())?;
     let shape: Vec<usize> = head.axes.iter().map(|(_, _, points)| *points).collect();
     // All ranks take the largest value, and all but the first have −∞.

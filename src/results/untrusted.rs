@@ -15,10 +15,10 @@ use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
 use crate::results::dataset::RESULT;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::results::readback::{
-    ChecksumParts, FileShare, compare, datasets, differs, numbers, read_text, sound, sum_of,
-    sums_of, text_attribute,
+    ChecksumParts, FileShare, check_readable, compare, datasets, differs, numbers, read_text,
+    sum_of, sums_of, text_attribute,
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
@@ -61,7 +61,7 @@ static ROLE: OnceLock<ProcessRole> = OnceLock::new();
 /// The extent of an inspection.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
-    /// Names and shapes of all datasets, and all attributes and texts: what a run is compared by.
+    /// Names and shapes of all datasets, and all attributes and texts, by which runs are compared.
     Description,
     /// Names and shapes of all datasets, and the values of a share of each.
     Values(FileShare),
@@ -75,7 +75,7 @@ pub(crate) enum Inspection {
     Table(Vec<String>),
 }
 
-/// The checksums of the datasets of a file, or what is wrong with it.
+/// The checksums of the datasets of a file, or a sentence that says what is wrong with the file.
 type InspectionResult = FileResult<ChecksumParts>;
 
 /// Does the work of a subprocess and returns its exit code, if this process is one. Otherwise it
@@ -109,7 +109,7 @@ pub fn serve() -> Option<i32> {
 /// Inspects the file `path`, or for [`Inspection::Directory`] that of a directory.
 ///
 /// # Errors
-/// What is wrong with it.
+/// A sentence that says what is wrong with the file.
 pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
     if ROLE.get() != Some(&ProcessRole::Parent) {
         return inspect_here(path, inspection);
@@ -183,30 +183,30 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
         _ => path.to_owned(),
     };
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
-    let opened = || -> FileResult<File> {
+    let open_file = || -> FileResult<File> {
         let file = File::open(&file);
         file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
     };
     match inspection {
         Inspection::Description => {
-            description(&opened()?, bytes).map_err(reason)?;
+            description(&open_file()?, bytes).map_err(reason)?;
             Ok(ChecksumParts::new())
         }
-        Inspection::Values(share) => values(&opened()?, bytes, share).map_err(reason),
+        Inspection::Values(share) => values(&open_file()?, bytes, share).map_err(reason),
         Inspection::Directory => {
             let sums =
-                values(&opened()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
+                values(&open_file()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
             // Where this process is the one that asks, it reads them next.
             if ROLE.get() == Some(&ProcessRole::Child) {
-                Stored::read(path)?;
+                StoredRun::read(path)?;
             }
             Ok(sums)
         }
         Inspection::Table(names) => {
-            let opened = opened()?;
+            let opened = open_file()?;
             for name in &names {
-                if let Some(chunk) = named(&opened, bytes, name)? {
-                    allow(chunk);
+                if let Some(chunk) = check_dataset(&opened, bytes, name)? {
+                    allow_memory(chunk);
                 }
                 if let Ok(dataset) = opened.dataset(name) {
                     numbers(name, &dataset)?;
@@ -215,13 +215,13 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
             Ok(ChecksumParts::new())
         }
         Inspection::Field => {
-            let opened = opened()?;
+            let opened = open_file()?;
             description(&opened, bytes).map_err(reason)?;
             start(&opened, bytes, "f")?;
             Ok(ChecksumParts::new())
         }
         Inspection::Warped => {
-            start(&opened()?, bytes, "w")?;
+            start(&open_file()?, bytes, "w")?;
             Ok(ChecksumParts::new())
         }
     }
@@ -231,8 +231,8 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
 fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
     let mut largest = 0;
     for (name, dataset) in all {
-        let chunk =
-            sound(dataset, bytes).map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
+        let chunk = check_readable(dataset, bytes)
+            .map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
         largest = largest.max(chunk);
     }
     Ok(largest)
@@ -241,7 +241,7 @@ fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
 fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
     let all = datasets(file)?;
     let chunk = shapes(&all, bytes)?;
-    allow(chunk);
+    allow_memory(chunk);
     sums_of(share, all, |name, values| {
         progress(chunk);
         match values.iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
@@ -254,7 +254,7 @@ fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts
 }
 
 /// Allows memory for chunks of `chunk` bytes: as they are stored, while filters work, and after.
-fn allow(chunk: u64) {
+fn allow_memory(chunk: u64) {
     if ROLE.get() == Some(&ProcessRole::Child) {
         machine::limit_memory(MEMORY.saturating_add(chunk.saturating_mul(4)));
     }
@@ -272,8 +272,9 @@ fn holds_numbers(name: &str) -> bool {
 }
 
 /// Reads the attributes of a file or a dataset, and the text of a dataset, as far as they can be
-/// read. What cannot be read is reported by those that need it; what never ends, ends here.
-fn described(location: &hdf5::Location) {
+/// read. Data that cannot be read are reported by the functions that need them. A read that never
+/// ends is ended here, with the subprocess.
+fn read_descriptions(location: &hdf5::Location) {
     for name in location.attr_names().unwrap_or_default() {
         let _ = text_attribute(location, &name);
         progress(0);
@@ -287,25 +288,25 @@ fn described(location: &hdf5::Location) {
 fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
     let all = datasets(file)?;
     shapes(&all, bytes)?;
-    described(file);
-    all.values().for_each(|dataset| described(dataset));
+    read_descriptions(file);
+    all.values().for_each(|dataset| read_descriptions(dataset));
     Ok(())
 }
 
 /// Reads the axes of the dataset `name` and its attributes, and its values where they are stored in
 /// chunks, which HDF5 finds by an index.
 fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
-    let chunk = named(file, bytes, name)?.unwrap_or(0);
-    allow(chunk);
+    let chunk = check_dataset(file, bytes, name)?.unwrap_or(0);
+    allow_memory(chunk);
     for axis in ["x", "y", "z", "vx", "vy", "vz", "p"].map(|axis| format!("axis/{axis}")) {
-        named(file, bytes, &axis)?;
+        check_dataset(file, bytes, &axis)?;
         if let Ok(dataset) = file.dataset(&axis) {
             // What it holds instead of numbers is reported by those that need them.
             let _ = numbers(&axis, &dataset);
         }
     }
     let Ok(dataset) = file.dataset(name) else { return Ok(()) };
-    described(&dataset);
+    read_descriptions(&dataset);
     if chunk == 0 {
         return Ok(());
     }
@@ -318,9 +319,11 @@ fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
 
 /// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is
 /// no such dataset, which the caller may report.
-fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
+fn check_dataset(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
     let dataset = file.dataset(name).ok();
-    dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
+    dataset
+        .map(|dataset| check_readable(&dataset, bytes).map_err(|e| format!("/{name}: {e}")))
+        .transpose()
 }
 
 /// Opens a file that the user names, after a subprocess has inspected it.
@@ -344,7 +347,7 @@ pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File
 /// # Errors
 /// [`Error::Input`] if there is no file that can be read; [`Error::Output`] if a dataset or a file
 /// is damaged.
-pub fn open(directory: &Path) -> Result<Stored> {
+pub fn open(directory: &Path) -> Result<StoredRun> {
     let path = directory.join(RESULT);
     let wrong = |why: &dyn std::fmt::Display| {
         Error::Input(format!(
@@ -368,7 +371,7 @@ pub fn open(directory: &Path) -> Result<Stored> {
         return Err(failure(&path, &differs(name)));
     }
     file_checksums::check_alone(directory)?;
-    Stored::read(directory).map_err(|e| wrong(&e))
+    StoredRun::read(directory).map_err(|e| wrong(&e))
 }
 
 /// Compares the datasets of `directory/result.h5` and of the warped fields beside it, and all

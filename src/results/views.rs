@@ -30,7 +30,7 @@ pub struct Grid {
     pub origin: [f64; 3],
     /// Widths of the cells.
     pub spacing: [f64; 3],
-    /// Numbers of cells.
+    /// Numbers of cells along the three axes.
     pub cells: [usize; 3],
     /// Faces of the cells along all axes, if a degree above 0 makes cells unequal. The width of a
     /// cell is the quadrature weight of its node.
@@ -64,9 +64,9 @@ pub struct View {
     pub name: &'static str,
     /// Path of the dataset, which the views of all times share.
     pub dataset: Rc<str>,
-    /// Whether it has three components, as its last index.
+    /// Whether the dataset has three components, as its last index.
     pub vector: bool,
-    /// The time that is shown; `None` for a dataset without times.
+    /// The time of the view; `None` for a dataset without times.
     pub time_slice: Option<TimeSlice>,
 }
 
@@ -128,13 +128,13 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     writer.group("xdmf")?;
     let mut grids = planes(writer, results)?;
     grids.push(space(writer, results)?);
-    let mut steps = earlier(writer, results)?;
+    let mut steps = steps_before_end(writer, results)?;
     steps.push(Step { time: results.case.end, grids });
     Ok(steps)
 }
 
 /// Writes the data of output times before the end. Collective.
-fn earlier(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
+fn steps_before_end(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     if results.early.is_empty() {
         return Ok(Vec::new());
     }
@@ -195,8 +195,8 @@ fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step])
         shape.extend(vector.then_some(3));
         if n > 1 {
             path = format!("/xdmf/history/{}", kind.name);
-            let copies: Vec<Copied<'_>> =
-                times.iter().map(|fields| Copied::new(results, &fields[k])).collect();
+            let copies: Vec<ReversedShare<'_>> =
+                times.iter().map(|fields| ReversedShare::new(results, &fields[k])).collect();
             let axes: Vec<&str> = [TIME].into_iter().chain(copies[0].axes.clone()).collect();
             let slab = |time: usize| {
                 let time = std::iter::once(time..time + 1);
@@ -276,7 +276,7 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
 }
 
 /// A rank's share of a field over space with reversed axes; the three components of a vector last.
-struct Copied<'a> {
+struct ReversedShare<'a> {
     /// Names of its axes.
     axes: Vec<&'a str>,
     /// The ranges of the share.
@@ -285,7 +285,7 @@ struct Copied<'a> {
     values: Vec<f64>,
 }
 
-impl Copied<'_> {
+impl ReversedShare<'_> {
     fn new(results: &Results<'_>, field: &Field<'_>) -> Self {
         let names = axis_names(results.share.len());
         let mut axes: Vec<&str> = names[..results.share.len()].iter().rev().copied().collect();
@@ -309,7 +309,7 @@ impl Copied<'_> {
 
 /// Writes a copy of a dataset over space, with reversed axes, at `path`.
 fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
-    let Copied { axes, ranges, values } = Copied::new(results, field);
+    let ReversedShare { axes, ranges, values } = ReversedShare::new(results, field);
     let what = format!("copy of /{}, axes reversed", field.kind.name);
     writer.field(path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)
 }

@@ -99,7 +99,8 @@ impl<'a> Writer<'a> {
         self.agree(self.file.create_group(name).map(drop))
     }
 
-    /// Agrees on the outcome of what all ranks did, and of what rank 0 wrote alone.
+    /// Makes all ranks agree on the outcome of a step of all ranks, and of the steps that rank 0
+    /// wrote alone.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`], the same on all ranks, where any of them failed.

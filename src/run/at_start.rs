@@ -1,4 +1,4 @@
-//! The data at the start, on the grid.
+//! The observables of the initial data on the grid.
 
 use crate::matrix::observables::{CellVolumes, moments};
 use crate::problem::potential::nodal_values;

@@ -45,7 +45,7 @@ impl Checkpointing {
         prepared.communicator.world.on_first_rank(|| refuse_link(&folder))?;
         let mut store = Store::new(folder, Fingerprint::new(case, warp), case.space.clone());
         let generation = if options.resume {
-            earlier(prepared, &mut store, log)?
+            newest_checkpoint(prepared, &mut store, log)?
         } else {
             if !store.is_empty() {
                 log.warn(format!(
@@ -72,8 +72,8 @@ impl Checkpointing {
     }
 }
 
-/// Refuses a symbolic link in the place of the directory of checkpoints: what it leads to may
-/// belong to others.
+/// Refuses a symbolic link in the place of the directory of checkpoints, as its target may belong
+/// to others.
 fn refuse_link(folder: &Path) -> Result<()> {
     match std::fs::symlink_metadata(folder) {
         Ok(found) if found.is_symlink() => Err(Error::Directory {
@@ -95,7 +95,11 @@ fn times(every: Option<Duration>, output: &Output<'_>, program_start: Instant) -
 }
 
 /// The newest valid checkpoint of `store`, reported to the user. Collective.
-fn earlier(prepared: &Prepared, store: &mut Store, log: &mut RunLog) -> Result<Option<Generation>> {
+fn newest_checkpoint(
+    prepared: &Prepared,
+    store: &mut Store,
+    log: &mut RunLog,
+) -> Result<Option<Generation>> {
     let folder = store.directory().display().to_string();
     let world = &prepared.communicator.world;
     let found = store.open(world, |line| log.warn(line))?;

@@ -11,13 +11,13 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::{EarlyStates, Solved};
+use crate::run::files::{EarlyStates, FieldsWithHistory};
 use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.
 #[derive(Clone, Copy)]
 pub(crate) struct Integration {
-    /// The method.
+    /// The time integrator.
     pub integrator: Integrator,
     /// Bound on `max |A_ii|`.
     pub rate: f64,
@@ -47,11 +47,11 @@ pub(crate) fn integrate(
 }
 
 /// Integrates every field over all legs. Collective.
-pub(crate) fn classically(
+pub(crate) fn integrate_fields(
     prepared: &mut Prepared,
     prints: bool,
     summary: &mut Summary,
-) -> Result<Solved<EarlyStates>> {
+) -> Result<FieldsWithHistory<EarlyStates>> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
@@ -87,5 +87,5 @@ pub(crate) fn classically(
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(Solved { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
+    Ok(FieldsWithHistory { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
 }

@@ -14,7 +14,7 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
-use crate::results::summary::{Continued, FieldSummary, Summary};
+use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
 use crate::run::files::SolvedFields;
 use crate::schrodingerization::profile::series::points;
@@ -28,7 +28,7 @@ const RATIO_MARGIN: f64 = 1.2;
 /// Least ratio of a reliable estimate to the round-off in the two fields.
 const ROUND_OFF_MARGIN: f64 = 4.0;
 
-/// Largest ratio of what is only roughly known to the rest of a reliable estimate.
+/// Largest ratio of the roughly known part of a reliable estimate to the rest of it.
 const LARGEST_REST: f64 = 2.0;
 
 /// Norms of a field over all ranks.
@@ -138,9 +138,10 @@ pub(crate) fn compare(
     let Some(warp) = &plan.warp else {
         return Vec::new();
     };
-    let mut warnings = estimate(prepared, warp, &solution.fields, summary);
+    let norm_fell = estimate(prepared, warp, &solution.fields, summary);
     include_step_error(summary);
-    warnings.extend(above_tolerance(plan, summary));
+    let warnings: Vec<String> =
+        norm_fell.into_iter().chain(above_tolerance(plan, summary)).collect();
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
@@ -223,7 +224,11 @@ fn exact_semidiscrete(
 /// solutions with the same inflow obeys `e' = A e`. In the weighted norm it grows at most by
 /// `e^{growth t}`; between this norm and the l2 norm lies at most the spread of the weights.
 /// Collective.
-pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
+pub(crate) fn continued(
+    prepared: &Prepared,
+    f: &[f64],
+    summary: &Summary,
+) -> Option<ContinuedResult> {
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;
     let origin = start.origin?;
@@ -237,7 +242,7 @@ pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Op
     let error_inherited = inherited.filter(|error| error.is_finite());
     let reliable = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
     let own = summary.error_semidiscrete.or(reliable);
-    Some(Continued {
+    Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: format!("{:016x}", origin.checksum),
         time: case.begin,
@@ -264,16 +269,15 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
 }
 
 /// Puts the error estimate into `summary`: from the two readings of each field, or with inflow that
-/// depends on time from its steps. Warns if a norm fell by more than planned. Collective.
+/// depends on time from its steps. Returns a warning if a norm fell by more than planned. Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
     fields: &[Vec<Vec<f64>>],
     summary: &mut Summary,
-) -> Vec<String> {
+) -> Option<String> {
     let (plan, system) = (&prepared.plan, &prepared.system);
     let communicator = &prepared.communicator;
-    let mut warnings = Vec::new();
     let mut largest_ratio: f64 = 0.0;
     // The largest estimate of a field, and the round-off in it.
     let mut found: Option<(f64, f64)> = None;
@@ -299,49 +303,58 @@ fn estimate(
     }
     summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
     summary.norm_ratio_planned = Some(warp.ratio);
-    if largest_ratio > RATIO_MARGIN * warp.ratio {
-        warnings.push(format!(
-            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
-             the error may exceed the tolerance in proportion",
-            warp.ratio
-        ));
-    }
     let found = match &system.schedule {
-        Some(schedule) => found.map(|_| from_the_steps(prepared, schedule, &fields[0][0])),
-        None => found.map(|(estimate, round_off)| Found {
+        Some(schedule) => found.map(|_| estimate_from_steps(prepared, schedule, &fields[0][0])),
+        None => found.map(|(estimate, round_off)| ErrorEstimate {
             estimate,
             round_off,
             doubt: warp.estimate_doubt(),
         }),
     };
-    if let Some(Found { estimate, round_off, doubt }) = found {
+    if let Some(found) = found {
+        found.put_into(summary);
+    }
+    let fell_more = largest_ratio > RATIO_MARGIN * warp.ratio;
+    fell_more.then(|| {
+        format!(
+            "the norm of the field fell by a factor {largest_ratio:.3e}, but {:.3e} was planned: \
+             the error may exceed the tolerance in proportion",
+            warp.ratio
+        )
+    })
+}
+
+/// An estimate of the error of a field, relative to the field.
+struct ErrorEstimate {
+    estimate: f64,
+    /// The part of the estimate that may be round-off.
+    round_off: f64,
+    /// The reason why the estimate may not be the error; `None` if there is none.
+    doubt: Option<&'static str>,
+}
+
+impl ErrorEstimate {
+    /// Puts the estimate into `summary`, and whether it is reliable.
+    fn put_into(self, summary: &mut Summary) {
+        let Self { estimate, round_off, doubt } = self;
+        let finite = Some(estimate).filter(|e| e.is_finite());
         if let [only] = &mut summary.fields[..] {
-            only.error_estimate = Some(estimate).filter(|e| e.is_finite());
+            only.error_estimate = finite;
         }
-        summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
+        summary.error_estimate = finite;
         summary.hidden_by_round_off = estimate <= round_off;
         let hidden = summary.hidden_by_round_off.then(|| {
             format!("it would be {estimate:.1e}, of which round-off may be {round_off:.1e}")
         });
         summary.doubt = doubt.map(str::to_owned).or(hidden);
-        let is_known = estimate.is_finite() && !summary.hidden_by_round_off;
+        let is_known = finite.is_some() && !summary.hidden_by_round_off;
         summary.error_estimate_reliable = is_known && summary.doubt.is_none();
     }
-    warnings
-}
-
-/// An error estimate.
-struct Found {
-    estimate: f64,
-    /// The part that round-off may be.
-    round_off: f64,
-    /// Why it may not be the error.
-    doubt: Option<&'static str>,
 }
 
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
-fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found {
+fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
     let mine = &prepared.rank_cells.mine;
     let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
     let distance = FieldNorms::new(prepared, f).distance(&reference);
@@ -351,12 +364,16 @@ fn from_the_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> Found 
         true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
         false => may_be_large.then_some("the error of so few time steps is only roughly known"),
     };
-    Found { estimate: distance + rest, round_off: ROUND_OFF_MARGIN * round_off(stages), doubt }
+    ErrorEstimate {
+        estimate: distance + rest,
+        round_off: ROUND_OFF_MARGIN * round_off(stages),
+        doubt,
+    }
 }
 
 /// Largest leading term of a step's error that counts as an estimate of it.
 const LARGEST_STEP_ERROR: f64 = 0.1;
-/// Least part of a mode's norm that a step must keep for this.
+/// Least part of a mode's norm that remains at the end, if the leading term counts as an estimate.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
 /// Adds the error of the time step, which both readings share, to the error estimate.

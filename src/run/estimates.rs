@@ -197,14 +197,14 @@ impl AxisLines<'_> {
 
 /// Squares of norms, by element.
 #[derive(Default)]
-struct Squares {
+struct CoefficientSquares {
     /// Squares of the norm of all coefficients.
     all: Vec<f64>,
     /// Estimated squares of the norm of the coefficients beyond the highest.
     beyond: Vec<f64>,
 }
 
-impl Squares {
+impl CoefficientSquares {
     /// Adds an element with the values `nodal` at its nodes. `transforms` are those to Legendre
     /// coefficients, by axis.
     fn add(&mut self, nodal: &[f64], transforms: &[Vec<Vec<f64>>]) {
@@ -255,7 +255,7 @@ fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let world = &prepared.communicator.world;
     let all: Vec<Vec<Vec<f64>>> = space.axes().map(|a| legendre_transform(a.nodes)).collect();
     let of = |space: &PhaseSpace, values: &[f64]| -> f64 {
-        let mut squares = Squares::default();
+        let mut squares = CoefficientSquares::default();
         for_each_element(space, share, |element| {
             let mut nodal = vec![0.0; element.shape().iter().product()];
             element.for_each_cell(share, |cell, node| nodal[node] = values[cell]);

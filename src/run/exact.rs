@@ -48,7 +48,7 @@ fn times(case: &Case) -> Vec<f64> {
 }
 
 /// The exact solution of a run of `case` on `rank_cells`; empty if the case names none. A rank that
-/// `prints` says if it takes long. Collective over `world`.
+/// `prints` reports if it takes long. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite, the same on all ranks.
@@ -84,14 +84,14 @@ pub fn exact_run(
     Ok(run)
 }
 
-/// Shows how far the exact solution is, and says once that it takes long.
+/// Reports the progress of the exact solution, and once a warning if it takes long.
 struct ExactWatch {
     progress: Progress,
-    /// Whether nothing more is to be said.
+    /// Whether no warning is reported, or none any more.
     silent: bool,
-    /// Number of times.
+    /// Number of times at which the exact solution is wanted.
     all: usize,
-    /// Number of times that are done.
+    /// Number of times at which the exact solution is computed.
     done: usize,
     started: Instant,
 }
@@ -120,11 +120,11 @@ impl ExactWatch {
 /// A warning that the exact solution takes long; `None` if it does not, or cannot be left out. It
 /// is for `all` times, of which the first `done` took `seconds`.
 fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
-    /// The shortest time in seconds from which the time of all is estimated.
-    const SEEN: f64 = 1.0;
+    /// The shortest time in seconds from which the whole time is extrapolated.
+    const SHORTEST: f64 = 1.0;
     const LONG: f64 = 10.0;
     let expected = seconds * all as f64 / done as f64;
-    (done < all && seconds >= SEEN && expected >= LONG).then(|| {
+    (done < all && seconds >= SHORTEST && expected >= LONG).then(|| {
         format!(
             "the exact moments at {all} times take about {expected:.0} s in all; with \
              exact.moments = \"end\" they are computed at time.end only"

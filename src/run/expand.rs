@@ -19,7 +19,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
-pub struct Expanded {
+pub struct ExpandedResults {
     /// The fields at `T`, row-major over the share's space cells, then the velocities.
     pub fields: Vec<Vec<f64>>,
     /// Moments at `T`.
@@ -45,7 +45,7 @@ pub(crate) fn expand(
     result_grid: &ResultGrid,
     exact: &ExactRun,
     summary: &mut Summary,
-) -> Result<Expanded> {
+) -> Result<ExpandedResults> {
     let share = &prepared.rank_cells.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
         .map(|mut readings| result_grid.field(share, readings.swap_remove(0)))
@@ -72,7 +72,7 @@ pub(crate) fn expand(
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     let began = Instant::now();
-    let result = Compared {
+    let result = ResultOnShare {
         world,
         case,
         share: &result_grid.share(share),
@@ -85,11 +85,11 @@ pub(crate) fn expand(
         summary.accuracy.goal_error = summary.error_density_l1_relative;
     }
     let exact_seconds = began.elapsed().as_secs_f64();
-    Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
+    Ok(ExpandedResults { fields, moments, potential, totals, early, exact_seconds })
 }
 
 /// The result on a rank's share of the user's grid, to be compared with the exact solution.
-struct Compared<'a> {
+struct ResultOnShare<'a> {
     world: &'a Group,
     case: &'a Case,
     share: &'a [Range<usize>],
@@ -99,7 +99,7 @@ struct Compared<'a> {
     moments: &'a Moments,
 }
 
-impl Compared<'_> {
+impl ResultOnShare<'_> {
     /// Puts the distances to the exact solution into `summary`, if there is one. Collective.
     ///
     /// # Errors
@@ -144,7 +144,7 @@ impl Compared<'_> {
     }
 }
 
-/// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.
+/// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself. Collective.
 fn field_errors(found: &FieldNorms<'_>, exact: &FieldNorms<'_>, volume: f64) -> ErrorNorms {
     let zero = vec![0.0; exact.f.len()];
     let l1 = |of: &FieldNorms<'_>, other: &[f64]| of.difference(other, 1) * volume;

@@ -23,7 +23,7 @@ pub(crate) fn solve(
 ) -> Result<SolvedFields> {
     let found = match prepared.plan.warp {
         Some(_) => modes::by_modes(prepared, files, summary),
-        None => classical::classically(prepared, files.is_some(), summary),
+        None => classical::integrate_fields(prepared, files.is_some(), summary),
     }?;
     Ok(SolvedFields {
         early: history(prepared, found.early),

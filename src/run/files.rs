@@ -26,7 +26,7 @@ pub(crate) struct RunFiles<'a> {
 
 /// The fields that either method solves for, on this rank's share. The `History` of the output
 /// times before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
-pub(crate) struct Solved<History> {
+pub(crate) struct FieldsWithHistory<History> {
     /// The fields at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
@@ -44,4 +44,4 @@ pub(crate) struct Solved<History> {
 pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
 
 /// The fields that were solved for, with moments and fields at the output times before the end.
-pub(crate) type SolvedFields = Solved<Vec<EarlyResult>>;
+pub(crate) type SolvedFields = FieldsWithHistory<Vec<EarlyResult>>;

@@ -22,9 +22,9 @@ use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{
-    AxisEnd, Drawer, Particle, ParticleSource, SampleBox, SampleSequence, resampled,
+    AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, resampled,
 };
-use crate::run::ledger::flight::{Flight, NUMBERS, ParticleTally, end_index};
+use crate::run::ledger::flight::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
@@ -53,7 +53,7 @@ const BEYOND: f64 = 0.5;
 const LEAST_PARTS: usize = 1 << 8;
 /// Nodes of Gauss's rule on each of these parts.
 const NODES: usize = 4;
-/// Largest relative change of the mass by doubling the parts at which they are enough.
+/// Relative change of the mass by doubling the parts, at or below which there are enough parts.
 const ENOUGH: f64 = 1e-10;
 /// About the largest number of values of the inflow in all. It is reached where the inflow jumps in
 /// time.
@@ -134,14 +134,19 @@ struct TallyEstimate {
 }
 
 /// The estimates of each source of particles.
-struct Sources {
+struct SourceEstimates {
     initial: TallyEstimate,
     entering: Vec<(AxisEnd, TallyEstimate)>,
 }
 
-impl Sources {
+impl SourceEstimates {
     /// Draws and follows the particles of all sources. Collective.
-    fn follow(world: &Group, drawer: &Drawer<'_>, flight: &mut Flight<'_>, points: usize) -> Self {
+    fn follow(
+        world: &Group,
+        drawer: &ParticleSampler<'_>,
+        flight: &mut ParticleTracker<'_>,
+        points: usize,
+    ) -> Self {
         let case = drawer.case;
         let initial = replicated(world, drawer, flight, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
@@ -165,7 +170,7 @@ impl Sources {
     }
 
     /// Mass that enters through an end.
-    fn entered(&self, end: AxisEnd) -> f64 {
+    fn entering_mass(&self, end: AxisEnd) -> f64 {
         let found = self.entering.iter().find(|(other, _)| *other == end);
         found.map_or(0.0, |(_, found)| found.mean.mass)
     }
@@ -200,14 +205,14 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
     let mut within = SampleBox::whole(&case.space, 0.0);
     if !measure {
-        let support = Support::find(world, case, points / 4);
+        let support = DataSupport::find(world, case, points / 4);
         ledger.mass.beyond = Some(support.beyond);
         within = support.within;
     }
-    let mut flight = Flight::new(case, tracer.clone());
+    let mut flight = ParticleTracker::new(case, tracer.clone());
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
-    let drawer = Drawer { case, within, force: &force };
-    let sources = Sources::follow(world, &drawer, &mut flight, points);
+    let drawer = ParticleSampler { case, within, force: &force };
+    let sources = SourceEstimates::follow(world, &drawer, &mut flight, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
@@ -233,7 +238,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
 }
 
 /// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
-fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
+fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
     for end in open_ends(&case.space) {
         let at = end_index(end);
@@ -242,7 +247,7 @@ fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
             outflow: sources.sum(|tally| tally.outflow[at]),
             outflow_at_jumps: sources.sum(|tally| tally.at_jumps[at]),
-            inflow: sources.entered(end),
+            inflow: sources.entering_mass(end),
         });
     }
     let left = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
@@ -264,8 +269,8 @@ fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
 /// Collective.
 fn replicated(
     world: &Group,
-    drawer: &Drawer<'_>,
-    flight: &mut Flight<'_>,
+    drawer: &ParticleSampler<'_>,
+    flight: &mut ParticleTracker<'_>,
     source: ParticleSource,
     points: usize,
 ) -> TallyEstimate {
@@ -306,14 +311,14 @@ fn replicated(
 }
 
 /// The support of the initial data.
-struct Support {
+struct DataSupport {
     /// A box around them.
     within: SampleBox,
     /// Integral of `|f|` beyond the velocity box.
     beyond: f64,
 }
 
-impl Support {
+impl DataSupport {
     /// Evaluates the data at nodes of the grid, and at `points` points of a sequence over the box
     /// and beyond its velocities. Collective.
     fn find(world: &Group, case: &Case, points: usize) -> Self {
@@ -328,7 +333,7 @@ impl Support {
         let slot = |a: usize| if a < n { a } else { 3 + a - n };
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
-        let drawer = Drawer { case, within: wide.clone(), force: &|_, _| 0.0 };
+        let drawer = ParticleSampler { case, within: wide.clone(), force: &|_, _| 0.0 };
         let numbers = (world.rank()..points).step_by(world.size());
         let drawn = drawer.draw(ParticleSource::Initial, &sequence, numbers).into_iter();
         let (inside, beyond): (Vec<_>, Vec<_>) = drawn.partition(|particle| particle.inside);
@@ -353,13 +358,13 @@ impl Support {
         let count = world.sum_count(beyond.len());
         let bound = world.max(beyond.iter().fold(0.0, |most: f64, mass| most.max(*mass)));
         let beyond = world.sum(bound, count, beyond.into_iter()) / points as f64;
-        Self { within: around(space, &ends), beyond }
+        Self { within: box_around(space, &ends), beyond }
     }
 }
 
 /// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
 /// an element on each side; the whole box if there are no data.
-fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
+fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     let whole = SampleBox::whole(space, 0.0);
     let axes = ends.len() / 2;
     if ends[0] == f64::NEG_INFINITY {
@@ -373,7 +378,7 @@ fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
 
 /// The mass that enters the grid until the end, by the rows of the scheme; `None` for
 /// measure-valued data. Collective.
-pub fn entered(prepared: &Prepared) -> Option<f64> {
+pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if !matches!(case.data, Data::Density) {
         return None;

@@ -45,7 +45,7 @@ impl RunLog {
         self.line(&opening_line(plan));
     }
 
-    /// Records `warning` and prints it. Only before the solve.
+    /// Records `warning` and prints it. It is called before the solve only.
     pub fn warn(&mut self, warning: String) {
         self.line(&format!("warning: {warning}"));
         self.warnings.push(warning);

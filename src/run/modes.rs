@@ -10,26 +10,26 @@ use crate::plan::balance::{Batch, cost};
 use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, WarpedStart};
 use crate::problem::legs::Leg;
-use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::propagator;
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{Domain, ModesFromFile, ReadField, WarpedFile};
+use crate::results::warped::given::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{EarlyStates, RunFiles, Solved, WarpedOutput};
+use crate::run::files::{EarlyStates, FieldsWithHistory, RunFiles, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
-use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
+use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
-use crate::solve::stage::{Keeping, Recovered, Task};
+use crate::solve::stage::{FullRunModes, RecoveredFields, Task};
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use std::sync::Arc;
@@ -47,14 +47,14 @@ pub(crate) fn by_modes(
     prepared: &mut Prepared,
     files: Option<RunFiles<'_>>,
     summary: &mut Summary,
-) -> Result<Solved<EarlyStates>> {
+) -> Result<FieldsWithHistory<EarlyStates>> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let prints = communicator.world.rank() == 0 && files.is_some();
     let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, seconds: 0.0 });
     let mut checkpointing = files.and_then(|files| files.checkpointing);
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
-    let resumed = generation.map(|found| resumed(found, plan, communicator, rank_cells));
+    let resumed = generation.map(|found| resume_point(found, plan, communicator, rank_cells));
     summary.resumed = resumed.is_some();
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
@@ -97,10 +97,10 @@ pub(crate) fn by_modes(
     let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
-    count(summary, &recovered, communicator);
+    set_counts(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.seconds);
     drop(start.kept);
-    Ok(Solved {
+    Ok(FieldsWithHistory {
         warped_seconds,
         warning: start.warning,
         ..unweighted(prepared, recovered, summary)
@@ -109,7 +109,7 @@ pub(crate) fn by_modes(
 
 /// Cost of this rank's `batches` over all `stages` that is left. In a resumed run the stages before
 /// that of the checkpoint are finished, and some batches of that stage.
-fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&Resumed<'_>>) -> usize {
+fn cost_left(batches: &[Batch], stages: usize, resumed: Option<&ResumePoint<'_>>) -> usize {
     match resumed {
         Some(r) => (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches),
         None => stages * cost(batches),
@@ -155,9 +155,9 @@ impl ModeStart {
     }
 
     /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
-    fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<Initial<'a>> {
+    fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<InitialState<'a>> {
         let modes = states.iter().zip(&self.norms);
-        modes.map(|(state, &norm)| Initial::real(&state[..rows], norm)).collect()
+        modes.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect()
     }
 }
 
@@ -167,14 +167,14 @@ struct KeptForRun<'a, 'f> {
     files: Option<&'a mut WarpedFiles<'f>>,
 }
 
-/// All modes of a run, from their start to the recovered fields.
+/// The propagation of all modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
     case: &'a Case,
     plan: &'a Plan,
     spread: &'a Spread<'a>,
     rank_cells: &'a RankCells,
     schedule: Option<&'a Schedule>,
-    initial: &'a [Initial<'a>],
+    initial: &'a [InitialState<'a>],
 }
 
 impl ModeRun<'_> {
@@ -189,7 +189,7 @@ impl ModeRun<'_> {
         progress: &mut Progress,
         kept: Option<KeptForRun<'_, '_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
-    ) -> Result<Recovered> {
+    ) -> Result<RecoveredFields> {
         let Self { plan, spread, rank_cells, .. } = self;
         let (communicator, space) = (spread.communicator, spread.space);
         let warp = plan.warp.as_ref().expect("a plan by modes");
@@ -220,7 +220,7 @@ impl ModeRun<'_> {
             None => Ok(()),
         };
         let begun = self.case.start.is_some();
-        let mut keeping = kept.map(|kept| Keeping { kept, begun, after: &mut after });
+        let mut keeping = kept.map(|kept| FullRunModes { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
         if hooks.checkpoints.is_some() {
             // From now on all ranks answer a stop signal together.
@@ -268,14 +268,14 @@ impl ModeRun<'_> {
 }
 
 /// The checkpoint that a run resumes from, with the batches that are left.
-fn resumed<'a>(
+fn resume_point<'a>(
     generation: Generation,
     plan: &Plan,
     communicator: &Communicator,
     rank_cells: &'a RankCells,
-) -> Resumed<'a> {
+) -> ResumePoint<'a> {
     let finished = generation.state.finished.iter().copied().collect();
-    Resumed {
+    ResumePoint {
         batches: plan.batches_left(&finished, communicator.modes.rank()),
         share: &rank_cells.share,
         generation,
@@ -283,7 +283,7 @@ fn resumed<'a>(
 }
 
 /// Puts the counts of a run by modes into `summary`, summed over all groups. Collective.
-fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicator) {
+fn set_counts(summary: &mut Summary, recovered: &RecoveredFields, communicator: &Communicator) {
     let groups = &communicator.modes;
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
@@ -298,9 +298,9 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
 /// `summary`. Collective.
 fn unweighted(
     prepared: &Prepared,
-    recovered: Recovered,
+    recovered: RecoveredFields,
     summary: &mut Summary,
-) -> Solved<EarlyStates> {
+) -> FieldsWithHistory<EarlyStates> {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
@@ -316,7 +316,7 @@ fn unweighted(
     summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
         .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
         .fold(0.0, f64::max);
-    Solved {
+    FieldsWithHistory {
         fields,
         plateau: (recovered.plateau.into_iter()).map(|u| prepared.unweighted(u)).collect(),
         early: recovered.early,
@@ -350,7 +350,7 @@ const MOST_UNEVEN: f64 = 1e-3;
 fn refuse_uneven(
     start: &WarpedStart,
     case: &Case,
-    domain: Domain,
+    domain: ReadingDomain,
     uneven: f64,
 ) -> Result<Option<String>> {
     let [lower, upper] = domain.ends;
@@ -390,7 +390,7 @@ fn read_start(
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
+    let domain = ReadingDomain::new(&warp.readings[0], &plan.bounds, case.duration());
     let ReadField { checksum, largest: peak, unevenness } =
         given.read(ModesFromFile { spread, series: &warp.series, kept, domain })?;
     let communicator = spread.communicator;

@@ -16,7 +16,7 @@ pub struct Options {
     pub force: bool,
     /// Time since the start of the program after which to stop with a checkpoint (`--walltime`).
     pub walltime: Option<Duration>,
-    /// Set from outside when the run shall stop with a checkpoint.
+    /// The flag that is set from outside when the run is to stop with a checkpoint.
     pub stop: Arc<AtomicBool>,
 }
 

@@ -28,7 +28,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     Ok(preview(world, case, resources)?.plan)
 }
 
-/// A plan, and the totals at the start.
+/// A plan, and the totals of the initial data.
 pub struct Preview {
     /// The plan.
     pub plan: Plan,
@@ -53,7 +53,7 @@ pub struct MeasuredCase {
     expected: Bounds,
     /// Bounds with the measured growth.
     bounds: Bounds,
-    /// `‖ũ(0)‖/‖f(T)‖`.
+    /// The ratio of norms `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
     /// Totals of the data on the grid at time zero, if the grid was assembled.
     pub at_start: Option<Totals>,

@@ -15,7 +15,7 @@ use crate::results::provenance::provenance;
 use crate::results::summary::Summary;
 use crate::results::{grids, result_file, xdmf};
 use crate::run::checkpointing::Checkpointing;
-use crate::run::expand::Expanded;
+use crate::run::expand::ExpandedResults;
 use crate::run::log::RunLog;
 use std::ops::Range;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub struct Solution {
     pub share: Vec<Range<usize>>,
     /// Results at `T`, fields `[x, …, v, …]` on the share and moments on its space cells, and those
     /// of the output times before.
-    pub results: Expanded,
+    pub results: ExpandedResults,
     /// The exact solution on the share, if the case names one.
     pub exact: Option<ExactSolution>,
     /// Moments of the exact solution at the output times before the end, if they are wanted there,

@@ -16,7 +16,7 @@ use crate::results::{self, warped};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
-use crate::run::expand::Expanded;
+use crate::run::expand::ExpandedResults;
 use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
@@ -61,7 +61,7 @@ pub(super) struct StartObserved {
     entered: Option<f64>,
 }
 
-/// The error of the fields.
+/// The estimated errors of the fields.
 pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
     /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
@@ -69,14 +69,14 @@ pub(super) struct FieldErrors {
 }
 
 /// The results of all steps before the last.
-pub(super) struct Computed {
+pub(super) struct StepResults {
     pub reduced: ReducedCase,
     pub planned: PlannedRun,
     pub exact: ExactRun,
     pub checkpointing: Option<Checkpointing>,
     pub start: StartObserved,
     pub compared: FieldErrors,
-    pub results: Expanded,
+    pub results: ExpandedResults,
 }
 
 impl<'a> Driver<'a> {
@@ -162,7 +162,7 @@ impl<'a> Driver<'a> {
             Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
             None => Ledger::default(),
         };
-        let entered = ledger::entered(&planned.prepared);
+        let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered })
@@ -230,7 +230,7 @@ impl<'a> Driver<'a> {
         planned: &PlannedRun,
         exact: &ExactRun,
         solution: SolvedFields,
-    ) -> Result<Expanded> {
+    ) -> Result<ExpandedResults> {
         let prepared = &planned.prepared;
         let (grid, summary) = (&reduced.result_grid, &mut self.summary);
         let results = expand::expand(prepared, solution, grid, exact, summary)?;
@@ -239,8 +239,8 @@ impl<'a> Driver<'a> {
     }
 
     /// Step 10: completes the summary. Collective.
-    pub fn finish(mut self, computed: Computed) -> Solution {
-        let Computed { reduced, planned, exact, start, compared, results, .. } = computed;
+    pub fn finish(mut self, computed: StepResults) -> Solution {
+        let StepResults { reduced, planned, exact, start, compared, results, .. } = computed;
         let PlannedRun { prepared, lock, rank_cells } = planned;
         let case = reduced.result_grid.case;
         let volumes = CellVolumes::new(&case.space, &rank_cells.share);

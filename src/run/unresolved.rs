@@ -6,7 +6,7 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
-use crate::problem::potential::resolution::{Unresolved, unresolved};
+use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
 use crate::run::ledger::MOST_SPACE_CELLS;
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
@@ -15,7 +15,8 @@ const BEYOND: f64 = 0.1;
 /// Warnings of values of `V` between the points of the scheme, of edges that are not along the
 /// axes, of settings without effect, and of tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
-    let of_formulas = unresolved(case).into_iter().map(|found| between_points(case, &found));
+    let of_formulas =
+        largest_mismatches(case).into_iter().map(|found| between_points(case, &found));
     let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(&case.space, &found));
     // Edges first: no grid resolves them, and they are the reason of other warnings.
     of_edges
@@ -34,8 +35,8 @@ fn potential_key(potential: &[Region], region: usize) -> String {
     }
 }
 
-fn between_points(case: &Case, found: &Unresolved) -> String {
-    let Unresolved { region, axis, point, written, taken, elements } = found;
+fn between_points(case: &Case, found: &PotentialMismatch) -> String {
+    let PotentialMismatch { region, axis, point, written, taken, elements } = found;
     let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
     let element = along.position(point[*axis]).floor() as i64;
     let [lower, upper] =

@@ -3,14 +3,14 @@
 use crate::base::text::{coordinate_text, counted};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
-use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, overlooked};
+use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, unresolved_regions};
 use crate::run::unresolved::unresolved_parts;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 /// Warnings of a case: edges of `V` that miss faces, regions without a cell, parts of `V` that the
 /// grid does not resolve, settings without effect.
 pub fn warnings(case: &Case) -> Vec<String> {
-    let found = overlooked(case);
+    let found = unresolved_regions(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
         .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
     let unread = (case.method == Method::Classical && case.plateau.is_some()).then(|| {

@@ -45,7 +45,7 @@ pub(super) struct Elements {
 }
 
 impl Elements {
-    /// For `case`, with the jumps of `potential`.
+    /// The data of `case`, with a coupling for each jump of `potential`.
     ///
     /// # Errors
     /// [`Error::Input`] where a reflected part is not between 0 and 1.
@@ -166,7 +166,7 @@ pub(super) struct LineTerms<'a> {
     pub potential: &'a Potential,
     /// The data that all rows share.
     pub elements: &'a Elements,
-    /// The inflow.
+    /// The fields that have inflow, and the time of the inflow.
     pub entering: InflowTerm<'a>,
 }
 

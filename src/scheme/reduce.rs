@@ -44,7 +44,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     }
     let mut reductions = Reductions::default();
     let (allowed, before) = (case.reduce, case.space.cells());
-    match needs_all(&case) {
+    match key_needing_whole_grid(&case) {
         Some(key) if allowed.axes || allowed.velocities => {
             let line = format!("axes and velocities: all of them, for {key}");
             reductions.kept.push(line);
@@ -93,8 +93,8 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     Ok(case)
 }
 
-/// The key that keeps the whole grid.
-fn needs_all(case: &Case) -> Option<&'static str> {
+/// The key whose value requires the whole grid, if there is one.
+fn key_needing_whole_grid(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.start.is_some()),
         ("initial.field", case.start_field.is_some()),
@@ -126,7 +126,7 @@ fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
     fields.chain(exact)
 }
 
-/// The name of the first formula that varies along coordinate `slot`.
+/// The name of the first formula that varies along coordinate `slot`; `None` if none does.
 fn varies_along(case: &Case, slot: usize) -> Option<String> {
     let names = |formula: &Expression| formula.depends_on(slot);
     let potential = (case.potential.iter())
@@ -168,7 +168,8 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     }
 }
 
-/// Why space axis `a` is kept, though `V` and the initial data do not vary along it.
+/// The reason why space axis `a` is not merged, although `V` and the initial data do not vary along
+/// it.
 fn why_kept(case: &Case, a: usize) -> Option<String> {
     if case.space.x[a].cells == 1 {
         return None;

@@ -224,7 +224,7 @@ impl<'a> Scheme<'a> {
         row.enter(self.entering(), rate, point);
     }
 
-    /// The inflow.
+    /// The fields that have inflow, and the time of the inflow.
     fn entering(&self) -> InflowTerm<'_> {
         let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
         InflowTerm { fields, time: self.case.begin }
@@ -268,7 +268,7 @@ pub fn transport_rate(space: &PhaseSpace) -> f64 {
     (0..space.dimension()).filter(|&a| !space.is_single(a)).map(|a| fastest(space, a)).sum()
 }
 
-/// `max |v_a|/Δx_a`.
+/// The largest rate of transport along space axis `a`: `max |v_a|/Δx_a`.
 pub fn fastest(space: &PhaseSpace, a: usize) -> f64 {
     let v = &space.v[a];
     let ends = [0, v.cells as i64 - 1].map(|j| velocity(v, j).abs());

@@ -9,7 +9,7 @@ use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
-use crate::propagate::{Span, descriptor};
+use crate::propagate::{PropagationSpan, descriptor};
 use crate::schrodingerization::placement::plan_placement;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
@@ -185,7 +185,7 @@ impl WarpPlan {
         let (mut sum, mut sampled) = (0.0, 0);
         for l in (stride / 2..count).step_by(stride) {
             let weight = modes.weight(l, &placement.readings[0]).norm();
-            let span = Span {
+            let span = PropagationSpan {
                 time: case.duration() / stages as f64,
                 tolerance: mode_tolerance(case.tolerance / ratio, count, weight),
             };
@@ -289,7 +289,8 @@ fn leg_work(
     let mut scratch = Vec::new();
     let mut of_leg = |leg: &Leg| -> Vec<usize> {
         let of_mode = |l: usize| {
-            let span = Span { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
+            let span =
+                PropagationSpan { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
             let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
             // For `k ≥ ht`, `J_k(ht)` grows with the time: the truncation error is largest at the

@@ -4,13 +4,13 @@ use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::plan::balance::Batch;
 use crate::problem::legs::Leg;
-use crate::propagate::evolution::{BatchSpec, Evolution, Initial, StateRows};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, StateRows};
 use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::passed::PassedMoments;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::{KeptModes, ModeProgress};
-use crate::solve::stage::{Keeping, Stage, Task, whole_over_leg};
+use crate::solve::stage::{FullRunModes, Stage, Task, whole_over_leg};
 use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
 
@@ -25,7 +25,7 @@ pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
     /// The moments at the times that legs pass, if any.
     pub(super) passed: Option<&'b mut PassedMoments<'m>>,
     /// The stored modes of a full run.
-    pub(super) keeping: Option<&'b mut Keeping<'k>>,
+    pub(super) keeping: Option<&'b mut FullRunModes<'k>>,
     pub(super) statistics: &'b mut BatchStatistics,
 }
 
@@ -52,7 +52,7 @@ pub(super) fn add_batch(
         // The sums do not contain the batch yet.
         system.interruption.allowed = leg == stage.legs.start;
         let spec = specification(warp, leg, batch);
-        let start = Initial {
+        let start = InitialState {
             state: match leg {
                 0 if !begun => initial.state,
                 _ => StateRows::Lanes(between),

@@ -27,13 +27,13 @@ use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
 use crate::solve::checkpoint::store::{Generation, Store};
-use crate::solve::checkpoint::watch::{CheckpointTimes, Standing, Verdict, Watch};
+use crate::solve::checkpoint::watch::{CheckpointTimes, CommonDecision, RankState, Watch};
 use crate::solve::snapshot::Snapshot;
 use std::ops::Range;
 use std::time::Instant;
 
 /// The checkpoint that a run continues from.
-pub struct Resumed<'a> {
+pub struct ResumePoint<'a> {
     /// The checkpoint.
     pub generation: Generation,
     /// The unfinished batches of this rank's mode group in its stage.
@@ -60,8 +60,8 @@ pub struct Checkpoints<'a> {
     wall_seconds: Option<f64>,
     size: RunSize,
     /// The checkpoint to continue from, taken when the run begins.
-    pub resumed: Option<Resumed<'a>>,
-    /// How many were written.
+    pub resumed: Option<ResumePoint<'a>>,
+    /// Number of checkpoints that were written.
     pub written: usize,
 }
 
@@ -73,7 +73,7 @@ impl<'a> Checkpoints<'a> {
         store: &'a mut Store,
         times: CheckpointTimes,
         size: RunSize,
-        resumed: Option<Resumed<'a>>,
+        resumed: Option<ResumePoint<'a>>,
     ) -> Self {
         Self {
             communicator,
@@ -97,9 +97,9 @@ impl<'a> Checkpoints<'a> {
     /// On all ranks: [`Error::Stopped`] if the run is to stop and its checkpoint was written,
     /// [`Error::Checkpoint`] if it could not be written, [`Error::WallTime`] if the wall time did
     /// not suffice for one batch.
-    pub fn are_over<'s>(
+    pub fn stage_is_over<'s>(
         &mut self,
-        standing: Standing,
+        standing: RankState,
         snapshot: impl Fn() -> Snapshot<'s>,
     ) -> Result<bool> {
         let world = &self.communicator.world;
@@ -107,23 +107,25 @@ impl<'a> Checkpoints<'a> {
         loop {
             let verdict = self.watch.decide(self.communicator, standing);
             match verdict {
-                Verdict::GoOn => {
+                CommonDecision::GoOn => {
                     self.watch.begin(standing);
                     return Ok(false);
                 }
-                Verdict::Finished | Verdict::Failed => return Ok(true),
-                Verdict::StopByWallTime if world.sum_count(self.watch.batches) == 0 => {
+                CommonDecision::Finished | CommonDecision::Failed => return Ok(true),
+                CommonDecision::StopByWallTime if world.sum_count(self.watch.batches) == 0 => {
                     return Err(Error::WallTime { seconds: self.wall_seconds.unwrap_or(0.0) });
                 }
-                Verdict::Write | Verdict::StopBySignal | Verdict::StopByWallTime => {}
+                CommonDecision::Write
+                | CommonDecision::StopBySignal
+                | CommonDecision::StopByWallTime => {}
             }
             let started = Instant::now();
             let snapshot = snapshot();
             let written = self.store.write(world, self.mesh, &snapshot);
             self.watch.wrote(started.elapsed());
             let why = match (verdict, self.wall_seconds) {
-                (Verdict::StopBySignal, _) => "stopped by a signal".to_owned(),
-                (Verdict::StopByWallTime, Some(seconds)) => {
+                (CommonDecision::StopBySignal, _) => "stopped by a signal".to_owned(),
+                (CommonDecision::StopByWallTime, Some(seconds)) => {
                     format!("stopped by --walltime {seconds}")
                 }
                 _ => {

@@ -28,11 +28,11 @@ pub struct KeptModes {
 pub struct ModeProgress {
     /// Number of legs over which it was propagated.
     pub legs: usize,
-    /// `phase_l`.
+    /// The factor `phase_l`.
     pub phase: Complex64,
-    /// Its norm before the first leg, over all ranks of the space group, or a bound on it.
+    /// Norm of the mode before the first leg, over all ranks of the space group, or a bound on it.
     pub norm: f64,
-    /// Allowed change of the norm since, relative to it.
+    /// Allowed change of the norm since then, relative to the norm.
     pub allowed: f64,
 }
 
@@ -72,7 +72,7 @@ impl KeptModes {
         &self.values
     }
 
-    /// The same, to be written.
+    /// All values for writing, `rows` numbers a mode, in the order of [`modes`](Self::modes).
     pub fn values_mut(&mut self) -> &mut [Complex64] {
         &mut self.values
     }
@@ -82,7 +82,7 @@ impl KeptModes {
         &self.progress
     }
 
-    /// The same, to be written.
+    /// Progress of each mode for writing, in the order of [`modes`](Self::modes).
     pub fn progress_mut(&mut self) -> &mut [ModeProgress] {
         &mut self.progress
     }

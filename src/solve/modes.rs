@@ -21,10 +21,10 @@ use crate::propagate::evolution::Evolution;
 use crate::propagate::method::Propagator;
 use crate::propagate::passed::PassedMoments;
 use crate::solve::batch::{BatchDestination, add_batch};
-use crate::solve::checkpoint::watch::Standing;
-use crate::solve::checkpoint::{Checkpoints, Resumed};
+use crate::solve::checkpoint::watch::RankState;
+use crate::solve::checkpoint::{Checkpoints, ResumePoint};
 use crate::solve::kept::ModeProgress;
-use crate::solve::stage::{Keeping, Recovered, Stage, StageBatches, Task};
+use crate::solve::stage::{FullRunModes, RecoveredFields, Stage, StageBatches, Task};
 use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 use std::time::Instant;
@@ -33,7 +33,7 @@ use std::time::Instant;
 #[derive(Default)]
 pub struct RunHooks<'r, 'k, 'c> {
     /// The modes that a full run stores. A streamed run drops them.
-    pub keeping: Option<&'r mut Keeping<'k>>,
+    pub keeping: Option<&'r mut FullRunModes<'k>>,
     /// Checkpoints that are made, and the one that the run continues from.
     pub checkpoints: Option<&'r mut Checkpoints<'c>>,
 }
@@ -42,7 +42,7 @@ pub struct RunHooks<'r, 'k, 'c> {
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
-/// [`Error::Stopped`] and others as [`Checkpoints::are_over`]; errors of [`Keeping::after`].
+/// [`Error::Stopped`] and others as [`Checkpoints::stage_is_over`]; errors of [`FullRunModes::after`].
 ///
 /// [`Error::Unitarity`]: crate::base::error::Error::Unitarity
 /// [`Error::Stopped`]: crate::base::error::Error::Stopped
@@ -52,7 +52,7 @@ pub fn run(
     propagator: &mut dyn Propagator,
     progress: &mut Progress,
     mut hooks: RunHooks<'_, '_, '_>,
-) -> Result<Recovered> {
+) -> Result<RecoveredFields> {
     let resumed = hooks.checkpoints.as_mut().and_then(|c| c.resumed.take());
     // Whether batches start from stored modes instead of a field at time zero.
     let begun = hooks.keeping.as_ref().is_some_and(|keeping| keeping.begun);
@@ -78,7 +78,7 @@ pub fn run(
         passed,
         before: BatchStatistics::default(),
         statistics: BatchStatistics::default(),
-        recovered: Recovered::default(),
+        recovered: RecoveredFields::default(),
     };
     for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
         let from = resumed.as_ref().filter(|_| number == first);
@@ -94,7 +94,7 @@ struct StagedModes<'r, 'a, 's, 'k, 'c> {
     system: &'r mut Evolution<'s>,
     propagator: &'r mut dyn Propagator,
     progress: &'r mut Progress,
-    keeping: Option<&'r mut Keeping<'k>>,
+    keeping: Option<&'r mut FullRunModes<'k>>,
     checkpoints: Option<&'r mut Checkpoints<'c>>,
     /// The state of a batch between two legs.
     between: Vec<Lanes>,
@@ -104,7 +104,7 @@ struct StagedModes<'r, 'a, 's, 'k, 'c> {
     before: BatchStatistics,
     /// The counts since the beginning.
     statistics: BatchStatistics,
-    recovered: Recovered,
+    recovered: RecoveredFields,
 }
 
 impl StagedModes<'_, '_, '_, '_, '_> {
@@ -115,7 +115,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         number: usize,
         k: usize,
         legs: Range<usize>,
-        from: Option<&Resumed<'_>>,
+        from: Option<&ResumePoint<'_>>,
     ) -> Result<()> {
         let task = self.task;
         let leg = legs.start;
@@ -147,7 +147,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
     fn resume(
         &mut self,
         stage: &mut Stage<'_>,
-        resumed: &Resumed<'_>,
+        resumed: &ResumePoint<'_>,
         finished: &mut Vec<usize>,
     ) -> Result<()> {
         let task = self.task;
@@ -177,19 +177,19 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let mut outcome: Result<()> = Ok(());
         loop {
             let standing = match (&outcome, batches.len()) {
-                (Err(e), _) if e.is_left() => Standing::Left,
-                (Err(_), _) => Standing::Failed,
-                (Ok(()), 0) => Standing::Finished,
-                _ => Standing::Working,
+                (Err(e), _) if e.is_left() => RankState::Left,
+                (Err(_), _) => RankState::Failed,
+                (Ok(()), 0) => RankState::Finished,
+                _ => RankState::Working,
             };
             let over = match self.checkpoints.as_mut() {
-                Some(checkpoints) => checkpoints.are_over(standing, || {
+                Some(checkpoints) => checkpoints.stage_is_over(standing, || {
                     let statistics = &self.statistics;
                     let batches = StageBatches { stage: number, finished, statistics };
                     let kept = self.keeping.as_ref().map(|keeping| &*keeping.kept);
                     stage.snapshot(&batches, task, self.system.matrix, kept, &self.recovered)
                 })?,
-                None => standing != Standing::Working,
+                None => standing != RankState::Working,
             };
             if over {
                 // The error is one of another rank.
@@ -217,7 +217,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
     }
 
     /// The recovered fields and the counters. Collective.
-    fn counted(self) -> Recovered {
+    fn counted(self) -> RecoveredFields {
         let Self { task, before, statistics, mut recovered, .. } = self;
         let world = &task.communicator.world;
         // A rank without batches has neither defect nor norm.

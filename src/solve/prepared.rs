@@ -29,7 +29,7 @@ pub struct Prepared {
     pub bounds: Bounds,
     /// Bounds with which the system was assembled, before the growth was measured.
     expected: Bounds,
-    /// Most sweeps for the weights.
+    /// Largest number of sweeps for the weights.
     max_weight_sweeps: usize,
 }
 
@@ -42,7 +42,8 @@ impl Prepared {
         Self::assemble(world, case, ProvisionalPlan::new(case, resources)?)
     }
 
-    /// As [`new`](Self::new), on all ranks of `world` with the memory of this machine. Collective.
+    /// Plans and assembles `case` as [`new`](Self::new) does, on all ranks of `world` with the
+    /// memory of this machine. Collective.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -101,13 +102,15 @@ impl Prepared {
         self.system.probe(&self.communicator, &self.bounds, &legs)
     }
 
-    /// The same, and the norms that determine probabilities. Collective.
+    /// The ratio that [`probe`](Self::probe) gives, and the norms that determine probabilities.
+    /// Collective.
     pub fn rough_solution(&mut self) -> RoughSolution {
         let (legs, time) = (self.case.legs(), self.case.duration());
         self.system.rough_solution(&self.communicator, &self.bounds, &legs, time)
     }
 
-    /// The same with the bounds, the modes and their groups of `plan`, which has the same blocks.
+    /// This system with the bounds, the modes and their groups of `plan`, which has the same
+    /// blocks.
     pub fn with_modes_of(mut self, plan: &Plan) -> Self {
         self.plan.bounds = plan.bounds.clone();
         self.plan.warp.clone_from(&plan.warp);
@@ -115,13 +118,13 @@ impl Prepared {
         self
     }
 
-    /// `ũ` on this rank's share to `f`: undoes the weights.
+    /// Turns `ũ` on this rank's share into `f`, by undoing the weights.
     pub fn unweighted(&self, state: Vec<f64>) -> Vec<f64> {
         self.system.unweighted(&self.rank_cells.mine, state)
     }
 
-    /// The same with the plan of the modes, for the `ratio` of the probe; assembled again if that
-    /// plan has another process mesh. Collective.
+    /// This system with the plan of its modes, for the `ratio` of the probe. It is assembled again
+    /// if that plan has another process mesh. Collective.
     ///
     /// # Errors
     /// As [`Plan::new`]; [`Error::Ranks`] if ranks plan different series.

@@ -15,7 +15,7 @@ pub struct RankCells {
     pub ranges: Vec<Range<usize>>,
     /// This rank's range.
     pub mine: Range<usize>,
-    /// The same as space cells, one range an x-axis.
+    /// The space cells of this rank's range, one range for each x-axis.
     pub share: Vec<Range<usize>>,
 }
 
@@ -41,8 +41,8 @@ impl RankCells {
         }
     }
 
-    /// The values of all cells of the block, then zeros up to `length`; `mine` are those of this
-    /// rank's. Collective over the mode groups.
+    /// The values of all cells of the block, then zeros up to `length`. `mine` are the values of
+    /// this rank's cells. Collective over the mode groups.
     pub fn gathered(&self, modes: &Group, mine: &[f64], length: usize) -> Vec<f64> {
         let mut all = vec![0.0; length];
         all[self.mine.clone()].copy_from_slice(mine);

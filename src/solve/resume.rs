@@ -4,11 +4,11 @@ use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::MOMENTS;
 use crate::problem::legs::Leg;
-use crate::solve::checkpoint::Resumed;
-use crate::solve::checkpoint::file::Destination;
+use crate::solve::checkpoint::ResumePoint;
+use crate::solve::checkpoint::file::ReadDestination;
 use crate::solve::kept::KeptModes;
-use crate::solve::snapshot::{BoxValues, GroupProgress, Kept, KeptMode, Snapshot};
-use crate::solve::stage::{Recovered, Stage, StageBatches, Task};
+use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
+use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
 use std::ops::Range;
 
 impl Stage<'_> {
@@ -20,7 +20,7 @@ impl Stage<'_> {
         task: &Task<'_>,
         matrix: &BlockMatrix,
         kept: Option<&'b KeptModes>,
-        recovered: &'b Recovered,
+        recovered: &'b RecoveredFields,
     ) -> Snapshot<'b> {
         Snapshot {
             state: GroupProgress {
@@ -32,14 +32,14 @@ impl Stage<'_> {
             },
             sums: self.all().map(|sum| sum.numbers()).collect(),
             results: recovered.results(task, matrix.block.velocity_cells),
-            kept: kept.map(|kept| Kept {
+            kept: kept.map(|kept| StoredModes {
                 auxiliary: matrix.auxiliary_cells(),
                 modes: kept.begun().collect(),
             }),
         }
     }
 
-    fn all(&self) -> impl Iterator<Item = &crate::solve::sum::Sum<'_>> {
+    fn all(&self) -> impl Iterator<Item = &crate::solve::sum::ModeSum<'_>> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
@@ -50,17 +50,17 @@ impl Stage<'_> {
     /// If the checkpoint cannot be read.
     pub(crate) fn resume(
         &mut self,
-        resumed: &Resumed<'_>,
+        resumed: &ResumePoint<'_>,
         task: &Task<'_>,
         matrix: &BlockMatrix,
         kept: Option<&mut KeptModes>,
-        recovered: &mut Recovered,
+        recovered: &mut RecoveredFields,
     ) -> Result<()> {
-        let Resumed { generation, share, .. } = resumed;
+        let ResumePoint { generation, share, .. } = resumed;
         let modes = &task.communicator.modes;
         let points: usize = share.iter().map(Range::len).product();
         let sums = self.sums.iter_mut().flatten().chain(&mut self.step_sum);
-        let mut into = Destination {
+        let mut into = ReadDestination {
             block: &matrix.block.ranges,
             share,
             sums: sums.map(|sum| &mut sum.parts[..]).collect(),
@@ -91,7 +91,7 @@ impl Stage<'_> {
     }
 }
 
-impl Recovered {
+impl RecoveredFields {
     /// The results of the finished stages, field after field: early readings, and for finished
     /// fields the readings at the end, the plateau and the error of the step.
     fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<BoxValues<'_, f64>> {
@@ -116,11 +116,11 @@ impl Recovered {
 
 impl KeptModes {
     /// The modes that were propagated over at least one leg.
-    fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
+    fn begun(&self) -> impl Iterator<Item = StoredMode<'_>> {
         let all = self.modes().iter().zip(self.progress());
         all.filter(|(_, progress)| progress.legs > 0).filter_map(|(&mode, &progress)| {
             let rows = self.mode(mode)?;
-            Some(KeptMode { mode, progress, rows })
+            Some(StoredMode { mode, progress, rows })
         })
     }
 }

@@ -36,7 +36,7 @@ pub struct Fingerprint {
     pub(crate) fused: bool,
 }
 
-/// Identifies the warped field that a run starts from.
+/// The identity of the warped field that a run starts from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct WarpedFieldKey {
     /// Bits of the ends of its interval, and its points.
@@ -121,14 +121,14 @@ pub struct GroupProgress {
     pub finished: Vec<usize>,
     /// For each mode of the current stage, the error of the time step beyond its leading term.
     pub beyond: Vec<f64>,
-    /// The same of the finished stages, summed.
+    /// For each finished field, the sum of these errors over its modes.
     pub step_beyond: Vec<f64>,
     /// Statistics of the batches.
     pub statistics: BatchStatistics,
 }
 
 impl GroupProgress {
-    /// Adds another mode group's.
+    /// Adds the progress of another mode group in the same stage.
     pub(crate) fn add(&mut self, other: Self) {
         self.finished.extend(other.finished);
         self.beyond.extend(other.beyond);
@@ -145,7 +145,7 @@ pub struct Snapshot<'a> {
     /// The results of finished stages, point by point of the rank's share.
     pub results: Vec<BoxValues<'a, f64>>,
     /// The stored modes of a full run.
-    pub kept: Option<Kept<'a>>,
+    pub kept: Option<StoredModes<'a>>,
 }
 
 impl Snapshot<'_> {
@@ -161,26 +161,26 @@ impl Snapshot<'_> {
 /// Numbers, point by point of a box of space.
 #[derive(Clone, Copy)]
 pub struct BoxValues<'a, T> {
-    /// Numbers at a point.
+    /// Number of values at a point.
     pub width: usize,
-    /// All numbers.
+    /// The values, point by point.
     pub values: &'a [T],
 }
 
 /// Stored modes.
-pub struct Kept<'a> {
+pub struct StoredModes<'a> {
     /// The global number of the cell of each auxiliary unknown, in the order of the rows after the
     /// block's cells; the largest number for the common unknown.
     pub auxiliary: Vec<u64>,
     /// The modes.
-    pub modes: Vec<KeptMode<'a>>,
+    pub modes: Vec<StoredMode<'a>>,
 }
 
 /// A stored mode.
-pub struct KeptMode<'a> {
+pub struct StoredMode<'a> {
     /// Number of the mode.
     pub mode: usize,
-    /// Its progress.
+    /// Progress of the mode.
     pub progress: ModeProgress,
     /// The block's cells and its auxiliary unknowns.
     pub rows: &'a [Complex64],

@@ -12,9 +12,10 @@ use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::solve::system::DiscreteSystem;
 
-/// An end of the spectrum is found when its residual is this fraction of it …
+/// An end of the spectrum is found when its residual is at most this fraction of its magnitude.
 const RELATIVE: f64 = 1e-6;
-/// … or this fraction of the spectrum's length: eigenvalues next to zero are no more accurate.
+/// An end is also found when its residual is at most this fraction of the spectrum's length, as
+/// eigenvalues next to zero are no more accurate than that.
 const RELATIVE_TO_LENGTH: f64 = 1e-8;
 /// The ends are checked again when the number of steps has grown by this fraction.
 const BETWEEN_LOOKS: usize = 16;
@@ -24,20 +25,20 @@ const BETWEEN_LOOKS: usize = 16;
 pub struct SpectrumEnd {
     /// The extreme Ritz value: inside the spectrum, but for round-off.
     pub value: f64,
-    /// An eigenvalue is at most this far away.
+    /// A bound on the distance from `value` to the nearest eigenvalue of `S`.
     pub residual: f64,
-    /// Whether that is close enough.
+    /// Whether the residual is small enough for the search to end.
     pub converged: bool,
 }
 
 /// The extreme eigenvalues of `S` found by Lanczos.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Extremes {
+pub struct SpectrumExtremes {
     /// Largest eigenvalue.
     pub highest: SpectrumEnd,
     /// Smallest eigenvalue.
     pub lowest: SpectrumEnd,
-    /// Steps done.
+    /// Number of Lanczos steps.
     pub steps: usize,
 }
 
@@ -160,7 +161,7 @@ pub fn of(
     problem: &mut DiscreteSystem,
     space: &Group,
     steps: usize,
-) -> Result<(Extremes, [f64; 2])> {
+) -> Result<(SpectrumExtremes, [f64; 2])> {
     let bound = gershgorin(&problem.matrix, space);
     let norm = bound[0].abs().max(bound[1].abs());
     let exchange = &mut problem.exchange;
@@ -184,7 +185,7 @@ pub fn extremes(
     norm: f64,
     unknowns: usize,
     steps: usize,
-) -> Extremes {
+) -> SpectrumExtremes {
     let rows = matrix.rows();
     let mut vector = start_vector(matrix, unknowns);
     let dot =
@@ -218,7 +219,7 @@ pub fn extremes(
         if let Some([highest, lowest]) = found
             && (over || (highest.converged && lowest.converged))
         {
-            return Extremes { highest, lowest, steps: m };
+            return SpectrumExtremes { highest, lowest, steps: m };
         }
         beta.push(off);
         for i in 0..rows {

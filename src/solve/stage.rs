@@ -5,12 +5,12 @@ use crate::matrix::observables::MomentsOf;
 use crate::parallel::communicator::Communicator;
 use crate::plan::balance::Batch;
 use crate::problem::legs::Leg;
-use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::method::Propagator;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::KeptModes;
 use crate::solve::statistics::BatchStatistics;
-use crate::solve::sum::Sum;
+use crate::solve::sum::ModeSum;
 use std::ops::Range;
 
 /// The tasks of a run on this rank.
@@ -25,7 +25,7 @@ pub struct Task<'a> {
     /// The batches of this rank's mode group.
     pub batches: &'a [Batch],
     /// The fields at time zero.
-    pub initial: &'a [Initial<'a>],
+    pub initial: &'a [InitialState<'a>],
     /// `shares[g]`: the block's cells whose results rank `g` of the mode groups has.
     pub shares: &'a [Range<usize>],
     /// The computation of moments, for output times that need moments only.
@@ -34,7 +34,7 @@ pub struct Task<'a> {
 
 /// The recovered fields on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
-pub struct Recovered {
+pub struct RecoveredFields {
     /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
@@ -66,7 +66,7 @@ pub struct Recovered {
 }
 
 /// The tasks of a full run with the modes that it stores.
-pub struct Keeping<'a> {
+pub struct FullRunModes<'a> {
     /// The modes of this rank, of one field after the other.
     pub kept: &'a mut KeptModes,
     /// Whether the run starts from these modes instead of the fields at time zero.
@@ -90,11 +90,11 @@ pub(crate) struct Stage<'a> {
     pub(crate) field: usize,
     pub(crate) legs: Range<usize>,
     /// By leg of the stage, the sums at each time that the leg passes, then at its end.
-    pub(crate) sums: Vec<Vec<Sum<'a>>>,
+    pub(crate) sums: Vec<Vec<ModeSum<'a>>>,
     /// Whether the method has a time-step error.
     pub(crate) stepped: bool,
     /// The leading term of that error, if the stage goes to the end.
-    pub(crate) step_sum: Option<Sum<'a>>,
+    pub(crate) step_sum: Option<ModeSum<'a>>,
     /// Bounds on the error of modes whose step is too long for the leading term.
     pub(crate) beyond: Vec<f64>,
 }
@@ -112,10 +112,11 @@ impl<'a> Stage<'a> {
         let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
         let velocities = system.matrix.block.velocity_cells;
         let points = system.matrix.block.space_cells();
-        let field = |reading, size| Sum::of_field(warp, reading, size * norm, points, velocities);
+        let field =
+            |reading, size| ModeSum::of_field(warp, reading, size * norm, points, velocities);
         let last = task.legs.len() - 1;
         let moments = || {
-            let of = |moments| Sum::of_moments(warp, &warp.readings[0], norm, points, moments);
+            let of = |moments| ModeSum::of_moments(warp, &warp.readings[0], norm, points, moments);
             task.moments.map(of)
         };
         let at_end = |leg: usize| match moments().filter(|_| task.legs[leg].moments_only) {
@@ -142,9 +143,14 @@ impl<'a> Stage<'a> {
     }
 
     /// Adds the recovered field to `recovered`. Collective.
-    pub(crate) fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
+    pub(crate) fn finish(
+        self,
+        task: &Task<'_>,
+        velocities: usize,
+        recovered: &mut RecoveredFields,
+    ) {
         let modes = &task.communicator.modes;
-        let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
+        let share = |sum: ModeSum<'_>| sum.share(modes, velocities, task.shares);
         let mut found: Vec<Vec<f64>> = self.sums.into_iter().flatten().map(share).collect();
         let at_end = (self.legs.end == task.legs.len()).then(|| {
             let plateau = if self.field == 0 { task.warp.plateau.len() } else { 0 };

@@ -49,7 +49,7 @@ struct StoredPart {
     shape: Vec<usize>,
     /// Cells of the rank's block along each axis.
     wanted: Vec<Range<usize>>,
-    /// The same cells in the file: one cell of an axis that was merged.
+    /// These cells in the file: one cell along an axis that was merged.
     stored: Vec<Range<usize>>,
 }
 

@@ -11,9 +11,9 @@ pub struct BatchStatistics {
     pub defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; `None` if all states were zero.
     pub kept: Option<f64>,
-    /// Applications.
+    /// Number of applications of the matrix.
     pub applications: usize,
-    /// Linear systems solved.
+    /// Number of linear systems solved.
     pub solves: usize,
 }
 

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 /// The fixed-point sums of the modes by a reading, one for each cell of the space block, or one for
 /// each point and moment.
-pub struct Sum<'a> {
+pub struct ModeSum<'a> {
     pub(crate) reading: Reading,
     /// Numbers at a point of space.
     width: usize,
@@ -23,7 +23,7 @@ pub struct Sum<'a> {
     moments: Option<&'a MomentsOf<'a>>,
 }
 
-impl<'a> Sum<'a> {
+impl<'a> ModeSum<'a> {
     /// Storage for the sums over the modes of `warp`, whose vectors are at most `size` long, at
     /// `points` points of space with `velocities` cells each.
     pub fn of_field(

@@ -53,7 +53,11 @@ pub struct DiscreteSystem {
 ///
 /// # Errors
 /// [`Error::Magnitude`].
-fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f64>) -> Result<()> {
+fn check_magnitude(
+    world: &Group,
+    formula: &Expression,
+    values: impl Iterator<Item = f64>,
+) -> Result<()> {
     let value = world.max(values.fold(0.0, |m: f64, x| m.max(x.abs())));
     if value == 0.0 || (1e-100..=1e100).contains(&value) {
         return Ok(());
@@ -66,7 +70,7 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
 pub struct SystemLimits {
     /// The largest number of reals in a row of a vector whose ghosts are exchanged.
     pub ghost_width: usize,
-    /// Most sweeps for the weights.
+    /// Largest number of sweeps for the weights.
     pub max_weight_sweeps: usize,
 }
 
@@ -121,11 +125,11 @@ fn initial_values(
                     }
                     false => mine,
                 };
-                magnitude(world, &field.initial, values.iter().copied())?;
+                check_magnitude(world, &field.initial, values.iter().copied())?;
                 values
             }
         };
-        magnitude(world, field.entering(), matrix.inflow.iter().map(|aux| aux.values[k]))?;
+        check_magnitude(world, field.entering(), matrix.inflow.iter().map(|aux| aux.values[k]))?;
         Ok(values)
     };
     case.fields.iter().enumerate().map(values).collect()
@@ -152,7 +156,7 @@ fn weighted_state(
 
 /// The steps of an inflow that depends on time, if the modes of `field` are propagated; the
 /// classical method only checks its samples. `None` for a constant inflow. Collective.
-fn scheduled(
+fn inflow_schedule(
     case: &Case,
     matrix: &BlockMatrix,
     exchange: &mut GhostExchange,
@@ -162,7 +166,7 @@ fn scheduled(
     match (case.varies(), case.method) {
         (false, _) => Ok(None),
         (true, Method::Classical) => {
-            communicator.world.agree(time_dependent_inflow::sampled(case, matrix))?;
+            communicator.world.agree(time_dependent_inflow::largest_inflow(case, matrix))?;
             Ok(None)
         }
         (true, Method::Schrodingerized) => {
@@ -199,7 +203,7 @@ impl DiscreteSystem {
             .map(|(k, values)| weighted_state(&case.fields, &matrix, &weights.pi, k, values))
             .collect();
         let field = WeightedField { weights: &weights.pi, state: &states[0], rate: bounds.rate };
-        let schedule = scheduled(case, &matrix, &mut exchange, communicator, &field)?;
+        let schedule = inflow_schedule(case, &matrix, &mut exchange, communicator, &field)?;
         if let Some(schedule) = &schedule {
             states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
             matrix.summed_growth = schedule.summed_growth;
@@ -258,7 +262,8 @@ impl DiscreteSystem {
         })
     }
 
-    /// The same over the cells with the weights, and over the auxiliary unknowns.
+    /// The l2 norms of `x` over the weighted cells, and over the auxiliary unknowns. Collective
+    /// over the space group.
     pub fn norms_of_parts(&self, communicator: &Communicator, x: &[f64]) -> [f64; 2] {
         let cells = self.matrix.block.cells();
         [true, false].map(|field| {
@@ -280,7 +285,7 @@ impl DiscreteSystem {
         self.matrix.sum_rows(group, bound, self.terms, square).sqrt()
     }
 
-    /// `ũ` to `f`, in place: undoes the weights on the cells `range`.
+    /// Turns `ũ` on the cells `range` into `f`, by undoing the weights.
     pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
         for (u, pi) in state.iter_mut().zip(&self.weights.pi[range.clone()]) {
             *u /= pi.sqrt();
@@ -294,7 +299,8 @@ impl DiscreteSystem {
         self.probe_keeping(communicator, bounds, legs, &mut None)
     }
 
-    /// The same, and the norms of the first field at the end, after `time`. Collective.
+    /// The ratio that [`probe`](Self::probe) gives, and the norms of the first field at the end,
+    /// after `time`. Collective.
     pub fn rough_solution(
         &mut self,
         communicator: &Communicator,
@@ -313,7 +319,9 @@ impl DiscreteSystem {
         RoughSolution { ratio, norms }
     }
 
-    /// [`Self::probe`], which keeps the end of the first field in `last`, on ranks that have it.
+    /// The ratio that [`probe`](Self::probe) gives. The first field at the end is stored in `last`,
+    /// on ranks of the mode group that propagates it. With a varying inflow nothing is propagated
+    /// or stored.
     fn probe_keeping(
         &mut self,
         communicator: &Communicator,
@@ -389,7 +397,7 @@ fn propagate_roughly(
     }
 }
 
-/// What is known of a solution before modes are planned, to about three digits.
+/// Norms of a solution that are computed before modes are planned, to about three digits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughSolution {
     /// Largest `‖ũ(0)‖/‖f(t)‖`, with a margin, that modes are planned for.
@@ -401,24 +409,24 @@ pub struct RoughSolution {
 /// Norms of the vectors whose ratios are probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StateNorms {
-    /// `‖u(0)‖`.
+    /// Norm `‖ũ(0)‖` of the weighted state with its auxiliary unknowns.
     pub start: f64,
-    /// `‖√π f(T)‖`.
+    /// Norm `‖√π f(T)‖` of the weighted field.
     pub weighted: f64,
-    /// `‖f(T)‖`.
+    /// Norm `‖f(T)‖` of the field.
     pub field: f64,
-    /// `‖r‖`, which does not change.
+    /// Norm `‖r‖` of the auxiliary unknowns, which does not change.
     pub auxiliary: f64,
 }
 
 impl StateNorms {
-    /// Why there is no state to be prepared; none where there is one.
+    /// The reason why there is no state to prepare; `None` if there is one.
     pub fn no_start(&self) -> Option<&'static str> {
         const WHY: &str = "f(0) is 0 and nothing enters: there is no state to prepare";
         (self.start == 0.0).then_some(WHY)
     }
 
-    /// Why there is no field to be measured; none where there is one.
+    /// The reason why there is no field to measure; `None` if there is one.
     pub fn no_field(&self) -> Option<&'static str> {
         let decayed = (self.field == 0.0).then_some("the field has decayed to zero");
         self.no_start().or(decayed)

@@ -143,7 +143,7 @@ impl<'a> Study<'a> {
         }
         self.try_fluxes(&found)?;
         let given = match found.iter().find(|found| found.scheme == SchemeChoice::of(self.case)) {
-            Some(SchemeWithGrid { scheme, reached }) => self.given(*scheme, reached)?,
+            Some(SchemeWithGrid { scheme, reached }) => self.given_case(*scheme, reached)?,
             None => None,
         };
         self.ended = true;

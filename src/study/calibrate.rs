@@ -125,8 +125,8 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let mut block = block.with_modes_of(&plan);
     time_observables(&mut block, &mut watch);
     let SolveTime { solve, application } = match &plan.warp {
-        Some(warp) => modes::expected(&mut block, warp, run.whole())?,
-        None => classical::expected(&mut block)?,
+        Some(warp) => modes::predict_solve_time(&mut block, warp, run.whole())?,
+        None => classical::predict_solve_time(&mut block)?,
     };
     let mut seconds = watch.seconds;
     seconds.insert("solve".to_owned(), solve + seconds_to_read(case, &plan));

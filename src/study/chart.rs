@@ -55,7 +55,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let programme = Programme::new(&case.space, &Grids::new(case), treated, |space| {
         stray_edges(&on_grid(case, &space.elements())) <= stray
     });
-    let Degrees { cases, left_out } = Degrees::of(case);
+    let DegreeCases { cases, left_out } = DegreeCases::of(case);
     let programme = programme.with_degrees(&cases);
     let mut attempts = Attempts::new(world, case, jumps, budget).with_degrees(&cases);
     attempts.try_all(programme.every_method());
@@ -100,13 +100,13 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
 }
 
 /// The case with elements of other degrees.
-struct Degrees {
+struct DegreeCases {
     cases: Vec<Case>,
-    /// Why higher degrees are missing, if they are.
+    /// The reason why higher degrees are missing, if they are.
     left_out: Option<String>,
 }
 
-impl Degrees {
+impl DegreeCases {
     fn of(case: &Case) -> Self {
         let others = DEGREES.filter(|degree| *degree != case.space.degree());
         let merged = vec![false; 2 * case.space.dimension()];

@@ -60,7 +60,7 @@ const LEAST_SHARE: f64 = 1e-3;
 /// Names of methods.
 const QUADRATURE: &str = "quadrature over characteristics";
 const MONTE_CARLO: &str = "Monte Carlo over characteristics";
-/// Why nothing is traced where `V` reflects in part.
+/// The reason why nothing is traced where `V` reflects in part.
 const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; all \
                         branches are too many, and ways that draw one are not built";
 
@@ -84,17 +84,8 @@ impl EndToEnd {
         let at_point = DensityAtPoint { case, point, value: exact_values(case, &exact, &tracer) };
         let traced = at_point.by_quadrature(accuracy);
         let density_of_mean = traced.density.abs() / mean;
-        let n = case.space.dimension();
         if density_of_mean < LEAST_SHARE {
-            return Err(Error::Input(format!(
-                "{}: --accuracy: the density at {:?} is {:.1e}, {density_of_mean:.1e} of the mean \
-                 one; the errors of a grid are relative to the whole density, and say nothing of \
-                 one below {LEAST_SHARE:e} of the mean. Name another point in [readout], or none: \
-                 then it is the one of the largest density",
-                case.name,
-                &point[..n],
-                traced.density
-            )));
+            return Err(too_small(&at_point, traced.density, density_of_mean));
         }
         let density = traced.density.abs();
         let task = DensityTask { world, exact: &exact, accuracy, density, synthesis, progress };
@@ -103,13 +94,7 @@ impl EndToEnd {
         let quantum = vec![
             task.cheapest("Schrödingerization, dissipative", &upwind),
             task.cheapest("one mode, unitary", &unitary),
-            match case.reflects() {
-                true => QuantumMethod::unavailable(OVER_CHARACTERISTICS, BRANCHES),
-                false => {
-                    let segments = at_point.most_segments(traced.density, accuracy)?;
-                    task.over_characteristics(&case.space, &traced, segments)
-                }
-            },
+            by_characteristics(&task, &at_point, &traced)?,
         ];
         let baselines = classical_methods(&task, &at_point, &traced, &upwind);
         task.progress.borrow().finish();
@@ -125,7 +110,7 @@ impl EndToEnd {
             title: case.title.clone(),
             accuracy,
             t_of_rotation: synthesis,
-            point: point[..n].to_vec(),
+            point: point[..case.space.dimension()].to_vec(),
             density: traced.density,
             density_of_mean,
             verdict: sentences,
@@ -133,6 +118,36 @@ impl EndToEnd {
             classical: baselines,
         })
     }
+}
+
+/// The error of a density that is a part `share` of the mean one, below [`LEAST_SHARE`].
+fn too_small(at_point: &DensityAtPoint<'_>, density: f64, share: f64) -> Error {
+    let DensityAtPoint { case, point, .. } = at_point;
+    Error::Input(format!(
+        "{}: --accuracy: the density at {:?} is {density:.1e}, {share:.1e} of the mean one; the \
+         errors of a grid are relative to the whole density, and say nothing of one below \
+         {LEAST_SHARE:e} of the mean. Name another point in [readout], or none: then it is the one \
+         of the largest density",
+        case.name,
+        &point[..case.space.dimension()]
+    ))
+}
+
+/// The quantum method over characteristics; unavailable where `V` reflects in part.
+///
+/// # Errors
+/// As [`DensityAtPoint::most_segments`].
+fn by_characteristics(
+    task: &DensityTask<'_>,
+    at_point: &DensityAtPoint<'_>,
+    traced: &TracedDensity,
+) -> Result<QuantumMethod> {
+    let case = at_point.case;
+    if case.reflects() {
+        return Ok(QuantumMethod::unavailable(OVER_CHARACTERISTICS, BRANCHES));
+    }
+    let segments = at_point.most_segments(traced.density, task.accuracy)?;
+    Ok(task.over_characteristics(&case.space, traced, segments))
 }
 
 /// The classical methods. Collective.
@@ -165,7 +180,7 @@ fn classical_methods(
     baselines
 }
 
-/// Why no slopes are limited in a case by elements.
+/// The reason why a case by elements has no method with slopes.
 fn no_slopes(case: &Case) -> String {
     let key = match (case.space.degree(), case.reflects()) {
         (0, true) => "potential.reflection".to_owned(),

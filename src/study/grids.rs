@@ -8,7 +8,7 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::problem::potential::{overlooked, region_edges};
+use crate::problem::potential::{region_edges, unresolved_regions};
 use std::cmp::Reverse;
 
 /// Largest distance from a face, in cells, of an edge that counts as on it.
@@ -106,7 +106,7 @@ pub fn degree_settings(case: &Case, degree: usize) -> Vec<String> {
 
 /// Number of edges of `V` on no face of the case's grid, plus regions that hold no cell centre.
 pub fn stray_edges(case: &Case) -> usize {
-    let found = overlooked(case);
+    let found = unresolved_regions(case);
     found.edges.len() + found.empty.len()
 }
 

@@ -17,9 +17,9 @@ use crate::study::calibrate::Calibration;
 use serde::Serialize;
 use std::fmt;
 
-/// A number of ranks is worth it if its efficiency is at least this, ...
+/// Least efficiency of a number of ranks that is worth it.
 const LEAST_EFFICIENCY: f64 = 0.5;
-/// ... and it is at least this many times as fast as the last number that is worth it.
+/// Least speed of a number of ranks that is worth it, relative to the last such number before it.
 const LEAST_GAIN: f64 = 1.1;
 
 /// Steps of a run that every mode group repeats on its blocks.
@@ -97,9 +97,10 @@ pub struct RankCost {
     /// Planned bytes on a full node.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory_per_node: Option<u64>,
-    /// Whether the time saved is worth the ranks.
+    /// Whether the number of ranks is worth it.
     pub worth_it: bool,
-    /// Whether it is the last number of ranks that is worth it; the first that fits if none is.
+    /// Whether this is the last number of ranks that is worth it, or the first that fits if none
+    /// is.
     pub recommended: bool,
 }
 
@@ -113,7 +114,7 @@ pub enum RankLine {
     Refused {
         /// Number of ranks.
         ranks: usize,
-        /// Why.
+        /// The reason why the case cannot run on this number of ranks.
         refused: String,
     },
 }
@@ -230,7 +231,7 @@ impl RankTable {
     }
 }
 
-/// Why the case cannot run on a number of ranks, on one line.
+/// The reason why the case cannot run on a number of ranks, on one line.
 fn refusal(error: &Error) -> String {
     match error {
         Error::Memory { needed, available, .. } => format!("{needed} a rank, {available} there"),

@@ -36,7 +36,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::stability::panel::{
-    AxisScale, Findings, LeftOut, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
+    AxisScale, LeftOut, PanelContents, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
 };
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
@@ -45,7 +45,8 @@ use std::time::Duration;
 struct PanelSpec {
     name: PanelName,
     title: &'static str,
-    /// Whether it rarely uses an equal share of the budget: it may then have two, as time is left.
+    /// Whether the panel rarely uses an equal share of the budget. It may then take two shares of
+    /// the time that is left.
     cheap: bool,
     x: AxisScale,
     y: AxisScale,
@@ -83,7 +84,7 @@ const PANELS: [PanelSpec; 8] = [
 ];
 
 impl PanelSpec {
-    fn panel(&self, findings: Findings) -> StabilityPanel {
+    fn panel(&self, findings: PanelContents) -> StabilityPanel {
         let Self { name, title, .. } = *self;
         StabilityPanel { name, title, x: self.x.clone(), y: self.y.clone(), findings }
     }

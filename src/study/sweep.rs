@@ -55,7 +55,7 @@ pub struct SweepRun {
     pub values: Vec<Value>,
     /// Directory of the results of the run.
     pub directory: PathBuf,
-    /// Why its case is refused.
+    /// The reason why the case of the run is refused.
     pub refused: Option<String>,
     /// `--set` options of its case.
     overrides: Vec<String>,
@@ -77,18 +77,18 @@ pub struct Sweep {
     keys: Vec<String>,
 }
 
-/// How a run was completed.
-enum Done {
-    /// Done by an earlier process.
+/// The way in which a run was completed.
+enum RunCompletion {
+    /// An earlier process completed the run.
     Before,
-    /// Done by this process.
+    /// This process completed the run.
     Now {
-        /// Wall time.
+        /// Wall time of the run.
         seconds: f64,
     },
 }
 
-impl fmt::Display for Done {
+impl fmt::Display for RunCompletion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Before => f.write_str("finished before"),
@@ -200,7 +200,9 @@ impl Sweep {
                 self.report_end(world, run, &done);
                 run::refuse_missed(world, &run.directory, self.case(run)?.strict)
             }
-            Err(error) if error.exit_code() == CAN_GO_ON => Err(self.stopped(why(&error), 0, 1)),
+            Err(error) if error.exit_code() == CAN_GO_ON => {
+                Err(self.stopped(reason_text(&error), 0, 1))
+            }
             Err(error) => Err(error),
         }
     }
@@ -227,7 +229,7 @@ impl Sweep {
             let error = match found {
                 Ok(done) => {
                     finished += 1;
-                    computed += usize::from(!matches!(done, Done::Before));
+                    computed += usize::from(!matches!(done, RunCompletion::Before));
                     let row = self.row(world, run)?;
                     match row.error.as_deref() {
                         Some(missed) => self.report_end(world, run, &missed),
@@ -243,7 +245,7 @@ impl Sweep {
                 return Err(error);
             }
             if too_late || error.exit_code() == CAN_GO_ON {
-                let stopped = Some(stopped(why(&error)));
+                let stopped = Some(stopped(reason_text(&error)));
                 return Ok(SweepResult { table, stopped });
             }
             self.report_end(world, run, &error);
@@ -269,10 +271,10 @@ impl Sweep {
     }
 
     /// Solves a run, unless it is finished. Collective.
-    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Done> {
+    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<RunCompletion> {
         let case = self.case(run)?;
         if run::is_done(world, &run.directory, &case) {
-            return Ok(Done::Before);
+            return Ok(RunCompletion::Before);
         }
         if world.group().rank() == 0 {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
@@ -293,7 +295,7 @@ impl Sweep {
         if world.group().rank() == 0 {
             summary.report_late_warnings();
         }
-        Ok(Done::Now { seconds: summary.wall_seconds })
+        Ok(RunCompletion::Now { seconds: summary.wall_seconds })
     }
 
     /// Reports how a run ended.
@@ -323,8 +325,8 @@ fn value_of(tree: &Value, key: &str) -> Value {
     tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
 }
 
-/// Why a run or the sweep stopped early.
-fn why(error: &Error) -> String {
+/// The reason why a run or the sweep stopped early, as text.
+fn reason_text(error: &Error) -> String {
     match error {
         Error::Stopped { why, .. } | Error::SweepStopped { why, .. } => why.clone(),
         other => other.to_string(),
@@ -336,9 +338,9 @@ fn is_too_late(world: &World, error: &Error) -> bool {
     world.group().max_count(usize::from(matches!(error, Error::WallTime { .. }))) > 0
 }
 
-/// Why no further run may begin: any rank received a signal, or the wall time is over. The wall
-/// time counts only if something was `computed`; if it is too short for the first run, that run
-/// fails. Collective.
+/// The reason why no further run may begin: any rank received a signal, or the wall time is over.
+/// The wall time counts only if something was `computed`; if it is too short for the first run,
+/// that run fails. Collective.
 fn reason_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
     let signal = options.stop.load(Ordering::Relaxed);
     let wall = options.walltime.filter(|_| computed);

@@ -22,7 +22,7 @@ use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::method::{BatchReport, Propagator};
 use phasewarp::propagate::passed::PassedMoments;
-use phasewarp::propagate::{Span, work};
+use phasewarp::propagate::{PropagationSpan, work};
 use std::collections::BTreeMap;
 
 /// Wavenumbers of a batch, from 0 to more than those of plans.
@@ -254,7 +254,7 @@ fn krylov_steps(
     let bounds = &weighted.prepared.bounds;
     let propagation = &twin.case.propagator;
     let planned = WAVENUMBERS.map(|mu| {
-        let span = Span { time, tolerance };
+        let span = PropagationSpan { time, tolerance };
         work(propagation, bounds, mu, span, &mut scratch)
     });
     let batch = BatchSpec {

@@ -8,8 +8,8 @@ use phasewarp::parallel::communicator::vote::Vote;
 use phasewarp::parallel::communicator::{Communicator, World};
 use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::propagate::interruption::Interruption;
-use phasewarp::solve::checkpoint::watch::{CheckpointTimes, Standing};
-use phasewarp::solve::checkpoint::watch::{Verdict, Watch};
+use phasewarp::solve::checkpoint::watch::{CheckpointTimes, RankState};
+use phasewarp::solve::checkpoint::watch::{CommonDecision, Watch};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -166,24 +166,24 @@ pub fn looks_of_unequal_blocks(world: &World) {
 /// A stage of a run on a rank: `batches` batches of one millisecond each, then the standing `last`.
 struct Stage {
     batches: usize,
-    last: Standing,
+    last: RankState,
 }
 
 impl Stage {
     /// Runs the stage. Returns the number of checkpoints that the rank wrote and the final verdict.
-    fn run(&self, communicator: &Communicator, times: &CheckpointTimes) -> (usize, Verdict) {
+    fn run(&self, communicator: &Communicator, times: &CheckpointTimes) -> (usize, CommonDecision) {
         let mut watch = Watch::new(communicator, times.clone());
         watch.expect(|| 0);
         let (mut left, mut written) = (self.batches, 0);
         loop {
-            let standing = if left > 0 { Standing::Working } else { self.last };
+            let standing = if left > 0 { RankState::Working } else { self.last };
             match watch.decide(communicator, standing) {
-                Verdict::GoOn => {
+                CommonDecision::GoOn => {
                     watch.begin(standing);
                     std::thread::sleep(Duration::from_millis(u64::from(left > 0)));
                     left = left.saturating_sub(1);
                 }
-                Verdict::Write => {
+                CommonDecision::Write => {
                     // This hangs unless all ranks write.
                     communicator.world.barrier();
                     written += 1;
@@ -210,38 +210,39 @@ fn verdicts_on(world: &World, mesh: &ProcessMesh) {
     let communicator = Communicator::new(world, mesh);
     let group = communicator.modes.rank();
     // Checks the verdict and that all ranks wrote equally often. Returns the number of checkpoints.
-    let written = |batches: usize, last: Standing, times: &CheckpointTimes, expected: Verdict| {
-        let (written, end) = Stage { batches, last }.run(&communicator, times);
-        assert_eq!(end, expected);
-        assert!(all.same(written as u64));
-        written
-    };
+    let written =
+        |batches: usize, last: RankState, times: &CheckpointTimes, expected: CommonDecision| {
+            let (written, end) = Stage { batches, last }.run(&communicator, times);
+            assert_eq!(end, expected);
+            assert!(all.same(written as u64));
+            written
+        };
     // Groups have different numbers of batches; the first group has none.
     let batches = 7 * group;
     let never = CheckpointTimes::default();
-    assert_eq!(written(batches, Standing::Finished, &never, Verdict::Finished), 0);
+    assert_eq!(written(batches, RankState::Finished, &never, CommonDecision::Finished), 0);
     // The last group fails, after its batches.
     let fails = group + 1 == mesh.groups;
-    let last = if fails { Standing::Failed } else { Standing::Finished };
-    written(batches, last, &never, Verdict::Failed);
+    let last = if fails { RankState::Failed } else { RankState::Finished };
+    written(batches, last, &never, CommonDecision::Failed);
     // A checkpoint with each vote.
     let always = CheckpointTimes { every: Some(Duration::ZERO), ..CheckpointTimes::default() };
-    assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
+    assert!(written(batches + 5, RankState::Finished, &always, CommonDecision::Finished) > 0);
     // One rank gets the request to stop.
     let stop = CheckpointTimes::default();
     let expected = all.rank() + 1 == all.size();
     stop.stop.store(expected, Ordering::Relaxed);
-    written(batches + 50, Standing::Finished, &stop, Verdict::StopBySignal);
+    written(batches + 50, RankState::Finished, &stop, CommonDecision::StopBySignal);
     // The wall time suffices for no batch, for some batches, or for all.
     for (milliseconds, batches, expected) in [
-        (0, 10_000, Verdict::StopByWallTime),
-        (30, 10_000, Verdict::StopByWallTime),
-        (1_000_000, batches, Verdict::Finished),
+        (0, 10_000, CommonDecision::StopByWallTime),
+        (30, 10_000, CommonDecision::StopByWallTime),
+        (1_000_000, batches, CommonDecision::Finished),
     ] {
         let times = CheckpointTimes {
             wall: Some((Instant::now(), Duration::from_millis(milliseconds))),
             ..CheckpointTimes::default()
         };
-        written(batches, Standing::Finished, &times, expected);
+        written(batches, RankState::Finished, &times, expected);
     }
 }

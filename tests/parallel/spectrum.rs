@@ -8,7 +8,7 @@ use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::bounds::Bounds;
-use phasewarp::matrix::bounds::Interval;
+use phasewarp::matrix::bounds::SpectralInterval;
 use phasewarp::parallel::communicator::{GhostExchange, Group, World};
 use phasewarp::solve::spectrum::{extremes, gershgorin};
 
@@ -61,7 +61,7 @@ fn spectrum_of_a_mode(weighted: &Weighted, name: &str, mu: f64) {
     let [low, high] = ends_of_spectrum(&s, &k, mu);
     let holds = |growth: f64| {
         let bounds = Bounds { growth, ..bounds.clone() };
-        let Interval { centre, half_width } = bounds.interval(mu);
+        let SpectralInterval { centre, half_width } = bounds.interval(mu);
         let slack = 1e-13 * half_width;
         centre - half_width - slack <= low && high <= centre + half_width + slack
     };

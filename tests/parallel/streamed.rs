@@ -14,7 +14,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::modes;
 use phasewarp::solve::modes::RunHooks;
-use phasewarp::solve::stage::{Recovered, Task};
+use phasewarp::solve::stage::{RecoveredFields, Task};
 use std::ops::Range;
 
 /// A streamed run of a case on a mesh.
@@ -35,7 +35,7 @@ pub struct Streamed {
     pub plan: WarpPlan,
     /// The applications, or solves, that are planned for this rank's batches.
     pub planned: usize,
-    pub recovered: Recovered,
+    pub recovered: RecoveredFields,
 }
 
 impl<'a> StreamedRun<'a> {

@@ -209,7 +209,7 @@ fn commutator_free(
     solve(prepared, case, |classical, exchange, state| {
         for stage in 0..2 * steps {
             let held = &values[stage * rows..(stage + 1) * rows];
-            classical.hold(held.iter().zip(&roots).map(|(b, root)| b * root));
+            classical.set_inflow(held.iter().zip(&roots).map(|(b, root)| b * root));
             classical.exponential(exchange, state, ClassicalSpan { rate, time: part }, EXACT);
         }
     })

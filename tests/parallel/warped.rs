@@ -17,7 +17,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{Domain, ModesFromFile, WarpedFile};
+use phasewarp::results::warped::given::{ModesFromFile, ReadingDomain, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};
@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The domain of files whose plateau is not checked.
-const ANYWHERE: Domain = Domain { point: 0.0, ends: [0.0; 2] };
+const ANYWHERE: ReadingDomain = ReadingDomain { point: 0.0, ends: [0.0; 2] };
 
 /// A directory that all ranks share, deleted when the value is dropped.
 struct SharedDirectory {

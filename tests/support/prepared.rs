@@ -6,7 +6,7 @@ use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
-use phasewarp::propagate::evolution::{Evolution, Initial};
+use phasewarp::propagate::evolution::{Evolution, InitialState};
 use phasewarp::propagate::interruption::Interruption;
 use phasewarp::propagate::method::Propagator;
 use phasewarp::propagate::propagator;
@@ -25,7 +25,7 @@ pub fn block_of(case: &Case, mesh: &ProcessMesh, communicator: &Communicator) ->
 pub struct Parts<'a> {
     pub evolution: Evolution<'a>,
     /// The fields at time zero.
-    pub initial: Vec<Initial<'a>>,
+    pub initial: Vec<InitialState<'a>>,
     pub communicator: &'a Communicator,
     /// The weights of the block's own cells.
     pub pi: &'a [f64],
@@ -68,7 +68,7 @@ pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
     let rows = system.matrix.rows();
     let initial = system.states.iter().zip(norms);
     Parts {
-        initial: initial.map(|(state, norm)| Initial::real(&state[..rows], norm)).collect(),
+        initial: initial.map(|(state, norm)| InitialState::real(&state[..rows], norm)).collect(),
         pi: &system.weights.pi[..system.matrix.block.cells()],
         communicator,
         schedule: system.schedule.as_ref(),

@@ -38,10 +38,10 @@ const VELOCITY_POINTS: [usize; MAX_DIMENSION] = [8, 2, 1];
 const AT_END: f64 = 1e-12;
 
 /// A zero of the level sets.
-pub struct Zero {
+pub struct SurfaceZero {
     /// The cell of space it lies in, numbered in the rank's share.
     pub cell: usize,
-    /// Its contribution to `∫ f dx dv` over that cell.
+    /// The contribution of the zero to `∫ f dx dv` over that cell.
     pub mass: f64,
     /// Coordinates `[x, y, z, vx, vy, vz]` of the zero.
     pub point: [f64; 6],
@@ -54,10 +54,10 @@ fn overlap(degree: usize) -> f64 {
 }
 
 /// A point of a quadrature rule along an axis.
-struct Sample {
-    /// Its coordinate in the reference element.
+struct RulePoint {
+    /// Coordinate of the point in the reference element.
     xi: f64,
-    /// Its weight as a part of the element's width.
+    /// Weight of the point as a part of the element's width.
     weight: f64,
 }
 
@@ -68,7 +68,7 @@ struct ElementAxis {
     reach: f64,
     /// Maps values at the nodes to Bernstein coefficients on that domain.
     to_bernstein: Vec<Vec<f64>>,
-    samples: Vec<Sample>,
+    samples: Vec<RulePoint>,
     /// Upper ends of the cells in the reference element.
     faces: Vec<f64>,
 }
@@ -89,7 +89,7 @@ impl ElementAxis {
         let rule = gauss_legendre(points);
         let samples = parts.iter().flat_map(|[lower, upper]| {
             let points = rule.iter().map(|point| point.moved_to([*lower, *upper]));
-            points.map(|p| Sample { xi: p.node, weight: 0.5 * p.weight })
+            points.map(|p| RulePoint { xi: p.node, weight: 0.5 * p.weight })
         });
         Self {
             nodes,
@@ -139,7 +139,7 @@ fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
 }
 
 /// The surface over one element.
-struct Patch<'a> {
+struct SurfacePatch<'a> {
     element: &'a Element<'a>,
     space: &'a PhaseSpace,
     lines: &'a [ElementAxis],
@@ -157,7 +157,7 @@ pub fn for_each_zero(
     share: &[Range<usize>],
     phi: &[f64],
     psi: &[&[f64]],
-    mut visit: impl FnMut(&Zero),
+    mut visit: impl FnMut(&SurfaceZero),
 ) {
     let n = space.dimension();
     let lines: Vec<ElementAxis> =
@@ -178,7 +178,7 @@ pub fn for_each_zero(
             level_sets.push(psi);
         }
         let patch =
-            Patch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
+            SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
         for solved in (0u32..1 << (2 * n)).filter(|set| set.count_ones() as usize == n) {
             let constant = |b: usize| solved >> b & 1 == 1 && lines[b].nodes.degree == 0;
             if !(0..2 * n).any(constant) {
@@ -188,10 +188,10 @@ pub fn for_each_zero(
     });
 }
 
-impl Patch<'_> {
+impl SurfacePatch<'_> {
     /// Visits the zeros along the axes of the set `solved`, at every point of the rule of the other
     /// axes.
-    fn solve(&self, solved: u32, share: &[Range<usize>], visit: &mut impl FnMut(&Zero)) {
+    fn solve(&self, solved: u32, share: &[Range<usize>], visit: &mut impl FnMut(&SurfaceZero)) {
         let axes = self.lines.len();
         let is_solved = |b: usize| solved >> b & 1 == 1;
         let shape: Vec<usize> =
@@ -230,7 +230,13 @@ impl Patch<'_> {
 
     /// The contribution of a zero at `xi`, found with the axes `solved`, at a quadrature point of
     /// weight `weight`; `None` if it is zero.
-    fn zero(&self, solved: u32, xi: &[f64], weight: f64, share: &[Range<usize>]) -> Option<Zero> {
+    fn zero(
+        &self,
+        solved: u32,
+        xi: &[f64],
+        weight: f64,
+        share: &[Range<usize>],
+    ) -> Option<SurfaceZero> {
         let n = self.space.dimension();
         let part: f64 =
             (n..2 * n).filter(|b| solved >> b & 1 == 1).map(|b| self.part(b, xi[b])).product();
@@ -257,7 +263,7 @@ impl Patch<'_> {
             cell * range.len() + first + line.cell(xi[a]) - range.start
         });
         let mass = part * counts * weight * volume * density;
-        Some(Zero { cell, mass, point: self.element.point(xi) })
+        Some(SurfaceZero { cell, mass, point: self.element.point(xi) })
     }
 
     /// The weight of the element at `ξ` along a velocity axis; those of overlapping elements sum to
@@ -310,7 +316,7 @@ impl Patch<'_> {
     }
 }
 
-/// Rises smoothly from 0 to 1 at `u = 1`.
+/// A step that rises smoothly from 0 to 1, which it reaches at `u = 1`.
 fn smooth_step(u: f64) -> f64 {
     let u = u.min(1.0);
     u * u * (3.0 - 2.0 * u)

@@ -107,7 +107,7 @@ pub fn zeros(components: Vec<Vec<f64>>, shape: &[usize]) -> Vec<BoxPoint> {
 }
 
 /// The inverse `M` of the mean Jacobian, if `‖I − M ∂Ψ/∂t‖_∞` is at most [`CONTRACTION`] on the
-/// box.
+/// box; otherwise `None`.
 fn contraction(components: &[Vec<f64>], shape: &[usize]) -> Option<Jacobian> {
     let n = shape.len();
     // [axis][component]: coefficients of the derivatives.

@@ -57,7 +57,7 @@ impl RankWatch {
         if looks == 0 || id == mine[0] {
             return None;
         }
-        let watched = Watched {
+        let watched = WatchedRank {
             rank,
             id: Pid::from_raw(i32::try_from(id).ok()?)?,
             stat: File::open(format!("/proc/{id}/stat")).ok()?,
@@ -88,22 +88,22 @@ pub(crate) fn looks() -> Result<u32, String> {
     number.ok_or_else(|| value.display().to_string())
 }
 
-/// The start of this process, as [`Look::start`]; 0 if unknown.
+/// The start of this process, as [`ProcessState::start`]; 0 if unknown.
 fn own_start() -> u64 {
-    let look = File::open("/proc/self/stat").ok().and_then(|stat| Look::at(&stat));
+    let look = File::open("/proc/self/stat").ok().and_then(|stat| ProcessState::at(&stat));
     look.map_or(0, |look| look.start)
 }
 
 /// What the system says of a process.
 #[derive(Debug, PartialEq, Eq)]
-struct Look {
+struct ProcessState {
     /// `T` where a signal stopped it.
     state: u8,
     /// When it started, in the system's ticks. With its number it names one process of a machine.
     start: u64,
 }
 
-impl Look {
+impl ProcessState {
     /// Reads `/proc/…/stat`; none of a process that has ended. Allocates nothing.
     fn at(stat: &File) -> Option<Self> {
         let mut text = [0; 1024];
@@ -123,7 +123,7 @@ impl Look {
 }
 
 /// The rank that is watched.
-struct Watched {
+struct WatchedRank {
     rank: u64,
     id: Pid,
     /// Open, so that it never shows another process of the same number.
@@ -132,9 +132,9 @@ struct Watched {
     looks: u32,
 }
 
-impl Watched {
-    fn look(&self) -> Option<Look> {
-        Look::at(&self.stat)
+impl WatchedRank {
+    fn look(&self) -> Option<ProcessState> {
+        ProcessState::at(&self.stat)
     }
 
     /// Returns when it is over, or the other process is. Allocates nothing until the job is ended.
@@ -146,7 +146,7 @@ impl Watched {
                 return;
             }
             match self.look() {
-                Some(Look { state: b'T', .. }) => stopped += 1,
+                Some(ProcessState { state: b'T', .. }) => stopped += 1,
                 Some(_) => stopped = 0,
                 None => return,
             }
@@ -177,13 +177,13 @@ mod tests {
     #[test]
     fn the_state_is_read_whatever_the_name_is() {
         let rest = " T 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 777 20 21";
-        let expected = Look { state: b'T', start: 777 };
+        let expected = ProcessState { state: b'T', start: 777 };
         for name in ["phasewarp", "a) R 1 2 (b", ") S"] {
             let text = format!("12 ({name}){rest}\n");
-            assert_eq!(Look::parse(text.as_bytes()).as_ref(), Some(&expected), "{text}");
+            assert_eq!(ProcessState::parse(text.as_bytes()).as_ref(), Some(&expected), "{text}");
         }
-        assert_eq!(Look::parse(b"12 (name"), None);
-        assert_eq!(Look::parse(b""), None);
+        assert_eq!(ProcessState::parse(b"12 (name"), None);
+        assert_eq!(ProcessState::parse(b""), None);
     }
 
     /// A process of this test is stopped, goes on, and ends.
@@ -195,16 +195,16 @@ mod tests {
         let seen = |wanted: Option<u8>| {
             (0..500).any(|_| {
                 sleep(Duration::from_millis(10));
-                Look::at(&stat).map(|look| look.state) == wanted
+                ProcessState::at(&stat).map(|look| look.state) == wanted
             })
         };
         kill_process(id, Signal::STOP).expect("a signal");
-        assert!(seen(Some(b'T')), "{:?}", Look::at(&stat));
+        assert!(seen(Some(b'T')), "{:?}", ProcessState::at(&stat));
         kill_process(id, Signal::CONT).expect("a signal");
-        assert!(seen(Some(b'S')), "{:?}", Look::at(&stat));
+        assert!(seen(Some(b'S')), "{:?}", ProcessState::at(&stat));
         child.kill().expect("a signal");
         child.wait().expect("an end");
-        assert!(seen(None), "{:?}", Look::at(&stat));
+        assert!(seen(None), "{:?}", ProcessState::at(&stat));
         assert!(own_start() > 0);
     }
 }

@@ -18,23 +18,23 @@ pub const NAMES: [&[&str]; 1] = [&["p"]];
 /// Values of `g` up to this count as zero. Any plan tolerates more from neighbouring periods.
 const NOTHING: f64 = 1e-17;
 
-/// `α`.
+/// `α` of the exponential profile.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Alpha {
-    /// The same for every `p < 0`.
+    /// `α` is the same for every `p < 0`.
     Constant(f64),
-    /// Depends on `p`.
-    Formula(Arc<Extension>),
+    /// `α` depends on `p`, by a formula.
+    Formula(Arc<LeftExtension>),
 }
 
 /// `e^{α(p) p}` for `p < 0`, with a formula for `α`.
 #[derive(Clone, PartialEq)]
-pub struct Extension {
+pub struct LeftExtension {
     text: String,
     values: Piecewise,
 }
 
-impl Extension {
+impl LeftExtension {
     /// `e^{α(p) p}` to round-off, from the point where it is no longer negligible to 0.
     pub fn values(&self) -> &Piecewise {
         &self.values
@@ -66,7 +66,7 @@ impl Alpha {
             Some(_) => Err(format!("must be between {least} and {most}")),
             None => {
                 let (text, values) = (alpha.text().to_owned(), extension(alpha)?);
-                Ok(Self::Formula(Arc::new(Extension { text, values })))
+                Ok(Self::Formula(Arc::new(LeftExtension { text, values })))
             }
         }
     }
@@ -151,7 +151,7 @@ fn lower_end(alpha: &Expression) -> std::result::Result<f64, String> {
     Ok(lower.unwrap_or(EXTENSION_END))
 }
 
-impl fmt::Debug for Extension {
+impl fmt::Debug for LeftExtension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Debug::fmt(&self.text, f)
     }
@@ -168,7 +168,7 @@ impl Serialize for Alpha {
 
 impl fmt::Display for Alpha {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Most characters of a formula that are shown.
+        /// Largest number of characters of a formula in a message.
         const MOST_SHOWN: usize = 60;
         match self {
             Self::Constant(alpha) => fmt::Display::fmt(alpha, f),

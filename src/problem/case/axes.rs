@@ -29,7 +29,7 @@ struct AxisTable {
     boundary: Option<Boundary>,
 }
 
-/// `boundary` of a space axis; by default `inflow`.
+/// The boundary condition of a space axis; by default `inflow`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Boundary {

@@ -21,7 +21,7 @@ pub type ConstantsTable = BTreeMap<String, Formula>;
 /// # Errors
 /// [`crate::base::error::Error::Input`] for an invalid or reserved name, a formula with an unknown
 /// name, a constant that depends on itself, and a value that is not finite.
-pub fn resolved(file: &CaseFile<'_>) -> Result<Constants> {
+pub fn evaluate(file: &CaseFile<'_>) -> Result<Constants> {
     let table: ConstantsTable = file.read_at("constants")?.unwrap_or_default();
     if table.len() > MOST {
         return file.refuse("constants", format!("{} constants; at most {MOST}", table.len()));
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     fn constants(text: &str) -> Result<Constants> {
-        resolved(&CaseFile::parse("case.toml", text, &[])?)
+        evaluate(&CaseFile::parse("case.toml", text, &[])?)
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::problem::table::Interpolation;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Most fields of a case: a density and a level set for each velocity axis.
+/// Largest number of fields of a case: a density, and a level set for each velocity axis.
 pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
 
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
@@ -53,13 +53,14 @@ pub enum Inflow {
 /// The data of `[initial]`.
 #[derive(Clone, Debug)]
 pub enum Data {
-    /// `f0(x, v)`.
+    /// The data are a function `f0(x, v)`.
     Density,
-    /// `f0 = density(x) Π_a δ(v_a − velocity_a(x))`, represented by level sets.
+    /// The data are a measure, `f0 = density(x) Π_a δ(v_a − velocity_a(x))`, represented by level
+    /// sets.
     Measure {
-        /// `density(x)`.
+        /// The factor `density(x)`.
         density: Expression,
-        /// `velocity_a(x)`.
+        /// The velocities `velocity_a(x)`, one formula for each axis.
         velocity: Vec<Expression>,
     },
 }
@@ -116,7 +117,7 @@ pub enum TableOf {
 }
 
 impl TableOf {
-    /// `initial.table`, `potential.0.table`, `inflow.table`.
+    /// The key of the table: `initial.table`, `potential.0.table` or `inflow.table`.
     pub fn key(self) -> String {
         match self {
             Self::Initial => "initial.table".to_owned(),
@@ -125,7 +126,7 @@ impl TableOf {
         }
     }
 
-    /// The names that its axes may have in `n` dimensions.
+    /// The names that the axes of the table may have in `n` dimensions.
     fn names(self, n: usize) -> Names {
         match self {
             Self::Initial => names_of_phase_space(n),
@@ -178,12 +179,12 @@ impl TableFile {
         self.names.iter().position(|names| names.contains(&name))
     }
 
-    /// The same, if that coordinate is one of the axes of this table.
+    /// The position in formulas of the coordinate of this name, if that is an axis of this table.
     pub fn position_of_axis(&self, name: &str) -> Option<usize> {
         self.position(name).filter(|position| self.positions.contains(position))
     }
 
-    /// Whether an axis of such a table may have this name.
+    /// Whether an axis of a table of this kind may have this name.
     pub fn has_axis(&self, name: &str) -> bool {
         self.position(name).is_some()
     }
@@ -224,12 +225,12 @@ pub struct StartField {
     /// File and line of the key, for errors.
     pub place: String,
     /// The run that wrote the result, once the file was read.
-    pub origin: Option<Origin>,
+    pub origin: Option<ResultOrigin>,
 }
 
-/// What a result says of itself to a run that continues from it.
+/// The properties of a result from which a run continues.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
+pub struct ResultOrigin {
     /// The checksum of `/f`.
     pub checksum: u64,
     /// Time of the result.
@@ -260,7 +261,7 @@ pub enum ExactTimes {
     End,
 }
 
-/// One of `[[potential]]`.
+/// A table `[[potential]]` as it is written.
 #[derive(Debug, Deserialize)]
 pub struct RegionTable {
     #[serde(rename = "where")]
@@ -302,7 +303,7 @@ impl Item for RegionTable {
     const PLURAL: &'static str = "tables, [[potential]],";
 }
 
-/// `[initial]`.
+/// `[initial]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 pub struct InitialTable {
     f: Option<Formula>,
@@ -313,7 +314,7 @@ pub struct InitialTable {
     table: Option<FileTable>,
 }
 
-/// `initial.table`, `potential.N.table`, `inflow.table`.
+/// `initial.table`, `potential.N.table` or `inflow.table` as it is written.
 #[derive(Debug, Default, Deserialize)]
 struct FileTable {
     file: Option<String>,
@@ -349,7 +350,7 @@ impl FileTable {
     }
 }
 
-/// `[inflow]`.
+/// `[inflow]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 pub struct InflowTable {
     /// By default `initial` for measure-valued data and 0 for others.
@@ -357,7 +358,7 @@ pub struct InflowTable {
     table: Option<FileTable>,
 }
 
-/// `[exact]`.
+/// `[exact]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 pub struct ExactTable {
     kind: Option<ExactKind>,
@@ -365,7 +366,7 @@ pub struct ExactTable {
     moments: Option<ExactTimes>,
 }
 
-/// `exact.kind`.
+/// The words that `exact.kind` takes.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ExactKind {
@@ -466,7 +467,7 @@ impl InflowTable {
         }
     }
 
-    /// `inflow.table` in `n` dimensions.
+    /// The file of `inflow.table` in `n` dimensions, if the case gives one.
     fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
         self.table.as_ref().map(|table| table.check(file, TableOf::Inflow, n)).transpose()
     }
@@ -565,12 +566,12 @@ impl InitialTable {
         Ok((Data::Measure { density, velocity }, fields))
     }
 
-    /// `initial.table` in `n` dimensions.
+    /// The file of `initial.table` in `n` dimensions, if the case gives one.
     fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
         self.table.as_ref().map(|table| table.check(file, TableOf::Initial, n)).transpose()
     }
 
-    /// `initial.warped`.
+    /// The file that `initial.warped` names, if the case gives it.
     ///
     /// # Errors
     /// [`Error::Case`](crate::base::error::Error::Case) for an empty path.
@@ -580,7 +581,8 @@ impl InitialTable {
         Ok(path.map(|path| WarpedStart { path, place }))
     }
 
-    /// `initial.field`, which may be given beside `initial.f`.
+    /// The file that `initial.field` names, if the case gives it. It may be given beside
+    /// `initial.f`.
     ///
     /// # Errors
     /// [`Error::Case`](crate::base::error::Error::Case) for an empty path, beside `initial.warped`,

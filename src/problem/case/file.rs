@@ -7,7 +7,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined, number_of};
+use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined_key, number_of};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -16,7 +16,7 @@ use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Most characters of a value or a line that a message shows.
+/// Largest number of characters of a value or of a line in a message.
 const MOST_SHOWN: usize = 120;
 
 /// A case file with its `--set` options applied.
@@ -196,7 +196,7 @@ impl<'t> CaseFile<'t> {
     /// An error about `key`, pointing at its place.
     pub fn error(&self, key: &str, message: &str) -> Error {
         let found = self.find(key);
-        let value = found.value.map(described);
+        let value = found.value.map(value_text);
         let given = value.as_ref().map_or(String::new(), |value| format!(" = {value}"));
         // The value of a formula that is given for a number.
         let number = found.value.and_then(DeValue::as_str);
@@ -238,7 +238,7 @@ impl<'t> CaseFile<'t> {
     /// `count`, if it is at least `least`.
     ///
     /// # Errors
-    /// [`Error::Input`] that says so.
+    /// [`Error::Input`], which names the least number.
     pub fn count(&self, key: &str, count: i64, least: usize) -> Result<usize> {
         match usize::try_from(count) {
             Ok(count) if count >= least => Ok(count),
@@ -404,12 +404,12 @@ fn collect(value: &DeValue<'_>, path: &str, settings: &mut BTreeMap<String, Stri
     let text = match value {
         DeValue::Table(table) => {
             return (table.iter()).for_each(|(key, value)| {
-                collect(value.get_ref(), &joined(path, key.get_ref()), settings);
+                collect(value.get_ref(), &joined_key(path, key.get_ref()), settings);
             });
         }
         DeValue::Array(list) => {
             return (list.iter().enumerate()).for_each(|(i, value)| {
-                collect(value.get_ref(), &joined(path, &i.to_string()), settings);
+                collect(value.get_ref(), &joined_key(path, &i.to_string()), settings);
             });
         }
         DeValue::String(text) => format!("{text:?}"),
@@ -417,7 +417,7 @@ fn collect(value: &DeValue<'_>, path: &str, settings: &mut BTreeMap<String, Stri
             Ok(number) if number.is_finite() => number.to_string(),
             _ => number.as_str().to_owned(),
         },
-        other => described(other),
+        other => value_text(other),
     };
     settings.insert(path.to_owned(), text);
 }
@@ -442,7 +442,7 @@ fn json(value: &DeValue<'_>) -> Value {
 }
 
 /// A value as messages show it.
-fn described(value: &DeValue<'_>) -> String {
+fn value_text(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("\"{}\"", shortened(text, MOST_SHOWN)),
         DeValue::Integer(number) => shortened(&decimal(number), MOST_SHOWN),
@@ -450,7 +450,7 @@ fn described(value: &DeValue<'_>) -> String {
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Boolean(b) => b.to_string(),
         DeValue::Array(list) => {
-            let items = list.iter().take(8).map(|item| described(item.get_ref()));
+            let items = list.iter().take(8).map(|item| value_text(item.get_ref()));
             let items: Vec<String> = items.collect();
             let more = if list.len() > 8 { ", …" } else { "" };
             shortened(&format!("[{}{more}]", items.join(", ")), MOST_SHOWN)

@@ -3,7 +3,7 @@
 //! The tables of the sections are the only list of keys. A [`Deserializer`] that returns a value of
 //! the requested kind for every key records which keys exist and what kind each expects.
 
-use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR};
+use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR, SWITCHES};
 use serde::de::value::{StrDeserializer, StringDeserializer};
 use serde::de::{
     self, DeserializeOwned, DeserializeSeed, Deserializer, IntoDeserializer, MapAccess, SeqAccess,
@@ -123,7 +123,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let found = RefCell::default();
-        let read = visitor.visit_map(Entries { names: &["name"], found: &found, at: 0 })?;
+        let read = visitor.visit_map(TableEntries { names: &["name"], found: &found, at: 0 })?;
         let value = found.into_inner().pop().map(|(_, kind)| kind);
         self.record(ValueKind::Names(Box::new(value.unwrap_or_default())));
         Ok(read)
@@ -136,9 +136,9 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         let found = RefCell::default();
-        let read = visitor.visit_map(Entries { names: known, found: &found, at: 0 })?;
+        let read = visitor.visit_map(TableEntries { names: known, found: &found, at: 0 })?;
         let found = found.into_inner();
-        self.record(if name == "Allowed" {
+        self.record(if name == SWITCHES {
             ValueKind::Switches(found)
         } else {
             ValueKind::Table(found)
@@ -188,13 +188,13 @@ impl<'de> SeqAccess<'de> for ListParts<'_> {
 }
 
 /// The entries of a table: one for every key.
-struct Entries<'a> {
+struct TableEntries<'a> {
     names: &'static [&'static str],
     found: &'a RefCell<Vec<(&'static str, ValueKind)>>,
     at: usize,
 }
 
-impl<'de> MapAccess<'de> for Entries<'_> {
+impl<'de> MapAccess<'de> for TableEntries<'_> {
     type Error = Mistake;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(

@@ -28,10 +28,10 @@ pub struct Plateau {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeltaWidth {
-    /// `max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
+    /// `ω_a = max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
     #[default]
     Determinant,
-    /// `max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`; the same in one dimension.
+    /// `ω_a = max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`. In one dimension it is that of `Determinant`.
     Gradient,
 }
 
@@ -80,7 +80,7 @@ impl Storage {
     }
 }
 
-/// `[output]`.
+/// `[output]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct OutputTable {
@@ -240,7 +240,7 @@ impl OutputTable {
     }
 }
 
-/// `output.plateau`.
+/// `output.plateau` as it is written.
 #[derive(Debug, Deserialize)]
 struct PlateauTable {
     from: Option<f64>,
@@ -272,7 +272,8 @@ impl PlateauTable {
     }
 }
 
-/// Why this HDF5 library cannot compress a dataset that several ranks write; `None` if it can.
+/// The reason why this HDF5 library cannot compress a dataset that several ranks write; `None` if
+/// it can.
 fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
     if version < (1, 10, 2) {
         let (major, minor, micro) = version;

@@ -21,7 +21,7 @@ pub struct Mistake {
     pub key: Option<String>,
     /// Whether there is no such key.
     pub unknown: bool,
-    /// What is wrong, or what is expected, as a sentence.
+    /// A sentence that says what is wrong, or what is expected.
     pub message: String,
 }
 
@@ -30,7 +30,7 @@ impl Mistake {
         de::Error::custom(format!("{what} expected"))
     }
 
-    /// The same mistake with `key`, unless it has a key already.
+    /// This mistake with `key`, unless it has a key already.
     fn at(mut self, key: &str) -> Self {
         self.key.get_or_insert_with(|| key.to_owned());
         self
@@ -99,7 +99,7 @@ pub fn decimal(number: &DeInteger<'_>) -> String {
 }
 
 /// The key `name` of the table `path`.
-pub fn joined(path: &str, name: &str) -> String {
+pub fn joined_key(path: &str, name: &str) -> String {
     match path {
         "" => name.to_owned(),
         _ => format!("{path}.{name}"),
@@ -131,7 +131,11 @@ impl<'t> KeyValue<'t> {
 
     /// The entry `name` of a table or a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
-        KeyValue { key: joined(&self.key, name), value: value.get_ref(), constants: self.constants }
+        KeyValue {
+            key: joined_key(&self.key, name),
+            value: value.get_ref(),
+            constants: self.constants,
+        }
     }
 
     /// The mistake of a value that is not of the kind `expected`.
@@ -243,17 +247,17 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
         let table = match self.value {
             DeValue::Table(table) => table,
             // One switch in place of a table of switches is the value of each of them.
-            DeValue::Boolean(_) if name == "Allowed" => {
+            DeValue::Boolean(_) if name == SWITCHES => {
                 let entries = known.iter().map(|key| (*key, self.clone()));
                 return visitor.visit_map(MapDeserializer::new(entries));
             }
-            _ if name == "Allowed" => return self.wrong("true, false or a table"),
+            _ if name == SWITCHES => return self.wrong("true, false or a table"),
             other => return self.wrong(format!("a table{}", example(name, other))),
         };
         if let Some(name) = (table.keys()).find(|name| !known.contains(&name.get_ref().as_ref())) {
             let near = nearest(name.get_ref(), known);
             return Err(Mistake {
-                key: Some(joined(&self.key, name.get_ref())),
+                key: Some(joined_key(&self.key, name.get_ref())),
                 unknown: true,
                 message: format!("{near}; known here: {}", known.join(", ")),
             });
@@ -309,6 +313,10 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Formula(pub String);
 
+/// The name of the table that one switch may replace: [`solver.reduce`].
+///
+/// [`solver.reduce`]: crate::problem::case::solver::AllowedReductions
+pub const SWITCHES: &str = "AllowedReductions";
 /// The name by which a [`List`] requests a value.
 pub const LIST: &str = "List";
 /// The name by which a [`NumberOr`] requests a value.
@@ -316,11 +324,11 @@ pub const NUMBER_OR: &str = "NumberOr";
 
 /// Words that a key takes instead of a number.
 pub trait Words: DeserializeOwned {
-    /// All words.
+    /// The words that the key takes.
     const ALL: &'static [&'static str];
 }
 
-/// A number, or one of the words of `W`.
+/// The value of a key that takes a number, or one of the words of `W`.
 #[derive(Clone, Copy, Debug)]
 pub enum NumberOr<W> {
     Number(f64),

@@ -1,4 +1,4 @@
-//! `[readout]`: what is measured of the result on a quantum computer.
+//! `[readout]`: the observables of the result that are measured on a quantum computer.
 
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
@@ -11,33 +11,33 @@ use serde::Deserialize;
 /// and each cell takes some 15 kB of `summary.json`.
 const MOST_READ: usize = 256;
 
-/// `[readout]`: what is measured of the result on a quantum computer (see
+/// The observables of the result that are measured on a quantum computer (see
 /// [`crate::quantum::readout`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadoutSettings {
-    /// Space cells, along each axis from 0.
+    /// The space cells that are read, by their number along each axis, from 0.
     pub cells: Vec<Vec<usize>>,
     /// How often each observable is measured.
     pub effort: MeasurementEffort,
-    /// `seed` of the random numbers.
+    /// `readout.seed`: the seed of the random numbers.
     pub seed: u64,
 }
 
 /// How often an observable is measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeasurementEffort {
-    /// This often.
+    /// A given number of times.
     Given {
         /// Shots of a Hadamard test.
         shots: u64,
         /// Number of values of the register of amplitude estimation, a power of two.
         evaluations: u64,
     },
-    /// Until density and momentum are known to this absolute accuracy.
+    /// As often as it takes to know density and momentum to this absolute accuracy.
     Accuracy(f64),
 }
 
-/// `[readout]`.
+/// `[readout]` as it is written.
 #[derive(Debug, Deserialize)]
 pub struct ReadoutTable {
     cells: Option<List<List<f64>>>,
@@ -135,7 +135,7 @@ impl ReadoutTable {
         let cell = |List(row): &List<f64>| -> Result<Vec<usize>> {
             let axes = space.x.iter().zip(row).enumerate();
             axes.map(|(a, (axis, &x))| {
-                let cell = if by_number { numbered(axis, x) } else { holding(axis, x) };
+                let cell = if by_number { cell_of_number(axis, x) } else { cell_around(axis, x) };
                 cell.map_or_else(
                     || {
                         let allowed = match by_number {
@@ -155,18 +155,18 @@ impl ReadoutTable {
 }
 
 /// The cell of `axis` whose number is `x`.
-fn numbered(axis: &Axis, x: f64) -> Option<usize> {
+fn cell_of_number(axis: &Axis, x: f64) -> Option<usize> {
     let known = x.fract() == 0.0 && x >= 0.0 && x < axis.cells as f64;
     known.then_some(x as usize)
 }
 
 /// The cell of `axis` that holds the point `x`. In an element of a degree above 0 that is the cell
 /// of the nearest node. The upper end of the axis belongs to the last element.
-fn holding(axis: &Axis, x: f64) -> Option<usize> {
+fn cell_around(axis: &Axis, x: f64) -> Option<usize> {
     if x == axis.upper {
         return Some(axis.cells - 1);
     }
-    let element = numbered(&axis.by_elements(), ((x - axis.lower) / axis.width()).floor())?;
+    let element = cell_of_number(&axis.by_elements(), ((x - axis.lower) / axis.width()).floor())?;
     let count = axis.nodes.count();
     let cells = element * count..(element + 1) * count;
     let distance = |cell: &usize| (axis.centre(*cell as i64) - x).abs();

@@ -3,7 +3,7 @@
 use crate::base::text::shortened;
 use std::collections::BTreeMap;
 
-/// Most characters of a value that are shown.
+/// Largest number of characters of a value in a message.
 const MOST_SHOWN: usize = 40;
 
 /// Every value that a case file and the `--set` options give, by its key.

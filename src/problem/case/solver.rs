@@ -83,7 +83,7 @@ pub enum PropagatorMethod {
     /// Chebyshev series.
     #[default]
     Chebyshev,
-    /// Lanczos.
+    /// Lanczos, restarted in time.
     Krylov,
     /// Second-order implicit midpoint, unitary.
     CrankNicolson,
@@ -146,7 +146,7 @@ impl PropagatorMethod {
     }
 }
 
-/// `[time]`.
+/// `[time]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 pub struct TimeTable {
     #[serde(default)]
@@ -185,7 +185,7 @@ impl TimeTable {
 /// Least duration of a run relative to its final time, so that their difference has digits.
 const SHORTEST: f64 = 1e-6;
 
-/// `[scheme]`.
+/// `[scheme]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SchemeTable {
@@ -214,18 +214,19 @@ pub enum EndFlux {
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of the upwind scheme of degree 0. Any other scheme matches `traces` by
-    /// energy, which conserves what `conservative` does, so that name is used for it.
+    /// The interface law of the upwind scheme of degree 0. A scheme that couples `traces` by energy
+    /// has no such law. It conserves what the law `conservative` does, so it is reported by that
+    /// name.
     pub fn interface(&self, traces: bool) -> Interface {
         if traces { Interface::Conservative } else { self.interface.unwrap_or_default() }
     }
 
-    /// Whether the case names an interface.
+    /// Whether the case file gives `scheme.interface`.
     pub fn names_interface(&self) -> bool {
         self.interface.is_some()
     }
 
-    /// `flux`: `α` from 0 (central) to 1 (upwind).
+    /// The parameter `α` of the numerical flux between elements, from 0 (central) to 1 (upwind).
     ///
     /// # Errors
     /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
@@ -240,7 +241,7 @@ impl SchemeTable {
     }
 }
 
-/// `[solver]`.
+/// `[solver]` as it is written, without `solver.warp`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SolverTable {
@@ -252,7 +253,7 @@ pub struct SolverTable {
     pub warp: WarpTable,
     pub propagator: Propagation,
     pub classical: ClassicalTable,
-    pub reduce: Allowed,
+    pub reduce: AllowedReductions,
 }
 
 impl SolverTable {
@@ -281,13 +282,13 @@ impl SolverTable {
     }
 }
 
-/// `[solver.propagator]`.
+/// `[solver.propagator]`: the propagator and its time step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Propagation {
-    /// `method`.
+    /// The method that propagates the modes.
     pub method: PropagatorMethod,
-    /// `step`: the time step of the implicit methods, which need it, or the longest of `krylov`.
+    /// The time step of the implicit methods, which need one, or the longest step of `krylov`.
     pub step: Option<f64>,
 }
 
@@ -317,7 +318,7 @@ impl Propagation {
     }
 }
 
-/// `[solver.classical]`.
+/// `[solver.classical]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct ClassicalTable {
@@ -343,7 +344,7 @@ impl ClassicalTable {
 /// `[solver.reduce]`: which reductions are allowed. `true` or `false` in its place holds for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default)]
-pub struct Allowed {
+pub struct AllowedReductions {
     /// Leave out axes along which the data do not vary.
     pub axes: bool,
     /// Leave out velocities that no particle reaches.
@@ -354,20 +355,20 @@ pub struct Allowed {
     pub modes: bool,
 }
 
-impl Default for Allowed {
+impl Default for AllowedReductions {
     fn default() -> Self {
         Self::all(true)
     }
 }
 
-impl Allowed {
+impl AllowedReductions {
     /// All reductions, or none.
     pub fn all(allowed: bool) -> Self {
         Self { axes: allowed, velocities: allowed, inflow: allowed, modes: allowed }
     }
 }
 
-/// `[checkpoint]`.
+/// `[checkpoint]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 pub struct CheckpointTable {
     minutes: Option<f64>,

@@ -26,42 +26,43 @@ pub enum ProfileChoice {
     Designed,
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian {
-        /// `σ > 0`; planned if not given.
+        /// The width `σ > 0` of the switch; planned if not given.
         #[serde(skip_serializing_if = "Option::is_none")]
         sigma: Option<f64>,
     },
     /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
     Exponential {
-        /// `α`, which may depend on `p`.
+        /// The rate `α`, which may depend on `p`.
         alpha: Alpha,
     },
     /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r`
     /// derivatives.
     Smooth {
-        /// `r`.
+        /// The number `r` of continuous derivatives.
         order: usize,
     },
     /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
     LowSomma {
-        /// `c > 0`; planned if not given.
+        /// The recovery point `c > 0`; planned if not given.
         c: Option<f64>,
     },
     /// The kernel of An, Childs and Lin (arXiv 2312.03916).
     Acl {
-        /// `β` in [`BETAS`](crate::problem::limits::BETAS).
+        /// The exponent `β`, within [`BETAS`](crate::problem::limits::BETAS).
         beta: f64,
     },
 }
 
 impl ProfileChoice {
-    /// Whether it is a series that is known on its domain only, and no function on the whole line.
+    /// Whether the profile is a series that is known on its domain only, and no function on the
+    /// line.
     pub fn is_series(&self) -> bool {
         matches!(self, Self::Designed)
     }
 }
 
 impl fmt::Display for ProfileChoice {
-    /// Name and parameter.
+    /// Prints the name of the profile and its parameter.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Planned => f.write_str("planned"),
@@ -84,7 +85,7 @@ impl fmt::Display for ProfileChoice {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Coefficients {
-    /// `ĝ` itself.
+    /// Values of `ĝ` itself.
     #[default]
     Analytic,
     /// The discrete Fourier transform of samples of `g` on `[L, R)` (the paper's).
@@ -95,7 +96,7 @@ pub enum Coefficients {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RecoveryMethod {
-    /// `e^{p◇} v(p◇)`.
+    /// From one point: `e^{p◇} v(p◇)`.
     #[default]
     Point,
     /// From the integral of `v` over `p ≥ p◇`.
@@ -123,10 +124,10 @@ pub enum Embedding {
 pub enum Delta {
     /// Chosen by the plan from the growth that the auxiliary unknowns add.
     Planned,
-    /// `max |b|` (the paper's).
+    /// `δ = max |b|` (the paper's).
     #[serde(rename = "max")]
     Largest,
-    /// This number.
+    /// `δ` is this number.
     Given(f64),
 }
 
@@ -134,9 +135,9 @@ pub enum Delta {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shift {
-    /// The bound on the growth rate, so that `ũ` does not grow.
+    /// `σ` is the bound on the growth rate, so that `ũ` does not grow.
     Growth,
-    /// This number.
+    /// `σ` is this number.
     Given(f64),
 }
 
@@ -150,30 +151,30 @@ impl Shift {
     }
 }
 
-/// `[solver.warp]`, checked.
+/// The settings of `[solver.warp]`, after the checks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warp {
-    /// `profile` and its parameter.
+    /// The profile `g(p)` and its parameter.
     pub profile: ProfileChoice,
-    /// `coefficients`.
+    /// The source of the Fourier coefficients.
     pub coefficients: Coefficients,
-    /// `interval = [L, R]`; planned if not given.
+    /// The interval `[L, R]` in `p`; planned if not given.
     pub interval: Option<[f64; 2]>,
-    /// `points = N_p`; planned if not given.
+    /// The number `N_p` of points in `p`; planned if not given.
     pub points: Option<usize>,
-    /// `recovery = p◇`; planned if not given.
+    /// The recovery point `p◇`; planned if not given.
     pub recovery: Option<f64>,
-    /// `recovery_method`.
+    /// How the field is read from the warped field.
     pub recovery_method: RecoveryMethod,
-    /// Whether `weights` is `"dissipative"`.
+    /// Whether the unknowns have dissipative weights.
     pub weights: bool,
-    /// `inflow`.
+    /// How the inflow becomes part of a homogeneous system.
     pub inflow: Embedding,
-    /// `delta`.
+    /// The initial value `δ` of the auxiliary unknowns.
     pub delta: Delta,
-    /// `shift`: `u = e^{σt} ũ`.
+    /// The spectral shift `σ` in `u = e^{σt} ũ`.
     pub shift: Shift,
-    /// `share`: the part of `solver.tolerance` to which the profile is planned.
+    /// The part of `solver.tolerance` to which the profile is planned.
     pub share: f64,
 }
 
@@ -225,7 +226,7 @@ impl Warp {
     }
 }
 
-/// `[solver.warp]` as the file gives it.
+/// `[solver.warp]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct WarpTable {
@@ -247,7 +248,7 @@ pub struct WarpTable {
     share: Option<f64>,
 }
 
-/// `solver.warp.profile`.
+/// The words that `solver.warp.profile` takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ProfileName {
@@ -261,7 +262,7 @@ enum ProfileName {
     Acl,
 }
 
-/// `solver.warp.weights`.
+/// The words that `solver.warp.weights` takes.
 #[derive(Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum WeightsKey {
@@ -270,7 +271,7 @@ enum WeightsKey {
     None,
 }
 
-/// A word given as `solver.warp.delta`.
+/// The words that `solver.warp.delta` takes instead of a number.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum DeltaWord {
@@ -281,7 +282,7 @@ impl Words for DeltaWord {
     const ALL: &'static [&'static str] = &["max"];
 }
 
-/// A word given as `solver.warp.shift`.
+/// The words that `solver.warp.shift` takes instead of a number.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ShiftWord {
@@ -369,7 +370,7 @@ impl WarpTable {
         })
     }
 
-    /// `interval = [L, R]`.
+    /// Checks `solver.warp.interval`, `[L, R]`.
     fn interval(&self, file: &CaseFile<'_>) -> Result<Option<[f64; 2]>> {
         /// Largest magnitude of a point in `p`.
         const MOST_P: f64 = 1e9;
@@ -394,7 +395,7 @@ impl WarpTable {
         Ok(Some([lower, upper]))
     }
 
-    /// `points = N_p`.
+    /// Checks `solver.warp.points`, `N_p`.
     fn points(&self, file: &CaseFile<'_>) -> Result<Option<usize>> {
         const MOST_POINTS: usize = 2 * MOST_MODES - 2;
         let key = "solver.warp.points";
@@ -407,7 +408,7 @@ impl WarpTable {
         Ok(Some(points))
     }
 
-    /// `recovery = p◇`.
+    /// Checks `solver.warp.recovery`, `p◇`.
     fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
         let key = "solver.warp.recovery";
         let Some(point) = self.recovery else { return Ok(None) };
@@ -421,7 +422,7 @@ impl WarpTable {
         }
     }
 
-    /// `delta`: a number or `"max"`.
+    /// Checks `solver.warp.delta`: a number or `"max"`.
     fn delta(&self, file: &CaseFile<'_>) -> Result<Delta> {
         let least = 1.0 / LARGEST_NUMBER;
         let message = || {
@@ -439,7 +440,7 @@ impl WarpTable {
         }
     }
 
-    /// `share`: a part of the tolerance; by default all of it.
+    /// Checks `solver.warp.share`: a part of the tolerance, by default all of it.
     fn share(&self, file: &CaseFile<'_>) -> Result<f64> {
         const LEAST: f64 = 1e-3;
         let share = self.share.unwrap_or(1.0);
@@ -448,7 +449,7 @@ impl WarpTable {
         })
     }
 
-    /// `shift`: a number or `"growth"`; by default 0.
+    /// Checks `solver.warp.shift`: a number or `"growth"`, by default 0.
     fn shift(&self, file: &CaseFile<'_>, time: f64) -> Result<Shift> {
         let key = "solver.warp.shift";
         let shift = match self.shift {

@@ -71,13 +71,13 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
 /// A particle that moves along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LineParticle {
-    /// The cell it is in.
+    /// The cell in which the particle is.
     pub cell: usize,
-    /// Its position, within the cell.
+    /// Position of the particle, within the cell.
     pub x: f64,
-    /// Its velocity in the direction of motion, `direction · v`.
+    /// Velocity in the direction of motion, `direction · v`.
     pub w: f64,
-    /// The time for which it is still to be followed.
+    /// The time for which the particle is still to be followed.
     pub left: f64,
 }
 
@@ -92,7 +92,7 @@ pub(super) struct AxisLine {
     /// By cell without a slope: the first and the last cell of the run of such cells around it that
     /// no jump interrupts.
     flat: Vec<[usize; 2]>,
-    /// Whether the first cell comes behind the last one.
+    /// Whether the axis is periodic: the first cell follows the last one.
     is_periodic: bool,
     /// Least and largest velocity.
     box_ends: [f64; 2],
@@ -100,11 +100,11 @@ pub(super) struct AxisLine {
     rest: f64,
 }
 
-/// What a particle does at a face.
+/// The outcome for a particle that has arrived at a face.
 enum AtFace {
-    /// It moves on in the box.
+    /// The particle moves on in the box.
     Goes,
-    /// It leaves the box.
+    /// The particle leaves the box.
     Leaves,
     /// Only [`Tracer::follow`](super::Tracer::follow) can tell.
     Rare,

@@ -15,11 +15,11 @@
 //! is given as averages over cells. In one dimension the images of neighbouring boxes meet end to
 //! end. In more dimensions a sheared image is too wide, by less than its own size.
 //!
-//! A box is halved along an axis whose two ends have different histories (see [`Followed`]), and if
+//! A box is halved along an axis whose two ends have different histories (see [`TracedPath`]), and if
 //! its image bends or its density changes, until it is as small as `FINEST` allows.
 //!
 //! First boxes, of which no box was halved yet, may be followed in any order and by any rank
-//! ([`Sheets`]). What a box leaves in a cell is a [`Deposit`] with the box's number, and
+//! ([`Sheets`]). The mass that a box leaves in a cell is a [`Deposit`] with the box's number, and
 //! [`SheetSums`](sums::SheetSums) adds deposits in the order of these numbers.
 
 pub mod sums;
@@ -27,7 +27,7 @@ pub mod sums;
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::sheet::sums::{Deposit, Line};
-use crate::problem::exact::{Followed, Tracer};
+use crate::problem::exact::{TracedPath, Tracer};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
 
@@ -62,7 +62,7 @@ pub enum InitialSheet {
     Entering {
         /// The axis.
         axis: usize,
-        /// Whether it is the upper end.
+        /// Whether the end is the upper one.
         upper: bool,
     },
 }
@@ -81,11 +81,11 @@ struct ParameterBox {
 struct Image {
     /// Mass per unit of parameter volume.
     density: f64,
-    followed: Followed,
+    followed: TracedPath,
 }
 
 impl Image {
-    /// Whether both particles took the same branch: the image is continuous between them.
+    /// Whether both particles took the same branch, so that the image is continuous between them.
     fn same(&self, other: &Image) -> bool {
         self.followed.history == other.followed.history
             && self.followed.remaining.is_some() == other.followed.remaining.is_some()
@@ -264,7 +264,8 @@ impl<'a> Sheets<'a> {
     }
 
     /// Follows the first boxes `numbers` (row-major) of `sheet`, halved as far as needed within
-    /// `budget`. Returns what they leave, and the number of particles that halvings added.
+    /// `budget`. Returns their mass in cells and their pieces of the curve, and the number of
+    /// particles that halvings added.
     ///
     /// # Errors
     /// [`Error::Formula`] where `density` or `velocity` is not finite.
@@ -364,7 +365,7 @@ impl<'a> Sheets<'a> {
         let mut followed = if density == 0.0 {
             // A particle without mass need not be traced.
             let turns = [0; MAX_DIMENSION];
-            Followed { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
+            TracedPath { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
         } else {
             self.tracer.follow(&point, time)
         };
@@ -470,16 +471,16 @@ impl<'a> Sheets<'a> {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             let (number, density) = (self.number, mass / (2.0 * half[0]));
-            for ends in self.rolled(&ends) {
+            for ends in self.cut_at_period(&ends) {
                 let ends = ends.map(|point| [point[0], point[3]]);
                 self.found.lines.push(Line { number, history, density, ends });
             }
         }
     }
 
-    /// The line between two points in one dimension. On a periodic axis it is cut where it
-    /// continues at the other end.
-    fn rolled(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
+    /// The line between two points in one dimension, in pieces. On a periodic axis the line is cut
+    /// at the end of the period and continues at the other end of the axis.
+    fn cut_at_period(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
         let axis = &self.space().x[0];
         if !self.space().is_periodic(0) {
             return vec![[*first, *last]];
@@ -577,8 +578,8 @@ impl Cells<'_> {
             .collect()
     }
 
-    /// As [`overlap`](Self::overlap), for an interval anywhere on a periodic axis. A cell may occur
-    /// more than once.
+    /// The cells that an interval anywhere on a periodic axis overlaps, as
+    /// [`overlap`](Self::overlap) gives them. A cell may occur more than once.
     fn overlap_around(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
         let axis = self.axis;
         let length = axis.upper - axis.lower;

@@ -94,7 +94,7 @@ pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     Ok(space)
 }
 
-/// Whether `V` is curved within an element.
+/// Whether `V` is curved within any element of the case.
 fn is_curved(case: &Case) -> Result<bool> {
     if case.space.degree() >= BENT {
         return Ok(Potential::whole(case)?.is_curved(&case.space));

@@ -79,7 +79,7 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
     Ok(tokens)
 }
 
-/// The spelling to suggest for a word or sign of another language.
+/// The spelling to suggest for a word or sign of another language; empty if there is none.
 fn instead(text: &str) -> &'static str {
     match text {
         "and" | "&" => "; write &&",
@@ -179,12 +179,12 @@ impl<'a> Parser<'a> {
         Ok(node)
     }
 
-    /// A whole formula, or one in parentheses.
+    /// Reads a whole formula, or one in parentheses.
     fn expression(&mut self) -> Result<FormulaNode, String> {
         self.nested(|parser| parser.chain(0))
     }
 
-    /// `tighter (operator tighter)*` with the operators of `precedence`.
+    /// Reads `tighter (operator tighter)*` with the operators of `precedence`.
     fn chain(&mut self, precedence: usize) -> Result<FormulaNode, String> {
         let Some(operators) = OPERATORS.get(precedence) else { return self.nested(Self::operand) };
         let mut first = self.chain(precedence + 1)?;
@@ -210,7 +210,7 @@ impl<'a> Parser<'a> {
         Ok(if rest.is_empty() { first } else { FormulaNode::Chain(Box::new(first), rest) })
     }
 
-    /// `sign* primary (^ operand)?`.
+    /// Reads `sign* primary (^ operand)?`.
     fn operand(&mut self) -> Result<FormulaNode, String> {
         if self.accept("+") {
             return self.nested(Self::operand);
@@ -229,7 +229,7 @@ impl<'a> Parser<'a> {
         Ok(base)
     }
 
-    /// A number, a coordinate, a constant, a function with its arguments, or an expression in
+    /// Reads a number, a coordinate, a constant, a function with its arguments, or an expression in
     /// parentheses.
     fn primary(&mut self) -> Result<FormulaNode, String> {
         let Some(Token { text, at }) = self.peek() else {

@@ -45,7 +45,7 @@ const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 /// first.
 pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
     &[("else", binary!(|a, b| if a.to_bits() == NOTHING { b } else { a }))],
-    &[("if", binary!(given))],
+    &[("if", binary!(value_if))],
     &[("||", binary!(|a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0)))],
     &[("&&", binary!(|a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0)))],
     &[
@@ -99,7 +99,7 @@ pub(super) fn compare(a: f64, b: f64, holds: impl Fn(f64, f64) -> bool) -> f64 {
 
 /// `a if c`: [`NOTHING`] if `c` is false, NaN if `c` is undefined.
 #[inline(always)]
-fn given(a: f64, c: f64) -> f64 {
+fn value_if(a: f64, c: f64) -> f64 {
     let value = if c != 0.0 { a } else { f64::from_bits(NOTHING) };
     if c.is_nan() { f64::NAN } else { value }
 }
@@ -132,9 +132,9 @@ fn powers(left: &mut FormulaLanes, right: &FormulaLanes) {
     }
 }
 
-/// `a^b`.
+/// The operator `a^b`.
 pub(super) const POWER: Binary = Binary { of: power, each: powers };
-/// `a b`.
+/// The product of two numbers.
 pub(super) const TIMES: Binary = binary!(|a, b| a * b);
 
 /// A formula as a tree. Operations on numbers alone are carried out when it is built.
@@ -154,7 +154,7 @@ pub(super) enum FormulaNode {
 }
 
 impl FormulaNode {
-    /// `function(argument)`
+    /// The tree of `function(argument)`.
     pub(super) fn function(function: Unary, argument: FormulaNode) -> Self {
         match argument {
             Self::Number(a) => Self::Number(function(a)),
@@ -162,7 +162,7 @@ impl FormulaNode {
         }
     }
 
-    /// `self operator right`
+    /// The tree of `self operator right`.
     pub(super) fn then(self, operator: Binary, right: FormulaNode) -> Self {
         match (self, right) {
             (Self::Number(a), Self::Number(b)) => Self::Number((operator.of)(a, b)),

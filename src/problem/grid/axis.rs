@@ -24,7 +24,7 @@ pub struct Axis {
 /// The part of the case's axis that a reduced axis represents (see [`crate::scheme::reduce`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum AxisPart {
-    /// All of it.
+    /// The axis is the whole axis of the case.
     #[default]
     Whole,
     /// Some of its elements, whose centres and faces have the same bits as on the whole axis.
@@ -51,12 +51,12 @@ impl Axis {
         Self { lower, upper, cells, nodes: Nodes::default(), part: AxisPart::Whole }
     }
 
-    /// The same axis with these nodes in each element.
+    /// This axis with these nodes in each element.
     pub fn with_nodes(self, nodes: Nodes) -> Self {
         Self { cells: self.elements() * nodes.count(), nodes, ..self }
     }
 
-    /// The same elements with degree 0.
+    /// This axis with the same elements and degree 0.
     pub fn by_elements(&self) -> Self {
         self.clone().with_nodes(Nodes::default())
     }
@@ -229,8 +229,8 @@ impl Axis {
         self.at(e, self.nodes.reference().nodes[m])
     }
 
-    /// As [`centre`](Self::centre). If it is on a face, it is moved inside the element by a
-    /// billionth of the width.
+    /// The [`centre`](Self::centre) of cell `j`. A centre on a face is moved inside the element by
+    /// a billionth of the element's width.
     pub fn inner_centre(&self, j: i64) -> f64 {
         let (e, m) = self.split(j);
         let xi = self.nodes.reference().nodes[m];

@@ -80,7 +80,7 @@ fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
 pub struct StrayEdge {
     /// Axis along which it was found.
     pub axis: usize,
-    /// Its position along that axis.
+    /// Position of the edge along that axis.
     pub at: f64,
     /// The face to which the scheme moves it.
     pub face: f64,
@@ -92,7 +92,7 @@ pub const MOST_STRAY_EDGES: usize = 256;
 
 /// The parts of the regions that the grid does not resolve.
 #[derive(Clone, Debug, Default)]
-pub struct Overlooked {
+pub struct UnresolvedRegions {
     /// Edges inside cells, one per position, at most [`MOST_STRAY_EDGES`]. The scheme moves them to
     /// the nearest face, which changes the problem by that distance.
     pub edges: Vec<StrayEdge>,
@@ -155,14 +155,14 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
 
 /// Searches lines through cell centres for edges of regions and of tables, and finds regions that
 /// contain no centre.
-pub fn overlooked(case: &Case) -> Overlooked {
+pub fn unresolved_regions(case: &Case) -> UnresolvedRegions {
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<StrayEdge> = Vec::new();
     let mut used = vec![false; case.potential.len()];
     if is_one_piece(&case.potential) {
-        return Overlooked::default();
+        return UnresolvedRegions::default();
     }
     // Undefined conditions are reported by `Potential::new`.
     let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
@@ -200,7 +200,7 @@ pub fn overlooked(case: &Case) -> Overlooked {
             }
         }
     });
-    Overlooked { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
+    UnresolvedRegions { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ const NOTICED_PART_OF_ENERGY: f64 = 1e-3;
 
 /// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Unresolved {
+pub struct PotentialMismatch {
     /// The region.
     pub region: usize,
     /// The axis along which it was found.
@@ -34,8 +34,8 @@ pub struct Unresolved {
     pub elements: usize,
 }
 
-impl Unresolved {
-    /// Distance of the two values.
+impl PotentialMismatch {
+    /// Magnitude of the difference of the two values.
     pub fn difference(&self) -> f64 {
         (self.written - self.taken).abs()
     }
@@ -91,11 +91,11 @@ struct Differences {
     /// Largest difference in each element.
     differences: Vec<f64>,
     /// The point of the largest difference.
-    worst: Option<Unresolved>,
+    worst: Option<PotentialMismatch>,
 }
 
 impl Differences {
-    fn add(&mut self, place: Unresolved) {
+    fn add(&mut self, place: PotentialMismatch) {
         self.differences.push(place.difference());
         if self.worst.as_ref().is_none_or(|worst| worst.difference() < place.difference()) {
             self.worst = Some(place);
@@ -103,17 +103,17 @@ impl Differences {
     }
 
     /// The point of the largest difference, if that is above `limit`.
-    fn beyond(self, limit: f64) -> Option<Unresolved> {
+    fn beyond(self, limit: f64) -> Option<PotentialMismatch> {
         let elements = self.differences.iter().filter(|d| **d > limit).count();
         let worst = self.worst.filter(|_| elements > 0)?;
-        Some(Unresolved { elements, ..worst })
+        Some(PotentialMismatch { elements, ..worst })
     }
 }
 
 /// The points at which `V` differs most from the scheme's approximation, one per region and axis,
 /// on lines along the axis through centres of elements. Both are compared within a region only;
-/// [`overlooked`](crate::problem::potential::overlooked) finds edges that miss the faces.
-pub fn unresolved(case: &Case) -> Vec<Unresolved> {
+/// [`unresolved_regions`](crate::problem::potential::unresolved_regions) finds edges that miss the faces.
+pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
     let taken: Vec<LineApproximation> =
         case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();
     let none: [Differences; MAX_DIMENSION] = Default::default();
@@ -136,7 +136,7 @@ pub fn unresolved(case: &Case) -> Vec<Unresolved> {
             };
             let place =
                 worst_on_line(&case.potential, taken, own.region, at, &mut ranges[own.region]);
-            found[own.region][a].add(Unresolved { axis: a, ..place });
+            found[own.region][a].add(PotentialMismatch { axis: a, ..place });
         }
     }
     let limits = ranges.into_iter().map(|[least, most]| {
@@ -156,10 +156,10 @@ fn worst_on_line(
     own: usize,
     at: impl Fn(&f64) -> [f64; 6],
     range: &mut [f64; 2],
-) -> Unresolved {
+) -> PotentialMismatch {
     let formula = &potential[own].value;
     let nodal: Vec<f64> = taken.nodes.iter().map(|xi| formula.eval(&at(xi))).collect();
-    let mut worst = Unresolved { region: own, ..Unresolved::default() };
+    let mut worst = PotentialMismatch { region: own, ..PotentialMismatch::default() };
     for (point, row) in taken.points.iter().map(at).zip(&taken.rows) {
         let written = formula.eval(&point);
         let taken: f64 = row.iter().zip(&nodal).map(|(weight, value)| weight * value).sum();
@@ -170,7 +170,7 @@ fn worst_on_line(
         }
         *range = [range[0].min(written), range[1].max(written)];
         if (written - taken).abs() > worst.difference() {
-            worst = Unresolved { point, written, taken, ..worst };
+            worst = PotentialMismatch { point, written, taken, ..worst };
         }
     }
     worst

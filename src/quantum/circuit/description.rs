@@ -10,7 +10,7 @@ use std::fmt;
 
 /// The cost of sparse access to the same `H`, with the same modes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Sparse {
+pub struct SparseAccessCost {
     /// `d`.
     pub nonzeros: usize,
     /// `‖H‖_max`.
@@ -21,6 +21,16 @@ pub struct Sparse {
     pub tau: f64,
     /// `2K`.
     pub steps: usize,
+}
+
+impl SparseAccessCost {
+    /// The steps of an evolution over `time` to `tolerance`, for rows of `nonzeros` entries up to
+    /// `largest_entry`.
+    pub fn new(nonzeros: usize, largest_entry: f64, time: f64, tolerance: f64) -> Self {
+        let alpha = nonzeros as f64 * largest_entry;
+        let tau = alpha * time;
+        Self { nonzeros, largest_entry, alpha, tau, steps: steps_of(tau, tolerance) }
+    }
 }
 
 /// `e^{−iHT}` by the circuit.
@@ -93,7 +103,7 @@ pub struct CircuitDescription {
     /// Bound on the norm of the change of `A` by that rounding.
     pub change: f64,
     /// The cost of the same evolution by sparse access.
-    pub sparse: Sparse,
+    pub sparse: SparseAccessCost,
     /// Counts of the circuit.
     pub counts: GateCounts,
     /// Counts of the controlled circuit, which a further qubit applies.
@@ -136,7 +146,17 @@ pub fn steps_of(tau: f64, tolerance: f64) -> usize {
 
 impl fmt::Display for CircuitDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { transport, counts, evolution, sparse, .. } = self;
+        self.write_case(f)?;
+        self.write_steps(f)?;
+        self.write_gates(f)?;
+        self.write_tolerances(f)
+    }
+}
+
+impl CircuitDescription {
+    /// The grid, the potential and the modes.
+    fn write_case(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let transport = &self.transport;
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
         writeln!(f, "{}: {} cells", self.title, shape.join(" x "))?;
         let bins = 1u64 << transport.bin_bits;
@@ -150,19 +170,29 @@ impl fmt::Display for CircuitDescription {
             self.change
         )?;
         match self.modes {
-            CircuitModes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
+            CircuitModes::One(mu) => writeln!(f, "one mode, mu = {mu}"),
             CircuitModes::Register { qubits, period }
             | CircuitModes::Rotated { qubits, period, .. } => {
-                writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)?;
+                writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)
             }
         }
+    }
+
+    /// The subnormalisation and the steps, beside those of sparse access.
+    fn write_steps(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { evolution, sparse, .. } = self;
         writeln!(f, "\n{:<22}{:>14}{:>16}", "", "circuit", "sparse access")?;
         writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "alpha", self.alpha, sparse.alpha)?;
         if let Some(alpha) = self.alpha_of_highest {
             writeln!(f, "{:<22}{alpha:>14.4e}", "alpha, highest mode")?;
         }
         writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "tau = alpha T", evolution.tau, sparse.tau)?;
-        writeln!(f, "{:<22}{:>14}{:>16}", "walk steps 2K", evolution.steps, sparse.steps)?;
+        writeln!(f, "{:<22}{:>14}{:>16}", "walk steps 2K", evolution.steps, sparse.steps)
+    }
+
+    /// The gates and qubits of one call, of a controlled one, and of the evolution.
+    fn write_gates(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { counts, evolution, .. } = self;
         writeln!(f, "\n{:<22}{:>14}{:>16}{:>16}", "", "one call", "controlled", "evolution")?;
         let call = &self.controlled;
         for (name, own, controlled, all) in [
@@ -183,7 +213,11 @@ impl fmt::Display for CircuitDescription {
             f,
             "qubits of one call: {} of the system, {} of the block, {} scratch",
             counts.system_qubits, counts.block_qubits, counts.scratch_qubits
-        )?;
+        )
+    }
+
+    /// The tolerances of the evolution and of its rotations, and the check of the block.
+    fn write_tolerances(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "\ntolerance of the evolution, from which its steps follow:")?;
         write!(f, " {}", self.walk_tolerance.to_string().trim_start())?;
         match self.sequence {

@@ -19,7 +19,7 @@
 use crate::quantum::circuit::arithmetic::{Literal, equals};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
 use crate::quantum::circuit::transport::Force;
-use crate::quantum::circuit::wires::{Along, Wires};
+use crate::quantum::circuit::wires::{AxisRegisters, Wires};
 
 /// Where the term of a force acts.
 pub(super) struct ForceTerm<'a> {
@@ -36,7 +36,7 @@ impl Force {
         &self,
         c: &mut Circuit,
         wires: &Wires,
-        along: &Along,
+        along: &AxisRegisters,
         ForceTerm { chosen, moving }: ForceTerm<'_>,
     ) {
         let chosen = wires.given(chosen);
@@ -56,7 +56,7 @@ impl Force {
 
     /// Shifts the velocity up or down by one cell where `moved` holds. A shift down is a shift up
     /// of the complement.
-    fn shift(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
+    fn shift(&self, c: &mut Circuit, wires: &Wires, along: &AxisRegisters, moved: Qubit) {
         let v = &along.velocity;
         let half = 1usize << (v.len() - 1);
         let down = c.take(1)[0];

@@ -45,7 +45,7 @@ use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
 use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Levels, bits_of,
 };
-use crate::quantum::circuit::wires::{Along, Wires};
+use crate::quantum::circuit::wires::{AxisRegisters, Wires};
 
 impl CaseTransport {
     /// The largest number of velocity cells of either sign, over the axes.
@@ -134,7 +134,7 @@ impl CaseTransport {
 impl AxisTransport {
     /// Appends the term of this axis, where it is chosen: `T` or `T†` where `moving` holds, else
     /// `D`.
-    fn apply(&self, c: &mut Circuit, wires: &Wires, along: &Along, moving: Literal) {
+    fn apply(&self, c: &mut Circuit, wires: &Wires, along: &AxisRegisters, moving: Literal) {
         c.comment("speed and level to energy");
         let (sign, low) = (along.sign(), along.speed());
         c.flip_if(sign, low);
@@ -159,7 +159,7 @@ impl AxisTransport {
 
     /// Appends `U` where `moved` holds: a particle moves to the face, across it or back, and into
     /// the cell behind it.
-    fn move_particles(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
+    fn move_particles(&self, c: &mut Circuit, wires: &Wires, along: &AxisRegisters, moved: Qubit) {
         let (x, sign) = (&along.space, along.sign());
         let last = (1 << x.len()) - 1;
         let wraps = self.periodic && self.cells != last + 1;
@@ -194,7 +194,7 @@ impl AxisTransport {
 
     /// Crosses a jump of `V` of height `ΔV`. Uphill the energy `e` becomes `e − ΔV` where that is
     /// not below zero; else the particle is reflected. Downhill `e` becomes `e + ΔV`.
-    fn cross(&self, c: &mut Circuit, along: &Along, moved: Qubit) {
+    fn cross(&self, c: &mut Circuit, along: &AxisRegisters, moved: Qubit) {
         let (e, downhill) = (&along.kinetic, along.sign());
         let height = c.take(e.len());
         let load = |c: &mut Circuit| {
@@ -235,7 +235,7 @@ impl AxisTransport {
     }
 
     /// Flags energies above the velocity box, where the register has room for some.
-    fn outside(&self, c: &mut Circuit, wires: &Wires, along: &Along) {
+    fn outside(&self, c: &mut Circuit, wires: &Wires, along: &AxisRegisters) {
         let Some(flag) = wires.outside.filter(|_| !self.speeds.is_power_of_two()) else {
             return;
         };

@@ -248,7 +248,7 @@ fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
 }
 
 /// The numbers of the bits of the space axes but one.
-struct Others {
+struct OtherAxes {
     bits: usize,
     /// Numbers of the bits that are not cells.
     padding: Vec<usize>,
@@ -261,12 +261,12 @@ fn number_of_others(space: &PhaseSpace, a: usize, cell: &[usize]) -> usize {
     others.fold(0, |number, (_, (x, i))| number << bits_of(x.cells) | i)
 }
 
-fn bits_of_others(space: &PhaseSpace, a: usize) -> Others {
+fn bits_of_others(space: &PhaseSpace, a: usize) -> OtherAxes {
     let axes = space.x.iter().enumerate().filter(|(b, _)| *b != a);
     let bits: usize = axes.map(|(_, x)| bits_of(x.cells)).sum();
     let mut cells = vec![false; 1 << bits];
     for_each_cell(&ranges(space), |i| cells[number_of_others(space, a, i)] = true);
-    Others { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
+    OtherAxes { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
 }
 
 /// The jumps of `V` along axis `a`, by face and height.

@@ -40,7 +40,7 @@ impl WeightedSum {
 }
 
 /// The registers of an axis.
-pub(in crate::quantum) struct Along {
+pub(in crate::quantum) struct AxisRegisters {
     /// The speed, and the sign above it: the number of the velocity cell.
     pub velocity: Vec<Qubit>,
     /// Number of velocity cells of either sign.
@@ -60,18 +60,18 @@ pub(in crate::quantum) struct Along {
 }
 
 /// The registers of which each axis has a part.
-struct Common<'a> {
+struct SharedRegisters<'a> {
     spaces: &'a [Vec<Qubit>],
     bins: &'a [Qubit],
     level: &'a [Qubit],
     above: Option<Qubit>,
-    terms: &'a Terms,
+    terms: &'a TermRegister,
 }
 
-impl Along {
+impl AxisRegisters {
     /// The registers of axis `a` with this `velocity`.
-    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &Common<'_>) -> Self {
-        let Common { spaces, bins, level, above, terms } = common;
+    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &SharedRegisters<'_>) -> Self {
+        let SharedRegisters { spaces, bins, level, above, terms } = common;
         let speed = &velocity[..velocity.len() - 1];
         let energy = [&level[..velocity.len()], speed].concat();
         let others = (0..spaces.len()).rev().filter(|b| *b != a);
@@ -99,9 +99,9 @@ impl Along {
 }
 
 /// The qubits that choose a term of the sum over axes and forces.
-pub(in crate::quantum) struct Terms(Vec<Qubit>);
+pub(in crate::quantum) struct TermRegister(Vec<Qubit>);
 
-impl Terms {
+impl TermRegister {
     /// The literals that say that this term is chosen: its own qubit is 1, and those of the later
     /// terms are 0. The first term has no qubit of its own.
     pub fn chosen(&self, term: usize) -> Vec<Literal> {
@@ -125,7 +125,7 @@ impl Terms {
 pub(in crate::quantum) struct Wires {
     modes: Vec<Qubit>,
     /// The registers of each axis.
-    pub along: Vec<Along>,
+    pub along: Vec<AxisRegisters>,
     /// The register of the bins of a level.
     pub bins: Vec<Qubit>,
     /// The register of the levels of a cell.
@@ -146,7 +146,7 @@ pub(in crate::quantum) struct Wires {
     pub outside: Option<Qubit>,
     sum: WeightedSum,
     /// The qubits that choose a term: an axis or a force.
-    pub terms: Terms,
+    pub terms: TermRegister,
     /// A qubit that is 1 for `T†`.
     pub reversed: Qubit,
     /// A qubit that is 1 where the circuit is applied; `None` if it always is.
@@ -157,6 +157,21 @@ pub(in crate::quantum) struct Wires {
 const VELOCITIES: [&[&str]; 2] = [&["velocity"], &["velocity_x", "velocity_y", "velocity_z"]];
 const SPACES: [&[&str]; 2] = [&["space"], &["space_x", "space_y", "space_z"]];
 
+/// A register of the system for each of `axes`, of so many `bits`. The last axis is the lowest.
+fn registers_by_axis(
+    c: &mut Circuit,
+    names: [&[&'static str]; 2],
+    axes: &[AxisTransport],
+    bits: impl Fn(&AxisTransport) -> usize,
+) -> Vec<Vec<Qubit>> {
+    let names = names[usize::from(axes.len() > 1)];
+    let each = names.iter().zip(axes).rev();
+    let mut all: Vec<Vec<Qubit>> =
+        each.map(|(name, axis)| c.register(name, bits(axis), RegisterRole::System)).collect();
+    all.reverse();
+    all
+}
+
 impl Wires {
     pub fn new(
         c: &mut Circuit,
@@ -166,18 +181,8 @@ impl Wires {
     ) -> Self {
         let axes = &transport.axes;
         let warped = c.register("warped", modes.qubits(), RegisterRole::System);
-        // The last axis is the lowest.
-        let mut by_axis = |names: [&[&'static str]; 2], bits: &dyn Fn(&AxisTransport) -> usize| {
-            let names = names[usize::from(axes.len() > 1)];
-            let each = names.iter().zip(axes).rev();
-            let mut all: Vec<Vec<Qubit>> = each
-                .map(|(name, axis)| c.register(name, bits(axis), RegisterRole::System))
-                .collect();
-            all.reverse();
-            all
-        };
-        let velocities = by_axis(VELOCITIES, &|axis| bits_of(axis.speeds) + 1);
-        let spaces = by_axis(SPACES, &|axis| bits_of(axis.cells));
+        let velocities = registers_by_axis(c, VELOCITIES, axes, |axis| bits_of(axis.speeds) + 1);
+        let spaces = registers_by_axis(c, SPACES, axes, |axis| bits_of(axis.cells));
         let control = c.register("control", usize::from(controlled), RegisterRole::System);
         let bins = c.register("bins", transport.bin_bits, RegisterRole::Block);
         let levels = velocities.iter().map(Vec::len).max().unwrap_or_default();
@@ -197,12 +202,14 @@ impl Wires {
         let weaker = flag("weaker", forces.iter().any(varies));
         let sum = WeightedSum::new(c, modes);
         let name = if forces.is_empty() { "axis" } else { "term" };
-        let terms = Terms(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
+        let terms =
+            TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let common = Common { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
+        let common =
+            SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
         let along = velocities.into_iter().zip(axes).enumerate();
-        let along =
-            along.map(|(a, (velocity, axis))| Along::new(a, axis.speeds, velocity, &common));
+        let along = along
+            .map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
         let along = along.collect();
         Self {
             modes: warped,

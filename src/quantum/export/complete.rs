@@ -67,7 +67,7 @@ pub struct CircuitStage {
 
 /// The description of the circuit, and its expected results.
 #[derive(Clone, Debug, Serialize)]
-pub struct About {
+pub struct CompleteDescription {
     /// `α`: the block is `H/α`.
     pub alpha: f64,
     /// `αT`.
@@ -103,12 +103,12 @@ pub struct About {
 }
 
 /// The circuit.
-pub(super) struct Complete {
+pub(super) struct CompleteCircuit {
     circuit: Circuit,
-    pub about: About,
+    pub about: CompleteDescription,
 }
 
-impl Complete {
+impl CompleteCircuit {
     /// The circuit of a task.
     ///
     /// # Errors
@@ -193,7 +193,7 @@ impl CompleteCircuitInput<'_> {
         cell: usize,
         stages: Vec<CircuitStage>,
         counts: GateCounts,
-    ) -> About {
+    ) -> CompleteDescription {
         let Self { case, grid, end, .. } = self;
         let velocities = case.space.velocity_cells();
         let at = |j: usize| end[(cell * velocities + j) * grid.points + grid.recovery_index];
@@ -208,7 +208,7 @@ impl CompleteCircuitInput<'_> {
             index.insert(0, rest % axis.cells);
             rest /= axis.cells;
         }
-        About {
+        CompleteDescription {
             alpha,
             tau: phases.tau,
             degree: phases.degree,

@@ -11,13 +11,13 @@ use crate::quantum::optimise::pricing::{PlannedCandidate, choice};
 /// Candidates, with costs of those whose cost was asked for.
 pub(super) struct PricedGrid<'a> {
     system: &'a System<'a>,
-    candidates: Vec<Priced>,
+    candidates: Vec<CandidateCost>,
     /// Whether `S = 0`.
     one_mode: bool,
 }
 
 /// A candidate and what is known of its cost.
-struct Priced {
+struct CandidateCost {
     candidate: ProfileCandidate,
     /// A lower bound of the cost.
     bound: f64,
@@ -40,7 +40,8 @@ impl<'a> PricedGrid<'a> {
         }
         largest_of_ranks(system, &mut bounds);
         let all = candidates.into_iter().zip(bounds);
-        let priced = |(candidate, bound)| Priced { candidate, bound, cost: None, choice: None };
+        let priced =
+            |(candidate, bound)| CandidateCost { candidate, bound, cost: None, choice: None };
         let one_mode = system.bounds.is_skew();
         Self { system, candidates: all.map(priced).collect(), one_mode }
     }
@@ -107,7 +108,7 @@ impl<'a> PricedGrid<'a> {
     }
 
     fn choice(&self, k: usize) -> CostedChoice {
-        let Priced { candidate, choice: known, .. } = &self.candidates[k];
+        let CandidateCost { candidate, choice: known, .. } = &self.candidates[k];
         known.clone().unwrap_or_else(|| choice(self.system, candidate))
     }
 }

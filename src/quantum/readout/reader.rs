@@ -46,6 +46,16 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
+/// Sets the estimate in `measured`, which `estimator` has drawn, and its standard error.
+fn set_estimate(measured: &mut Measured, estimate: Estimate, estimator: OverlapEstimator) {
+    let no_variance = "the distribution has no variance in closed form; see bound";
+    measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
+    measured.standard_error = match estimator.coherent() {
+        true => LabelledNumber::unavailable(no_variance),
+        false => LabelledNumber::estimate(estimate.error, "from the counts"),
+    };
+}
+
 /// An overlap and the prefactor by which it gives a moment.
 #[derive(Clone, Copy, Debug)]
 struct Overlap {
@@ -264,12 +274,7 @@ impl ReadoutContext<'_> {
             false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
         };
         if let Some(estimate) = estimate {
-            let no_variance = "the distribution has no variance in closed form; see bound";
-            measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
-            measured.standard_error = match estimator.coherent() {
-                true => LabelledNumber::unavailable(no_variance),
-                false => LabelledNumber::estimate(estimate.error, "from the counts"),
-            };
+            set_estimate(&mut measured, estimate, estimator);
         }
         MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
     }

@@ -32,6 +32,27 @@ impl Comparison {
     }
 }
 
+impl Comparison {
+    /// The reasons of what is missing in the comparison, one line each.
+    fn reasons(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let of_unitary = self.unitary.as_ref().and_then(|unitary| unitary.no_circuit.clone());
+        for (what, why) in [
+            ("no circuit", &self.cheapest.no_circuit),
+            ("no circuit of the case's own set-up", &self.own.no_circuit),
+            ("no circuit of the unitary scheme", &of_unitary),
+            ("no unitary scheme", &self.not_unitary),
+            ("the cheapest set-up is the case's own", &self.cheapest_is_own),
+            ("the case's own set-up is cheaper, and not the cheapest", &self.own_not_taken),
+            ("not compared", &self.not_compared),
+        ] {
+            if let Some(why) = why {
+                writeln!(f, "{what}: {why}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
@@ -62,19 +83,7 @@ impl fmt::Display for Comparison {
                 short(change.value().unwrap_or(f64::NAN))
             )?;
         }
-        for (what, why) in [
-            ("no circuit", &self.cheapest.no_circuit),
-            ("no circuit of the case's own set-up", &self.own.no_circuit),
-            ("no circuit of the unitary scheme", &unitary.and_then(|u| u.no_circuit.clone())),
-            ("no unitary scheme", &self.not_unitary),
-            ("the cheapest set-up is the case's own", &self.cheapest_is_own),
-            ("the case's own set-up is cheaper, and not the cheapest", &self.own_not_taken),
-            ("not compared", &self.not_compared),
-        ] {
-            if let Some(why) = why {
-                writeln!(f, "{what}: {why}")?;
-            }
-        }
+        self.reasons(f)?;
         if let Some(unitary) = unitary {
             writeln!(f, "{}", unitary.caveats)?;
         }
@@ -161,6 +170,13 @@ impl Record {
             ("operations of classical Euler", &self.classical_operations),
         ];
         rows.iter().try_for_each(|(name, number)| line(f, name, number))?;
+        self.errors(f)?;
+        self.register_sizes(f)?;
+        self.weights(f)
+    }
+
+    /// The error of the field and its parts.
+    fn errors(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let errors = &self.error_budget;
         let part =
             |number: &LabelledNumber| short(rounded(number.value().unwrap_or(f64::NAN), 1e-3));
@@ -174,7 +190,11 @@ impl Record {
             part(&errors.series),
             part(&errors.rounding),
             part(&errors.rotations)
-        )?;
+        )
+    }
+
+    /// The numbers of qubits.
+    fn register_sizes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let r = &self.qubits;
         writeln!(
             f,
@@ -186,7 +206,11 @@ impl Record {
             r.p
         )?;
         writeln!(f, "{:<WIDTH$}{}", "qubits, p of fixed length", r.total_without_growth)?;
-        writeln!(f, "{:<WIDTH$}{}", "qubits with those of the walk", r.walk.total)?;
+        writeln!(f, "{:<WIDTH$}{}", "qubits with those of the walk", r.walk.total)
+    }
+
+    /// The cost of the weights, if the unknowns are weighted.
+    fn weights(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(table) = &self.weights_table else { return Ok(()) };
         let rows = [
             ("Toffoli of weights, a query", &table.toffolis_a_value_query),

@@ -1,4 +1,4 @@
-//! Ends of axes.
+//! The ends of the axes of a panel.
 
 use crate::results::figure::{Layer, Map, Panel, Scale};
 

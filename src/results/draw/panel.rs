@@ -23,7 +23,7 @@ const GAP: f64 = 8.0;
 const HEADING: f64 = 11.5;
 const LABEL: f64 = 10.5;
 const SMALL: f64 = 9.5;
-/// Bold letters are wider by this factor.
+/// Width of bold letters relative to others.
 pub const BOLD: f64 = 1.12;
 /// Distance between entries of a legend, in points.
 const LINE: f64 = 15.0;

@@ -83,7 +83,7 @@ pub struct Tick {
     pub label: Option<String>,
 }
 
-/// Names at 0, 1, … .
+/// Ticks with these names at 0, 1, … .
 fn named(names: &[String]) -> Vec<Tick> {
     let tick = |(k, name): (usize, &String)| Tick { at: k as f64, label: Some(name.clone()) };
     names.iter().enumerate().map(tick).collect()

@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::results::FileResult;
 use crate::results::pictures::jumps::jumps;
-use crate::results::pictures::stored::{Stored, StoredTime};
+use crate::results::pictures::stored::{StoredRun, StoredTime};
 
 /// The cell of each axis through which planes of other axes are drawn.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,14 +26,14 @@ impl Cut {
     /// mean velocity of measure-valued data. It avoids cells next to a jump of `V`, where `f` may
     /// be that of either side. In one dimension, and if the file lacks data, it goes through the
     /// middle.
-    pub fn usual(run: &Stored, times: &[StoredTime]) -> Self {
+    pub fn usual(run: &StoredRun, times: &[StoredTime]) -> Self {
         match run.dimension() {
             1 => Self::middle(run),
             _ => Self::by_data(run, times).unwrap_or_else(|_| Self::middle(run)),
         }
     }
 
-    fn by_data(run: &Stored, times: &[StoredTime]) -> FileResult<Self> {
+    fn by_data(run: &StoredRun, times: &[StoredTime]) -> FileResult<Self> {
         let mut cut = Self { by_data: true, ..Self::middle(run) };
         let n = run.dimension();
         let lengths: Vec<usize> = (0..n).map(|a| run.axis(a).cells).collect();
@@ -64,7 +64,7 @@ impl Cut {
     }
 
     /// The sentence of a caption about a [usual](Self::usual) cut; empty for other cuts.
-    pub fn sentence(&self, run: &Stored) -> &'static str {
+    pub fn sentence(&self, run: &StoredRun) -> &'static str {
         match (self.by_data, run.has("phi")) {
             (false, _) => "",
             (true, true) => " Planes go through the largest density, at the mean velocity there.",
@@ -73,7 +73,7 @@ impl Cut {
     }
 
     /// The cut through the middle cells (cell N/2, counted from 0), as `fields.xdmf` has it.
-    pub fn middle(run: &Stored) -> Self {
+    pub fn middle(run: &StoredRun) -> Self {
         let cells = (0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect();
         Self { cells, by_data: false }
     }
@@ -83,7 +83,7 @@ impl Cut {
     ///
     /// # Errors
     /// [`Error::Input`] if it names an unknown axis, or a position outside of the box.
-    pub fn parse(run: &Stored, text: &str) -> Result<Self> {
+    pub fn parse(run: &StoredRun, text: &str) -> Result<Self> {
         let wrong = |why: String| Error::Input(format!("--slice {text}: {why}"));
         let names = run.names();
         if run.dimension() == 1 {
@@ -118,7 +118,12 @@ impl Cut {
     }
 
     /// The positions on those of `axes` that are not in `plane`, as text: `y = 0.1, vy = 0`.
-    pub fn place(&self, run: &Stored, plane: [usize; 2], axes: std::ops::Range<usize>) -> String {
+    pub fn place(
+        &self,
+        run: &StoredRun,
+        plane: [usize; 2],
+        axes: std::ops::Range<usize>,
+    ) -> String {
         let others = axes.filter(|a| !plane.contains(a));
         let at = |a: usize| {
             let centre = run.axis(a).centre(self.cells[a] as i64);
@@ -154,7 +159,7 @@ fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> boo
 
 /// The velocity cell with the largest `|f|`, summed over `times`, in the space cell `at`; for
 /// measure-valued data that of the mean velocity at the end.
-fn fastest(run: &Stored, times: &[StoredTime], at: &[usize]) -> FileResult<Vec<usize>> {
+fn fastest(run: &StoredRun, times: &[StoredTime], at: &[usize]) -> FileResult<Vec<usize>> {
     let n = run.dimension();
     let here = at.iter().map(|i| *i..i + 1);
     if run.has("phi") {

@@ -12,16 +12,16 @@ use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{ValueSpread, map, undershoots};
-use crate::results::pictures::moments::{planes, titled};
+use crate::results::pictures::moments::{panel_title, planes};
 use crate::results::pictures::phase_space::{concentrated, surface};
-use crate::results::pictures::stored::{Plane, Stored, StoredTime};
+use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
 /// The frames of a run.
 pub struct Film<'a> {
-    run: &'a Stored,
+    run: &'a StoredRun,
     cut: Cut,
     times: Vec<StoredTime>,
-    /// Why there is no exact density, if the case names an exact solution.
+    /// The reason why there is no exact density, if the case names an exact solution.
     pub without_exact: Option<String>,
     scales: FrameRanges,
     scene: JumpLines,
@@ -48,8 +48,8 @@ impl<'a> Film<'a> {
     /// The film of `run` at `times`, through `cut`.
     ///
     /// # Errors
-    /// What the files lack.
-    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
+    /// A sentence that names the data that the files lack.
+    pub fn new(run: &'a StoredRun, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
         // Older versions wrote no exact density, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
         let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
@@ -94,7 +94,7 @@ impl<'a> Film<'a> {
     /// A frame: fields on the planes of phase space first, then the density.
     ///
     /// # Errors
-    /// What the files lack.
+    /// A sentence that names the data that the files lack.
     pub fn frame(&self, k: usize) -> FileResult<Figure> {
         let (run, n, at) = (self.run, self.run.dimension(), self.times[k]);
         let mut panels = Vec::new();
@@ -177,7 +177,7 @@ impl<'a> Film<'a> {
             for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
                 let cells = &self.cut.cells[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
-                let title = titled(run, title, plane, &self.cut);
+                let title = panel_title(run, title, plane, &self.cut);
                 let mut panel = self.map(plane, title, field, self.scales.density);
                 if !border.is_empty() {
                     panel = panel.line("", Style::theory(), border.clone());

@@ -7,7 +7,7 @@ use crate::results::draw::extent;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 
 /// The largest number of times whose densities are drawn.
 const TIMES: usize = 6;
@@ -19,7 +19,7 @@ const LEAST_CHANGE: f64 = 0.01;
 /// without output times.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>) -> FileResult<Option<Figure>> {
     let run = runs.run;
     if !run.has("history") {
@@ -36,7 +36,7 @@ pub fn draw(runs: &Runs<'_>) -> FileResult<Option<Figure>> {
 }
 
 /// A quantity of `/history` over time.
-fn over_time(run: &Stored, name: &str) -> FileResult<Vec<[f64; 2]>> {
+fn over_time(run: &StoredRun, name: &str) -> FileResult<Vec<[f64; 2]>> {
     let values = run.list(&format!("history/{name}"))?;
     Ok(run.list("axis/time")?.into_iter().zip(values).map(|(t, v)| [t, v]).collect())
 }
@@ -93,7 +93,7 @@ fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
 }
 
 /// The density at some of the output times, evenly chosen and including the last one.
-fn densities(run: &Stored) -> FileResult<Panel> {
+fn densities(run: &StoredRun) -> FileResult<Panel> {
     let times = run.list("axis/time")?;
     let x = run.axis(0);
     let last = times.len().saturating_sub(1);
@@ -118,7 +118,7 @@ const STEPS: [&str; 12] = [
 
 /// The steps with their seconds, in the order of the run. Unknown steps come last, and steps that
 /// took no time are left out.
-pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
+pub fn steps(run: &StoredRun) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
     let others = run.seconds.iter().filter(|(s, _)| !STEPS.contains(&s.as_str()));
     let all = known.chain(others).map(|(s, t)| (s.as_str(), *t));
@@ -128,8 +128,8 @@ pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
 /// The seconds of each step as bars, one after the other.
 ///
 /// # Errors
-/// What the files lack.
-pub fn time(run: &Stored) -> FileResult<Figure> {
+/// A sentence that names the data that the files lack.
+pub fn time(run: &StoredRun) -> FileResult<Figure> {
     let steps = steps(run);
     if steps.is_empty() {
         return Err("there are no seconds in summary.json, nor /timings in result.h5".to_owned());

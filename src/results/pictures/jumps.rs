@@ -1,12 +1,12 @@
 //! The positions at which `V` jumps, for pictures.
 
 use crate::problem::potential::Potential;
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 
 /// Faces at which `V` jumps along space axis `a`, on the line through the cells of a
 /// [`Cut`](crate::results::pictures::cut::Cut); empty if the case is unknown. The end of a periodic
 /// axis is listed twice, at both ends.
-pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
+pub fn jumps(run: &StoredRun, a: usize, cut: &[usize]) -> Vec<f64> {
     let Ok(case) = &run.case else { return Vec::new() };
     let n = run.dimension();
     let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
@@ -30,7 +30,7 @@ pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
 
 /// A sentence of a caption if `V` jumps at the ends of the periodic axis `a`, where the frame hides
 /// the line.
-pub fn note_on_ends(run: &Stored, a: usize, jumps: &[f64]) -> String {
+pub fn note_on_ends(run: &StoredRun, a: usize, jumps: &[f64]) -> String {
     match jumps.contains(&run.axis(a).lower) {
         true => format!(" V also jumps at the ends of {}, which is periodic.", run.names()[a]),
         false => String::new(),
@@ -38,7 +38,7 @@ pub fn note_on_ends(run: &Stored, a: usize, jumps: &[f64]) -> String {
 }
 
 /// Borders in a plane of two space axes at which `V` jumps, as pieces of lines with NaN between.
-pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> {
+pub fn borders(run: &StoredRun, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> {
     /// The largest number of cells on which borders are searched. With more cells the search takes
     /// seconds.
     const MOST: usize = 1 << 22;

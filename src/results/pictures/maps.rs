@@ -2,7 +2,7 @@
 
 use crate::base::text::short;
 use crate::results::figure::{Layer, Map, Panel, PlotAxis};
-use crate::results::pictures::stored::{Plane, Stored};
+use crate::results::pictures::stored::{Plane, StoredRun};
 
 /// Values count as being of both signs if the end nearer to zero has at least this part of the
 /// magnitude of the other one; otherwise the errors of a scheme may explain its sign.
@@ -74,7 +74,7 @@ fn about_zero([lower, upper]: [f64; 2]) -> Option<[f64; 2]> {
 /// A panel with a plane of a run over its axes number `axes`. Values of both signs have the colours
 /// of differences, with zero in the middle.
 pub fn map(
-    run: &Stored,
+    run: &StoredRun,
     axes: [usize; 2],
     title: String,
     plane: Plane,
@@ -97,7 +97,7 @@ pub fn map(
 /// The map of a difference of values as large as `scale`. Zero is in the middle of the colours, and
 /// round-off looks like zero.
 pub fn difference_map(
-    run: &Stored,
+    run: &StoredRun,
     axes: [usize; 2],
     title: String,
     plane: Plane,

@@ -76,7 +76,7 @@ impl FineMesh {
 
 /// The values on the parts of two meshes, from nodal `values` on `elements` elements of the first
 /// one and all of the second. The second axis runs fastest.
-pub fn drawn(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
+pub fn values_on_parts(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
     let [first, second] = meshes;
     let axes = [
         AxisMatrix { elements, matrix: &first.matrix },
@@ -125,7 +125,7 @@ mod tests {
         let meshes = [&x, &v].map(|axis| FineMesh::new(axis, 100));
         let [nx, nv] = [meshes[0].len(), meshes[1].len()];
         assert_eq!([nx, nv], [99, 100]);
-        let found = drawn(&nodal, 3, &meshes);
+        let found = values_on_parts(&nodal, 3, &meshes);
         for i in 0..nx {
             for j in 0..nv {
                 let at = |k: usize, n: usize, axis: &Axis| {
@@ -153,7 +153,7 @@ mod tests {
         }
         let mesh = FineMesh::of_averages(&x, 1000);
         let one = FineMesh::new(&Axis::new(0.0, 1.0, 1), 1);
-        let fine = drawn(&values, 2, &[mesh, one]);
+        let fine = values_on_parts(&values, 2, &[mesh, one]);
         for (part, found) in fine.iter().enumerate() {
             let at = 2.0 * (part as f64 + 0.5) / fine.len() as f64;
             assert_eq!(*found, values[x.cell_faces().partition_point(|face| *face <= at) - 1]);

@@ -12,11 +12,11 @@ use crate::results::pictures::maps::{
 };
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Plane, Stored};
+use crate::results::pictures::stored::{Plane, StoredRun};
 
 /// The density below which a mean velocity is meaningless due to round-off or the error of the
 /// density; `largest` is the largest drawn density.
-fn least_density(run: &Stored, largest: f64) -> f64 {
+fn least_density(run: &StoredRun, largest: f64) -> f64 {
     /// Part of the largest that is round-off.
     const ROUND_OFF: f64 = 1e-10;
     let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
@@ -29,7 +29,7 @@ fn least_density(run: &Stored, largest: f64) -> f64 {
 
 /// Whether mean velocities are drawn as momentum over density. For elements the ratio of two
 /// polynomials is drawn, not a polynomial through the ratios at nodes.
-fn draws_ratio(run: &Stored) -> bool {
+fn draws_ratio(run: &StoredRun) -> bool {
     run.space.degree() > 0 && !run.has_averaged_moments()
 }
 
@@ -37,7 +37,7 @@ fn draws_ratio(run: &Stored) -> bool {
 /// result is NaN beyond the velocities of the box, where the density is an oscillation of a
 /// polynomial, and where the `density` is meaningless.
 fn to_velocities<'a>(
-    run: &Stored,
+    run: &StoredRun,
     a: usize,
     values: impl Iterator<Item = &'a mut f64>,
     density: &[f64],
@@ -62,7 +62,7 @@ const COMPUTED: &str = "";
 const EXACT: &str = "_exact";
 
 /// The moment `name` of a run in one dimension as points; velocities are NaN in vacuum.
-fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
+fn moment_points(run: &StoredRun, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| Ok::<_, String>(run.line(&run.list(&format!("{name}{whose}"))?));
     if name != "velocity" {
         return read(name);
@@ -77,7 +77,7 @@ fn listed(run: &Stored, name: &str, whose: &str) -> FileResult<Vec<[f64; 2]>> {
 /// multivalued velocity.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let run = runs.run;
     // Results of older versions, whose exact moments were others, have no momentum_exact.
@@ -100,14 +100,14 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         // The second run is drawn as points below the lines, so that all are visible where they
         // agree.
         if let Some(beside) = runs.beside {
-            let points = listed(beside, name, COMPUTED)?;
+            let points = moment_points(beside, name, COMPUTED)?;
             panel = panel.points(named(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if exact {
-            let points = listed(run, name, EXACT)?;
+            let points = moment_points(run, name, EXACT)?;
             panel = panel.line(named("exact"), Style::of(2).plain(), points);
         }
-        let points = listed(run, name, COMPUTED)?;
+        let points = moment_points(run, name, COMPUTED)?;
         panel = panel.line(named(&runs.names[0]), Style::of(0).plain(), points);
         panels.push(panel.verticals(&faces));
     }
@@ -132,7 +132,7 @@ pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
 }
 
 /// The title of a panel with a plane through a cut.
-pub(crate) fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
+pub(crate) fn panel_title(run: &StoredRun, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     let place = cut.place(run, plane, 0..run.dimension());
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
@@ -150,7 +150,7 @@ struct MomentMap<'a> {
 
 /// A moment on a plane; velocities are NaN in vacuum.
 fn moment(
-    run: &Stored,
+    run: &StoredRun,
     shown: MomentMap<'_>,
     whose: &str,
     plane: [usize; 2],
@@ -176,7 +176,7 @@ type MapRow = (Vec<Panel>, Option<f64>);
 fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<MapRow> {
     let (run, MomentMap { name, component, label }) = (runs.run, shown);
     let at = &cut.cells[..run.dimension()];
-    let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
+    let read = |r: &StoredRun, whose: &str| moment(r, shown, whose, plane, at);
     let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
     let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
@@ -201,7 +201,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
         panel.line("", Style::theory(), border.clone())
     };
     let show = |title: &str, field: Plane| {
-        let title = titled(run, title, plane, cut);
+        let title = panel_title(run, title, plane, cut);
         bordered(map(run, plane, title, field, shared))
     };
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
@@ -214,7 +214,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
+        let title = panel_title(run, &format!("{label}, {} − exact", names[0]), plane, cut);
         panels.push(bordered(difference_map(run, plane, title, field, scale)));
     }
     Ok((panels, lowest))
@@ -223,7 +223,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 /// The density in more than one dimension, on every plane of two space axes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let shown = MomentMap { name: "density", component: None, label: "density" };
     let rows: FileResult<Vec<MapRow>> = (planes(runs.run.dimension()).into_iter())
@@ -239,7 +239,7 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
 /// axes.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let n = runs.run.dimension();
     let rows: FileResult<Vec<Vec<Panel>>> = planes(n)
@@ -278,7 +278,7 @@ fn share_signed_colours(rows: &mut [Vec<Panel>]) {
 }
 
 /// A figure with rows of maps; short rows are put side by side.
-fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &str) -> Figure {
+fn figure(run: &StoredRun, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &str) -> Figure {
     let width = rows.first().map_or(1, Vec::len);
     let columns = match width {
         1 => rows.len().min(3),

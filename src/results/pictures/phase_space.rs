@@ -12,13 +12,13 @@ use crate::results::pictures::maps::{
     ValueSpread, difference, difference_map, largest, map, range, undershoots,
 };
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{FINEST, Plane, Stored, StoredTime};
+use crate::results::pictures::stored::{FINEST, Plane, StoredRun, StoredTime};
 
 /// A row of maps for every plane: the exact field, the computed ones, and their differences; for
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///
 /// # Errors
-/// What the files lack.
+/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let run = runs.run;
     let n = run.dimension();
@@ -67,7 +67,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
 }
 
 /// The caption's sentence about the values in the maps.
-fn values_shown(run: &Stored) -> &'static str {
+fn values_shown(run: &StoredRun) -> &'static str {
     match (run.has("phi"), run.space.degree()) {
         (true, 1..) => {
             "Measure-valued data: f = φ δ(ψ), at the zeros of the polynomials of ψ in one \
@@ -170,7 +170,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
 }
 
 /// `φ δ_ω(ψ)` over the phase space of one dimension, computed line by line as for moments.
-pub(crate) fn concentrated(run: &Stored, time: StoredTime) -> FileResult<Plane> {
+pub(crate) fn concentrated(run: &StoredRun, time: StoredTime) -> FileResult<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
     let width = case.delta_width;
@@ -186,7 +186,7 @@ pub(crate) fn concentrated(run: &Stored, time: StoredTime) -> FileResult<Plane> 
 }
 
 /// The zeros of the level set of elements in one dimension, at which moments are taken.
-pub(crate) fn surface(run: &Stored, time: StoredTime) -> FileResult<Vec<[f64; 2]>> {
+pub(crate) fn surface(run: &StoredRun, time: StoredTime) -> FileResult<Vec<[f64; 2]>> {
     let (x, nv) = (run.axis(0), run.axis(1).cells);
     let mut points = Vec::new();
     for element in 0..x.elements() {
@@ -201,7 +201,7 @@ pub(crate) fn surface(run: &Stored, time: StoredTime) -> FileResult<Vec<[f64; 2]
 }
 
 /// The exact velocity, branch after branch, with NaN between.
-pub(crate) fn branches(run: &Stored) -> FileResult<Vec<[f64; 2]>> {
+pub(crate) fn branches(run: &StoredRun) -> FileResult<Vec<[f64; 2]>> {
     let read = |name: &str| run.list(&format!("multivalued/{name}"));
     let (x, v, branch) = (read("x")?, read("v")?, read("branch")?);
     let mut points = Vec::with_capacity(x.len());

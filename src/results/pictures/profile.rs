@@ -4,7 +4,7 @@ use crate::base::text::{rounded, short};
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
@@ -19,7 +19,7 @@ const DISTINCT: usize = 200;
 const MOST: usize = 2000;
 /// Margin beyond the ends of the domain of dependence, relative to its length.
 const BEYOND: f64 = 0.04;
-/// Points in p closer than this are the same.
+/// Points in `p` at this distance or less, relative to the larger of `|p|` and 1, count as one.
 const SAME: f64 = 1e-9;
 
 /// The data of the plan about the modes.
@@ -35,7 +35,7 @@ struct PlannedModes {
 }
 
 impl PlannedModes {
-    fn of(run: &Stored) -> FileResult<Option<Self>> {
+    fn of(run: &StoredRun) -> FileResult<Option<Self>> {
         let warp = &run.plan["warp"];
         if warp.is_null() {
             return Ok(None);
@@ -64,7 +64,7 @@ impl PlannedModes {
         }))
     }
 
-    /// `p◇`.
+    /// The recovery point `p◇`.
     fn point(&self) -> f64 {
         self.readings[0].point
     }
@@ -121,7 +121,7 @@ impl PlannedModes {
     }
 
     /// The panel with a vertical line at each reading.
-    fn marked(&self, mut panel: Panel) -> Panel {
+    fn with_readings(&self, mut panel: Panel) -> Panel {
         for (k, reading) in self.readings.iter().enumerate() {
             panel = panel.vertical(["p◇", "second reading"][k.min(1)], reading.point);
         }
@@ -169,8 +169,8 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 /// run without modes.
 ///
 /// # Errors
-/// What the files lack.
-pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
+/// A sentence that names the data that the files lack.
+pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let Some(kind) = &modes.kind else {
         // The warped field came from a file, and need not be e^{−p} f.
@@ -187,15 +187,16 @@ pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
         short(lower),
         short(upper)
     );
-    let panels = [modes.profile_panel(), modes.error_panel()].map(|panel| modes.marked(panel));
+    let panels =
+        [modes.profile_panel(), modes.error_panel()].map(|panel| modes.with_readings(panel));
     Ok(Some(Figure::new("Profile in p", panels.into()).caption(caption)))
 }
 
 /// Weight and applications of every mode; `None` for a run without modes.
 ///
 /// # Errors
-/// What the files lack.
-pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
+/// A sentence that names the data that the files lack.
+pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let count = modes.series.modes();
     let every = count.div_ceil(MOST);
@@ -227,8 +228,8 @@ pub fn modes(run: &Stored) -> FileResult<Option<Figure>> {
 /// The field read at other points; `None` without `output.plateau`.
 ///
 /// # Errors
-/// What the files lack.
-pub fn plateau(run: &Stored) -> FileResult<Option<Figure>> {
+/// A sentence that names the data that the files lack.
+pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("plateau") {
         return Ok(None);
     }

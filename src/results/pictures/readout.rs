@@ -4,7 +4,7 @@ use crate::quantum::readout::row::OverlapEstimator;
 use crate::results::FileResult;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
-use crate::results::pictures::stored::Stored;
+use crate::results::pictures::stored::StoredRun;
 use std::collections::BTreeSet;
 
 /// An estimate whose bound exceeds this multiple of the largest value is left out, as it is useless
@@ -15,8 +15,8 @@ const LARGEST_BOUND: f64 = 10.0;
 /// `[readout]`.
 ///
 /// # Errors
-/// What the files lack.
-pub fn draw(run: &Stored) -> FileResult<Option<Figure>> {
+/// A sentence that names the data that the files lack.
+pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);
     }
@@ -65,7 +65,7 @@ struct ReadoutColumns {
 }
 
 impl ReadoutColumns {
-    fn read(run: &Stored) -> FileResult<Self> {
+    fn read(run: &StoredRun) -> FileResult<Self> {
         let cell = run.list("readout/cell")?;
         let column = |name: &str| {
             let name = format!("readout/{name}");

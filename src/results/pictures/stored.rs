@@ -9,7 +9,7 @@ use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::dataset::RESULT;
 use crate::results::figure;
-use crate::results::pictures::mesh::{self, FineMesh, drawn};
+use crate::results::pictures::mesh::{self, FineMesh, values_on_parts};
 use crate::results::readback::{PIECE, read_text, text_attribute};
 use crate::results::{FileResult, summary};
 use hdf5::{Dataset, File, Location};
@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const FINEST: usize = 512;
 
 /// `result.h5`, open for reading, with those values that are always needed.
-pub struct Stored {
+pub struct StoredRun {
     /// The directory of the run.
     pub directory: PathBuf,
     /// The grid.
@@ -75,12 +75,12 @@ pub struct Plane {
     pub values: Vec<f64>,
 }
 
-impl Stored {
+impl StoredRun {
     /// Opens `directory/result.h5`, which has been inspected
     /// ([`untrusted::open`](crate::results::untrusted::open)).
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// A sentence that says what is wrong with the file.
     pub(crate) fn read(directory: &Path) -> FileResult<Self> {
         let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
         Self::of(directory, file)
@@ -196,7 +196,7 @@ impl Stored {
         }
     }
 
-    /// The end of the run.
+    /// The time at the end of the run.
     pub fn end(&self) -> StoredTime {
         StoredTime { time: self.time, early: None }
     }
@@ -204,7 +204,7 @@ impl Stored {
     /// The times at which there are fields, the end last.
     ///
     /// # Errors
-    /// What the file lacks.
+    /// A sentence that names the data that the file lacks.
     pub fn snapshots(&self) -> FileResult<Vec<StoredTime>> {
         let times = match self.has("axis/field_time") {
             true => self.list("axis/field_time")?,
@@ -323,7 +323,7 @@ impl Stored {
             slab.count[skip + plane[1]] = lengths[1];
             let read = read_slab(&dataset, &slab);
             let read = read.map_err(|e| format!("/{name} of result.h5: {e}"))?;
-            let read = drawn(&read, elements[1] - elements[0], &meshes);
+            let read = values_on_parts(&read, elements[1] - elements[0], &meshes);
             for line in lines {
                 for column in &column {
                     let before = elements[0] * parts;

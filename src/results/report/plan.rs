@@ -82,7 +82,7 @@ fn auxiliary_variable(rows: &mut ReportRows, plan: &Value) {
             _ => "second reading, for the error estimate, at",
         };
         let by = word(&reading["method"]).filter(|method| method != "point");
-        let by = by.map_or(String::new(), |method| format!(", by {}", spaced(&method)));
+        let by = by.map_or(String::new(), |method| format!(", by {}", with_spaces(&method)));
         rows.text(label, reading["point"].as_f64().map(|p| short(rounded(p, 1.0)) + &by));
     }
     rows.text("modes", number(&warp["modes"]));
@@ -95,7 +95,7 @@ fn work(rows: &mut ReportRows, plan: &Value) {
     let step = number(&plan["propagation"]["step"]);
     let step = step.map_or(String::new(), |step| format!(", steps of {step}"));
     let method = word(&plan["propagation"]["method"]);
-    rows.text("propagator", method.map(|method| spaced(&method) + &step));
+    rows.text("propagator", method.map(|method| with_spaces(&method) + &step));
     let solves = warp["solves"].as_f64().filter(|s| *s > 0.0);
     let unit = match solves {
         Some(_) => "solves",
@@ -113,6 +113,6 @@ fn work(rows: &mut ReportRows, plan: &Value) {
 }
 
 /// `crank-nicolson` as `crank nicolson`.
-fn spaced(name: &str) -> String {
+fn with_spaces(name: &str) -> String {
     name.replace('-', " ")
 }

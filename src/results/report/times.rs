@@ -8,7 +8,7 @@ use crate::results::FileResult;
 use crate::results::draw::raster::Palette;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
-use crate::results::pictures::stored::{Stored, StoredTime};
+use crate::results::pictures::stored::{StoredRun, StoredTime};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -23,7 +23,7 @@ pub struct Times {
     frames: Vec<TimePicture>,
     /// Number of times that the run stores.
     stored: usize,
-    /// Why there is no exact density, if the case names an exact solution.
+    /// The reason why there is no exact density, if the case names an exact solution.
     without_exact: Option<String>,
 }
 
@@ -39,8 +39,8 @@ impl Times {
     /// one time only.
     ///
     /// # Errors
-    /// What the files lack.
-    pub fn new(run: &Stored, cut: Option<Cut>) -> FileResult<Option<Self>> {
+    /// A sentence that names the data that the files lack.
+    pub fn new(run: &StoredRun, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {
             return Ok(None);

@@ -3,7 +3,7 @@
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
-use crate::results::summary::{Accuracy, Missed};
+use crate::results::summary::{Accuracy, MissedGoals};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -15,7 +15,7 @@ enum Mark {
     Good,
     /// The finding is not as it should be.
     Bad,
-    /// Unknown.
+    /// It is unknown whether the finding is as it should be.
     Unknown,
 }
 
@@ -35,7 +35,7 @@ pub fn trust(summary: &Value, classical: bool) -> Markup {
     let accuracy = Accuracy::deserialize(&summary["accuracy"]).ok();
     let ledger = ledger_of(summary);
     // Results of older versions have no such key.
-    let missed = Missed::deserialize(&summary["missed"]).ok();
+    let missed = MissedGoals::deserialize(&summary["missed"]).ok();
     let findings = [
         match classical {
             true => steps(summary),
@@ -110,7 +110,11 @@ fn steps(summary: &Value) -> Finding {
 }
 
 /// The finding on the distance to the exact solution of the scheme's equations.
-fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
+fn algorithm(
+    summary: &Value,
+    accuracy: Option<&Accuracy>,
+    missed: Option<&MissedGoals>,
+) -> Finding {
     let asked = summary["tolerance"].as_f64();
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
@@ -123,7 +127,7 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
     };
     let mark = match missed {
         None => Mark::Unknown,
-        Some(Missed { tolerance: Some(_), .. }) => Mark::Bad,
+        Some(MissedGoals { tolerance: Some(_), .. }) => Mark::Bad,
         Some(_) => Mark::Good,
     };
     let inherited = summary["continued"]["error_inherited"].as_f64();
@@ -135,7 +139,7 @@ fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Misse
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
-fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
+fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
     let what = sentence(GRID_ERROR);
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
@@ -223,7 +227,7 @@ mod tests {
         let all = Some(1.0);
         (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
         ledger.mass.beyond = Some(lost);
-        let missed = Missed {
+        let missed = MissedGoals {
             tolerance: (algorithm > 1e-6).then(|| "tolerance".to_owned()),
             accuracy: None,
         };
@@ -264,7 +268,7 @@ mod tests {
             let goal = Some(0.3);
             let accuracy = Accuracy { goal, goal_error, goal_estimate, ..Accuracy::default() };
             let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
-            let missed = Missed { accuracy: sentence.map(str::to_owned), tolerance: None };
+            let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
             let found = grid(Some(&accuracy), Some(&missed));
             assert_eq!(found.mark, mark, "{}", found.text);
             assert!(found.text.contains(words), "{}", found.text);
@@ -276,10 +280,10 @@ mod tests {
     fn inherited_errors_are_reported_and_are_no_miss() {
         let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };
         let summary = json!({
-            "tolerance": 1e-6, "accuracy": accuracy, "missed": Missed::default(),
+            "tolerance": 1e-6, "accuracy": accuracy, "missed": MissedGoals::default(),
             "continued": { "error_inherited": 2e-3 },
         });
-        let found = algorithm(&summary, Some(&accuracy), Some(&Missed::default()));
+        let found = algorithm(&summary, Some(&accuracy), Some(&MissedGoals::default()));
         assert_eq!(found.mark, Mark::Good);
         assert!(found.text.contains("0.002 of it inherited"), "{}", found.text);
     }

@@ -34,23 +34,23 @@ pub struct ReadField {
     pub checksum: u64,
     /// The largest magnitude in it.
     pub largest: f64,
-    /// How far `e^p w` is from flat, relative to its largest value: the largest
-    /// `e^{p◇} |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with
-    /// `u = e^p w` at the point next to `p◇`. Places are the points of the file, and the middles
-    /// between them, where the trigonometric interpolant is taken. It bounds the error of `f`.
+    /// The distance of `e^p w` from a constant, relative to its largest value: the largest `e^{p◇}
+    /// |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with `u = e^p w`
+    /// at the point next to `p◇`. Places are the points of the file, and the middles between them,
+    /// where the trigonometric interpolant is taken. It bounds the error of `f`.
     pub unevenness: f64,
 }
 
 /// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Domain {
-    /// `p◇`.
+pub struct ReadingDomain {
+    /// The recovery point `p◇`.
     pub point: f64,
     /// `[p◇ − λ⁺T, p◇ + λ⁻T]`; the width of the reading is added to the upper end.
     pub ends: [f64; 2],
 }
 
-impl Domain {
+impl ReadingDomain {
     /// The domain on which a `reading` after `time` depends.
     pub fn new(reading: &Reading, bounds: &Bounds, time: f64) -> Self {
         let (below, above) = (bounds.growth.max(0.0) * time, bounds.decay.max(0.0) * time);
@@ -59,13 +59,13 @@ impl Domain {
     }
 }
 
-/// The flatness of a field on a [`Domain`]: at the points of a file and at the middles between
+/// The flatness of a field on a [`ReadingDomain`]: at the points of a file and at the middles between
 /// them, as the run evolves the trigonometric interpolant, which may oscillate between flat points.
 struct Flatness {
     /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
     /// ones are points of the file, odd ones lie between.
     first: usize,
-    /// `e^{p◇}`.
+    /// The factor `e^{p◇}`.
     amplification: f64,
     /// `e^{−p}` at the places of the domain.
     decay: Vec<f64>,
@@ -78,7 +78,7 @@ struct Flatness {
 }
 
 impl Flatness {
-    fn new(domain: Domain, interval: [f64; 2], points: usize) -> Self {
+    fn new(domain: ReadingDomain, interval: [f64; 2], points: usize) -> Self {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
         let last = 2 * points - 1;
         let place = |p: f64| ((p - interval[0]) / half).clamp(0.0, last as f64);
@@ -111,12 +111,12 @@ impl Flatness {
 }
 
 /// Values of the trigonometric interpolant between the points of a file.
-struct Between {
+struct MidpointValues {
     transform: Transform,
     line: Vec<f64>,
 }
 
-impl Between {
+impl MidpointValues {
     fn new(series: &Series, interval: [f64; 2], points: usize) -> Self {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
         let transform = Transform::new(series, interval[0] + half);
@@ -137,11 +137,11 @@ pub struct WarpedFile {
     pub path: PathBuf,
     /// `[L, R]`: the first point, and the first point plus one period.
     pub interval: [f64; 2],
-    /// `N_p`.
+    /// The number `N_p` of points in `p`.
     pub points: usize,
 }
 
-/// What is read from a file with a warped field.
+/// The modes that are read from a file with a warped field, and the test of its flatness.
 pub struct ModesFromFile<'a> {
     /// The distribution of cells and modes over the ranks.
     pub spread: &'a Spread<'a>,
@@ -149,8 +149,8 @@ pub struct ModesFromFile<'a> {
     pub series: &'a Series,
     /// The modes of this rank, which are overwritten.
     pub kept: &'a mut KeptModes,
-    /// Where it is measured how flat the field is.
-    pub domain: Domain,
+    /// The interval in `p` on which the flatness of the field is measured.
+    pub domain: ReadingDomain,
 }
 
 impl WarpedFile {
@@ -199,7 +199,7 @@ impl WarpedFile {
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
-        let mut between = Between::new(series, self.interval, transform.points());
+        let mut between = MidpointValues::new(series, self.interval, transform.points());
         let mut transpose = spread.transpose(&transform);
         let mut all = spread.modes_of_a_round(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());

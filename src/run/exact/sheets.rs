@@ -1,8 +1,8 @@
 //! The exact moments of measure-valued data, computed by all ranks together.
 //!
-//! The boxes of a sheet are dealt to the ranks one by one, in rounds that bound the memory. A rank
-//! sends every [`Deposit`] to the rank whose share holds the cell. That rank adds deposits in the
-//! order of the boxes' numbers, as a single rank would, so that the bits are the same.
+//! The boxes of a sheet are distributed over the ranks one by one, in rounds that bound the memory.
+//! A rank sends every [`Deposit`] to the rank whose share holds the cell. That rank adds deposits
+//! in the order of the boxes' numbers, as a single rank would, so that the bits are the same.
 //!
 //! In two cases every rank follows all boxes of a round, and keeps the deposits on its share. The
 //! budget of particles may run out: a box may use what those before it left. Or a formula is not
@@ -31,13 +31,13 @@ pub fn exact_moments(
     share: &[Range<usize>],
 ) -> Result<Option<ExactMoments>> {
     let Some(mut sheets) = group.agree(Sheets::new(case))? else { return Ok(None) };
-    let owners = Owners::new(group, &case.space, share);
+    let owners = CellOwners::new(group, &case.space, share);
     let mut sums = SheetSums::new(&case.space, share);
     let mut budget = sheets.budget();
     for sheet in sheets.all() {
         let boxes = sheets.boxes(sheet);
         for first in (0..boxes).step_by(ROUND) {
-            let round = Round { group, case, sheet, boxes: first..boxes.min(first + ROUND) };
+            let round = BoxRound { group, case, sheet, boxes: first..boxes.min(first + ROUND) };
             let (found, left) = round.follow(&mut sheets, budget, &owners)?;
             found.deposits.iter().for_each(|deposit| sums.add(deposit));
             found.lines.iter().for_each(|line| sums.draw(line));
@@ -49,13 +49,13 @@ pub fn exact_moments(
 }
 
 /// The rank of each space cell.
-struct Owners {
+struct CellOwners {
     rank: usize,
     /// The rank of each cell, row-major.
     of: Vec<u32>,
 }
 
-impl Owners {
+impl CellOwners {
     fn new(group: &Group, space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let ends: Vec<u64> = share.iter().flat_map(|r| [r.start as u64, r.end as u64]).collect();
         let all = group.exchanged(&vec![ends; group.size()]);
@@ -76,21 +76,21 @@ impl Owners {
 }
 
 /// First boxes of a sheet that the ranks follow together.
-struct Round<'a> {
+struct BoxRound<'a> {
     group: &'a Group,
     case: &'a Case,
     sheet: InitialSheet,
     boxes: Range<usize>,
 }
 
-impl Round<'_> {
+impl BoxRound<'_> {
     /// The deposits of the boxes on this rank's share and all lines, in the order of the boxes, and
     /// the budget that is left. Collective.
     fn follow(
         &self,
         sheets: &mut Sheets<'_>,
         budget: ParticleBudget,
-        owners: &Owners,
+        owners: &CellOwners,
     ) -> Result<(FollowedBoxes, ParticleBudget)> {
         let Self { group, case, sheet, ref boxes } = *self;
         if group.size() > 1 {
@@ -109,7 +109,7 @@ impl Round<'_> {
 
     /// Sends the boxes `found` by each rank, and returns them as [`follow`](Self::follow) does.
     /// Collective.
-    fn exchanged(&self, found: FollowedBoxes, owners: &Owners) -> FollowedBoxes {
+    fn exchanged(&self, found: FollowedBoxes, owners: &CellOwners) -> FollowedBoxes {
         let group = self.group;
         let n = self.case.space.dimension();
         let mut messages = vec![Vec::new(); group.size()];

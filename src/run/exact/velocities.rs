@@ -35,10 +35,10 @@ const BOOLE: [f64; POINTS] = [7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0,
 const SIMPSON: [f64; POINTS] = [1.0 / 6.0, 0.0, 4.0 / 6.0, 0.0, 1.0 / 6.0];
 
 /// Limits on the cost of integrals, for a dimension of space.
-struct Effort {
-    /// Least number of panels along an axis to begin with, ...
+struct IntegrationLimits {
+    /// Least number of panels along an axis to begin with, if the solution may jump.
     panels: usize,
-    /// ... and the same if `V` has one formula, so that the solution does not jump.
+    /// Least number of panels along an axis to begin with, if `V` has one formula.
     few_panels: usize,
     /// Panels are halved until the error is below this part of the largest density.
     tolerance: f64,
@@ -46,15 +46,15 @@ struct Effort {
     most: usize,
     /// Points that all integrals together may take.
     together: usize,
-    /// Positions along an axis at which the largest density is searched, ...
+    /// Positions along an axis at which the largest density is searched.
     positions: usize,
-    /// ... and at which sums over the velocities of the grid are compared.
+    /// Positions along an axis at which sums over the velocities of the grid are compared.
     trials: usize,
 }
 
 /// Limits by dimension of space.
-const EFFORTS: [Effort; MAX_DIMENSION] = [
-    Effort {
+const EFFORTS: [IntegrationLimits; MAX_DIMENSION] = [
+    IntegrationLimits {
         panels: 64,
         few_panels: 64,
         tolerance: 1e-5,
@@ -63,7 +63,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         positions: 64,
         trials: 0,
     },
-    Effort {
+    IntegrationLimits {
         panels: 8,
         few_panels: 2,
         tolerance: 1e-3,
@@ -72,7 +72,7 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         positions: 6,
         trials: 3,
     },
-    Effort {
+    IntegrationLimits {
         panels: 2,
         few_panels: 2,
         tolerance: 5e-3,
@@ -82,26 +82,27 @@ const EFFORTS: [Effort; MAX_DIMENSION] = [
         trials: 2,
     },
 ];
-/// Most velocity cells of a panel along an axis; ...
+/// Largest number of velocity cells of a panel along an axis, if the solution may jump.
 const CELLS: usize = 4;
-/// ... and the same if `V` has one formula.
+/// Largest number of velocity cells of a panel along an axis, if `V` has one formula.
 const MANY_CELLS: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
-/// [`Effort::together`].
+/// [`IntegrationLimits::together`].
 const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 const ACROSS: usize = 2;
-/// The integrals that sums over the grid are compared with have this part of the tolerance, ...
+/// Tolerance of the integrals with which sums over the grid are compared, as a part of the usual
+/// tolerance.
 const TRIAL_TOLERANCE: f64 = 0.01;
-/// ... and this many times the points.
+/// Factor on the number of points that these integrals may take.
 const TRIAL_POINTS: usize = 10;
 /// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
 
 /// An integral over the velocities at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Integral {
+pub struct VelocityIntegral {
     /// Density, momentum and kinetic energy, in the order of [`MOMENTS`].
     pub moments: [f64; MOMENTS],
     /// An estimate of the density's error.
@@ -116,7 +117,7 @@ struct VelocityPanel {
     values: Vec<f64>,
     /// The error of the integral over it.
     error: f64,
-    /// The axis with the largest part of it.
+    /// The axis with the largest part of that error.
     axis: usize,
 }
 
@@ -301,7 +302,7 @@ impl<'a> VelocityIntegrals<'a> {
 
     /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
     /// node.
-    pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<Integral> {
+    pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
         let rule = gauss_legendre(points_across(case));
         // Points across a cell and their weights, by axis.
         let along = |axis: &Axis, j: usize| -> Vec<[f64; 2]> {
@@ -323,7 +324,7 @@ impl<'a> VelocityIntegrals<'a> {
                 };
                 positions = positions.iter().flat_map(next).collect();
             }
-            let mut mean = Integral::default();
+            let mut mean = VelocityIntegral::default();
             for (position, weight) in positions {
                 let here = self.at(&position);
                 mean.error += weight * here.error;
@@ -337,7 +338,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral at a position of space.
-    pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
+    pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         match &self.grid_rule {
             Some(rule) => self.by_rule(rule, position),
             None => self.by_panels(position),
@@ -345,7 +346,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral at a position by the velocities of the grid.
-    fn by_rule(&self, rule: &GridRule, position: &[f64; MAX_DIMENSION]) -> Integral {
+    fn by_rule(&self, rule: &GridRule, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         let points: Vec<[f64; 6]> =
             rule.points.iter().map(|(velocity, _)| Self::point(position, *velocity)).collect();
         let values = self.values_of.values_at(&points, self.time);
@@ -353,11 +354,11 @@ impl<'a> VelocityIntegrals<'a> {
         for (f, (velocity, weight)) in values.iter().zip(&rule.points) {
             add(&mut moments, velocity, weight * f);
         }
-        Integral { moments, error: rule.error }
+        VelocityIntegral { moments, error: rule.error }
     }
 
     /// The integral at a position by subdivision of panels.
-    fn by_panels(&self, position: &[f64; MAX_DIMENSION]) -> Integral {
+    fn by_panels(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         let mut panels = self.first_panels(position);
         let mut left = self.most.saturating_sub(points_of(&self.panels));
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
@@ -382,7 +383,7 @@ impl<'a> VelocityIntegrals<'a> {
     }
 
     /// The integral over `panels`.
-    fn integral(&self, panels: &[VelocityPanel], error: f64) -> Integral {
+    fn integral(&self, panels: &[VelocityPanel], error: f64) -> VelocityIntegral {
         let n = self.space.dimension();
         let mut moments = [0.0; MOMENTS];
         for panel in panels {
@@ -392,7 +393,7 @@ impl<'a> VelocityIntegrals<'a> {
                 add(&mut moments, &self.velocity(panel, k), term);
             }
         }
-        Integral { moments, error }
+        VelocityIntegral { moments, error }
     }
 
     /// `∫ |f| dv` over a panel.

@@ -19,7 +19,7 @@ const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
 pub struct AxisEnd {
     /// Index of the axis, space first.
     pub axis: usize,
-    /// Whether it is the upper one.
+    /// Whether the end is the upper one.
     pub upper: bool,
 }
 
@@ -107,7 +107,7 @@ impl SampleSequence {
 }
 
 /// Draws the particles of a case.
-pub struct Drawer<'a> {
+pub struct ParticleSampler<'a> {
     /// The case.
     pub case: &'a Case,
     /// The box in which initial data are drawn; of measure-valued data only its space counts.
@@ -116,7 +116,7 @@ pub struct Drawer<'a> {
     pub force: &'a dyn Fn(&[f64; 6], usize) -> f64,
 }
 
-impl Drawer<'_> {
+impl ParticleSampler<'_> {
     /// Whether the data are measure-valued.
     pub fn is_measure(&self) -> bool {
         matches!(self.case.data, Data::Measure { .. })
@@ -180,7 +180,7 @@ impl Drawer<'_> {
         let time = self.case.end;
         let values = self.case.fields[0].initial.at_points(&points, 0.0);
         let particle = |((value, point), inside): ((f64, _), _)| {
-            keep(Particle { point, time, mass: volume * value, inside })
+            nonzero(Particle { point, time, mass: volume * value, inside })
         };
         values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
@@ -206,12 +206,12 @@ impl Drawer<'_> {
         let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
         let rate = inwards * self.case.fields[0].entering().at_point(&point, now);
         let mass = area * self.case.end * rate;
-        keep(Particle { point, time: self.case.end - now, mass, inside })
+        nonzero(Particle { point, time: self.case.end - now, mass, inside })
     }
 }
 
 /// The particle, if its mass is not zero. Values that are not finite are refused elsewhere.
-fn keep(particle: Particle) -> Option<Particle> {
+fn nonzero(particle: Particle) -> Option<Particle> {
     (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
 }
 

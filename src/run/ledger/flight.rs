@@ -23,13 +23,13 @@ pub struct ParticleTally {
     pub energy: [f64; MAX_DIMENSION],
     /// Outflow, by [`end_index`].
     pub outflow: [f64; ENDS],
-    /// Mass that a jump of `V` throws out of the velocity box, by [`end_index`].
+    /// Mass to which a jump of `V` gives a velocity outside of the box, by [`end_index`].
     pub at_jumps: [f64; ENDS],
 }
 
 /// The largest number of ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
-/// Number of numbers in a tally.
+/// Number of numbers that make up a tally.
 pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
 
 /// Index of an end of an axis.
@@ -59,17 +59,17 @@ impl ParticleTally {
 }
 
 /// Follows particles through the exact flow.
-pub struct Flight<'a> {
+pub struct ParticleTracker<'a> {
     /// The exact flow, forward in time.
     pub tracer: Tracer<'a>,
-    gains: Option<Gains<'a>>,
+    gains: Option<InterfaceGains<'a>>,
 }
 
-impl<'a> Flight<'a> {
+impl<'a> ParticleTracker<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: Tracer<'a>) -> Self {
         let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
-        Self { tracer, gains: changes.then(|| Gains { case, known: HashMap::new() }) }
+        Self { tracer, gains: changes.then(|| InterfaceGains { case, known: HashMap::new() }) }
     }
 
     /// Follows a particle with the fraction `share` of its mass.
@@ -114,13 +114,13 @@ impl ParticleTally {
 
 /// The mass that the law `hat` creates or destroys at jumps, where a cell's column of the scheme
 /// does not sum to the outflow of the cell.
-struct Gains<'a> {
+struct InterfaceGains<'a> {
     case: &'a Case,
     /// A factor for each velocity cell, by axis and by the bits of the rise.
     known: HashMap<(usize, u64), Vec<f64>>,
 }
 
-impl Gains<'_> {
+impl InterfaceGains<'_> {
     /// The factor by which the interface law changes the mass of particles that meet this jump.
     fn factor(&mut self, met: &Crossing) -> f64 {
         let axis = &self.case.space.v[met.axis];

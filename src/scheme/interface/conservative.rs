@@ -12,7 +12,7 @@
 use crate::problem::grid::Axis;
 use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, velocity};
 
-/// The law.
+/// The conservative law.
 #[derive(Debug)]
 pub struct Conservative;
 

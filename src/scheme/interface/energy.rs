@@ -37,9 +37,9 @@ const ROUND_OFF: f64 = 1e-17;
 /// A side of a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FaceSide {
-    /// Below the face: lower coordinates.
+    /// The side of lower coordinates.
     Below,
-    /// Above it.
+    /// The side of higher coordinates.
     Above,
 }
 
@@ -68,7 +68,7 @@ pub struct TraceShare {
     pub side: FaceSide,
     /// Cell of the velocity axis.
     pub node: usize,
-    /// Weight.
+    /// Weight of the share.
     pub weight: f64,
 }
 
@@ -174,7 +174,8 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     )))
 }
 
-/// Magnitudes of the faces of elements of both signs: reflection changes the sign of a velocity.
+/// The speeds at the faces of elements, of both signs, as reflection changes the sign of a
+/// velocity.
 fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
     (0..=axis.elements() as i64).map(|e| axis.face(e).abs()).filter(|speed| *speed > 0.0)
 }
@@ -183,17 +184,17 @@ fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
 fn transmission_edges(axis: &Axis, drop: f64) -> Vec<f64> {
     let slow = face_speeds(axis);
     let fast = face_speeds(axis).map(|w| w * w - drop).filter(|s| *s > 0.0).map(f64::sqrt);
-    merged(axis, slow.chain(fast).chain([0.0]).collect())
+    merge_edges(axis, slow.chain(fast).chain([0.0]).collect())
 }
 
 /// Edges of the pieces of reflected speeds, which end at the threshold.
 fn reflection_edges(axis: &Axis, threshold: f64) -> Vec<f64> {
     let faces = face_speeds(axis).filter(|w| *w < threshold);
-    merged(axis, faces.chain([0.0, threshold]).collect())
+    merge_edges(axis, faces.chain([0.0, threshold]).collect())
 }
 
 /// Sorts the edges, merges those equal up to round-off, and drops those beyond the box.
-fn merged(axis: &Axis, mut edges: Vec<f64>) -> Vec<f64> {
+fn merge_edges(axis: &Axis, mut edges: Vec<f64>) -> Vec<f64> {
     let fastest = axis.face(0).abs().max(axis.face(axis.elements() as i64).abs());
     edges.retain(|e| *e <= fastest * (1.0 + SNAP));
     edges.sort_by(f64::total_cmp);

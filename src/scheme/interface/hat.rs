@@ -14,7 +14,7 @@ use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, ve
 /// Fractions of a cell below this are round-off of a velocity that lies on a cell centre.
 const ON_CENTRE: f64 = 1e-11;
 
-/// The law.
+/// The hat law.
 #[derive(Debug)]
 pub struct Hat;
 

@@ -3,7 +3,7 @@
 use crate::problem::grid::Axis;
 use std::fmt::Debug;
 
-/// On which side of the face a source lies, seen from the cell being updated.
+/// The side of a face on which a source lies, seen from the cell that is updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The neighbouring cell: transmission.
@@ -19,7 +19,7 @@ pub struct FluxSource {
     pub side: Side,
     /// Index along the velocity axis; outside `0..cells` it is a ghost, filled by the inflow.
     pub velocity: i64,
-    /// Weight, in (0, 1].
+    /// Weight of the source, in (0, 1].
     pub weight: f64,
 }
 

@@ -110,7 +110,7 @@ struct ReachedPlane {
     axis: usize,
     /// Cells of velocity.
     cells: usize,
-    /// 1 where it is, by space cell and velocity.
+    /// By space cell and velocity: 1 for a cell that is reached, else 0.
     reached: Vec<f64>,
 }
 
@@ -136,7 +136,7 @@ impl ReachedPlane {
         first..end
     }
 
-    /// Adds cells that `takes` finds to depend on reached ones, until there are no more.
+    /// Adds cells whose rows depend on reached ones, by `takes`, until there are no more.
     fn close(&mut self, takes: impl Fn(&Self, usize, usize) -> bool) {
         let cells = self.reached.len() / self.cells;
         // Back and forth along both axes, so that motion in any direction takes one sweep.

@@ -28,21 +28,21 @@ use std::path::Path;
 const MARK: u64 = u64::from_le_bytes(*b"phwarp01");
 /// Words read or written at a time: 512 KiB.
 const PIECE: usize = 1 << 16;
-/// Most words of a header: 64 MiB.
+/// Largest number of words of a header: 64 MiB.
 const LONGEST_HEADER: u64 = 1 << 23;
 
 /// The header of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
-    /// The run it belongs to.
+    /// The run that the file belongs to.
     pub fingerprint: Fingerprint,
     /// Number of the checkpoint.
     pub generation: u64,
-    /// The rank that wrote it.
+    /// The rank that wrote the file.
     pub rank: usize,
-    /// Space cells of its block.
+    /// Space cells of the rank's block.
     pub block: Vec<Range<usize>>,
-    /// Space cells of its share.
+    /// Space cells of the rank's share.
     pub share: Vec<Range<usize>>,
     /// Velocity cells at a point of space.
     pub velocity_cells: usize,
@@ -52,14 +52,14 @@ pub struct Header {
     pub results: Vec<usize>,
     /// Auxiliary unknowns of the block.
     pub auxiliary: usize,
-    /// The modes that it stores, and the progress of each.
+    /// The modes in the file, and the progress of each.
     pub kept: Vec<(usize, ModeProgress)>,
     /// Progress of the rank's mode group.
     pub state: GroupProgress,
 }
 
 /// Offsets of the parts of a file, in words from the first sum.
-struct Starts {
+struct PartOffsets {
     results: usize,
     auxiliary: usize,
     kept: usize,
@@ -73,7 +73,7 @@ impl Header {
     }
 
     /// The offsets of its parts; `None` if they overflow.
-    fn starts(&self) -> Option<Starts> {
+    fn starts(&self) -> Option<PartOffsets> {
         let points = |ranges: &[Range<usize>]| {
             ranges.iter().try_fold(1usize, |n, range| n.checked_mul(range.len()))
         };
@@ -85,7 +85,7 @@ impl Header {
         let modes = rows.checked_mul(2)?.checked_mul(self.kept.len())?;
         let auxiliary = sums.checked_add(results)?;
         let kept = auxiliary.checked_add(self.auxiliary)?;
-        Some(Starts { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
+        Some(PartOffsets { results: sums, auxiliary, kept, end: kept.checked_add(modes)? })
     }
 
     /// Words from the first sum to the checksum; `None` if they overflow.
@@ -95,7 +95,7 @@ impl Header {
     }
 
     /// Whether its contents have the kind and widths that `to` reads, for any part of the grid.
-    fn suits(&self, to: &Destination<'_>) -> bool {
+    fn suits(&self, to: &ReadDestination<'_>) -> bool {
         let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
             ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
         };
@@ -120,7 +120,7 @@ pub fn points(ranges: &[Range<usize>]) -> usize {
 
 /// The record of a written file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Written {
+pub struct FileRecord {
     /// Size of the file in bytes.
     pub bytes: u64,
     /// Checksum: the last word of the file.
@@ -131,11 +131,11 @@ pub struct Written {
 ///
 /// # Errors
 /// The error of the file system.
-pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Written> {
+pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<FileRecord> {
     let mut text = serde_json::to_vec(header)?;
     text.resize(text.len().next_multiple_of(8), b' ');
     let (words, _) = text.as_chunks::<8>();
-    let mut sink = Sink {
+    let mut sink = FileWriter {
         file: File::create(path)?,
         waiting: Vec::with_capacity(8 * PIECE),
         words: 0,
@@ -159,18 +159,18 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Wr
     sink.put(std::iter::once(checksum))?;
     sink.flush()?;
     sink.file.sync_all()?;
-    Ok(Written { bytes: 8 * sink.words, checksum })
+    Ok(FileRecord { bytes: 8 * sink.words, checksum })
 }
 
 /// A file that is being written.
-struct Sink {
+struct FileWriter {
     file: File,
     waiting: Vec<u8>,
     words: u64,
     checksum: u64,
 }
 
-impl Sink {
+impl FileWriter {
     fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
         for word in words {
             if self.waiting.len() == 8 * PIECE {
@@ -193,8 +193,8 @@ impl Sink {
 /// Checks that the file is as it was written.
 ///
 /// # Errors
-/// What is wrong with the file.
-pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
+/// A sentence that says what is wrong with the file.
+pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), String> {
     let file = open_regular(path).map_err(|e| e.to_string())?;
     let bytes = file.metadata().map_err(|e| e.to_string())?.len();
     if bytes != written.bytes {
@@ -237,33 +237,33 @@ fn read_words(
     Ok(())
 }
 
-/// The error of a file with unexpected contents.
-fn broken() -> Error {
+/// The error of a file that is no file of a checkpoint, or that does not fit its header.
+fn not_a_checkpoint() -> Error {
     Error::new(ErrorKind::InvalidData, "is no file of a checkpoint")
 }
 
 /// A file that was checked, opened for reading.
 pub struct RankFile {
-    /// Its header.
+    /// The header of the file.
     pub header: Header,
-    starts: Starts,
+    starts: PartOffsets,
     file: File,
     /// Words before the arrays.
     before: usize,
 }
 
 /// The vectors into which a rank reads the contents of files.
-pub struct Destination<'a> {
+pub struct ReadDestination<'a> {
     /// Space cells of its block.
     pub block: &'a [Range<usize>],
     /// Space cells of its share.
     pub share: &'a [Range<usize>],
     /// The sums, as many and as wide as in the files, whose values are added.
     pub sums: Vec<&'a mut [i64]>,
-    /// The results, likewise.
+    /// The results, as many and as wide as in the files.
     pub results: Vec<Vec<f64>>,
     /// The modes that it stores, if any, and the cells to which their auxiliary unknowns belong
-    /// ([`crate::solve::snapshot::Kept::auxiliary`]).
+    /// ([`crate::solve::snapshot::StoredModes::auxiliary`]).
     pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
 }
 
@@ -277,19 +277,19 @@ impl RankFile {
         let mut start = [0; 2];
         read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
         if start[0] != MARK || start[1] > LONGEST_HEADER {
-            return Err(broken());
+            return Err(not_a_checkpoint());
         }
         let length = start[1] as usize;
         let mut text = Vec::with_capacity(8 * length);
         read_words(&file, 2, length, |_, words| {
             text.extend(words.iter().flat_map(|w| w.to_le_bytes()));
         })?;
-        let header: Header = serde_json::from_slice(&text).map_err(|_| broken())?;
+        let header: Header = serde_json::from_slice(&text).map_err(|_| not_a_checkpoint())?;
         let before = 2 + length;
         let words = file.metadata()?.len() / 8;
-        let starts = header.starts().ok_or_else(broken)?;
+        let starts = header.starts().ok_or_else(not_a_checkpoint)?;
         if before.checked_add(starts.end).and_then(|w| w.checked_add(1)) != Some(words as usize) {
-            return Err(broken());
+            return Err(not_a_checkpoint());
         }
         Ok(Self { header, starts, file, before })
     }
@@ -298,19 +298,25 @@ impl RankFile {
     ///
     /// # Errors
     /// If the file cannot be read, or its contents do not fit `to`.
-    pub fn read_into(&self, to: &mut Destination<'_>, with_sums: bool) -> Result<()> {
-        let header = &self.header;
-        if !header.suits(to) {
-            return Err(broken());
+    pub fn read_into(&self, to: &mut ReadDestination<'_>, with_sums: bool) -> Result<()> {
+        if !self.header.suits(to) {
+            return Err(not_a_checkpoint());
         }
-        let &Starts { results, auxiliary, kept, .. } = &self.starts;
-        let blocks = common_runs(&header.block, to.block);
-        let shares = common_runs(&header.share, to.share);
-        let (block, share) = (points(&header.block), points(&header.share));
+        if with_sums {
+            self.add_sums(to)?;
+        }
+        self.read_results(to)?;
+        self.read_modes(to)
+    }
+
+    /// Adds the sums of the common space cells to those of `to`.
+    fn add_sums(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let runs = common_runs(&header.block, to.block);
         let mut first = 0;
         for (sum, numbers) in to.sums.iter_mut().zip(&header.sums) {
             let width = 2 * numbers;
-            for run in blocks.iter().filter(|_| with_sums) {
+            for run in &runs {
                 let into = &mut sum[run.to * width..(run.to + run.length) * width];
                 self.read(first + run.from * width, into.len(), |at, words| {
                     for (part, &word) in into[at..].iter_mut().zip(words) {
@@ -318,11 +324,18 @@ impl RankFile {
                     }
                 })?;
             }
-            first += block * width;
+            first += points(&header.block) * width;
         }
-        let mut first = results;
+        Ok(())
+    }
+
+    /// Reads the results on the common space cells of the shares.
+    fn read_results(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let runs = common_runs(&header.share, to.share);
+        let mut first = self.starts.results;
         for (result, width) in to.results.iter_mut().zip(&header.results) {
-            for run in &shares {
+            for run in &runs {
                 let into = &mut result[run.to * width..(run.to + run.length) * width];
                 self.read(first + run.from * width, into.len(), |at, words| {
                     for (x, &word) in into[at..].iter_mut().zip(words) {
@@ -330,8 +343,15 @@ impl RankFile {
                     }
                 })?;
             }
-            first += share * width;
+            first += points(&header.share) * width;
         }
+        Ok(())
+    }
+
+    /// Reads the common rows of the modes that both the file and `to` store.
+    fn read_modes(&self, to: &mut ReadDestination<'_>) -> Result<()> {
+        let header = &self.header;
+        let &PartOffsets { auxiliary, kept, .. } = &self.starts;
         let Some((mine, modes)) = &mut to.kept else {
             return Ok(());
         };
@@ -342,14 +362,16 @@ impl RankFile {
             let found = words.iter().zip(at..);
             moves.extend(found.filter_map(|(cell, m)| Some((m, *places.get(cell)?))));
         })?;
+        let runs = common_runs(&header.block, to.block);
         let velocities = header.velocity_cells;
-        let (from_cells, to_cells) = (block * velocities, points(to.block) * velocities);
+        let from_cells = points(&header.block) * velocities;
+        let to_cells = points(to.block) * velocities;
         for (k, &(mode, progress)) in header.kept.iter().enumerate() {
             let Some(rows) = modes.replace(mode, progress) else {
                 continue;
             };
             let first = kept + k * 2 * header.rows();
-            for run in &blocks {
+            for run in &runs {
                 let cells = run.to * velocities..(run.to + run.length) * velocities;
                 self.read_complex(first + 2 * run.from * velocities, &mut rows[cells])?;
             }

@@ -7,7 +7,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::PhaseSpace;
 use crate::solve::checkpoint::file;
-use crate::solve::checkpoint::file::{Destination, Header, RankFile, Written};
+use crate::solve::checkpoint::file::{FileRecord, Header, RankFile, ReadDestination};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
@@ -33,12 +33,12 @@ pub(super) struct Manifest {
     pub finished: usize,
     pub matvecs: usize,
     /// The files, rank after rank.
-    pub files: Vec<Written>,
+    pub files: Vec<FileRecord>,
 }
 
 /// A manifest with the checksum of its text.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Sealed {
+pub(super) struct SealedManifest {
     pub manifest: Manifest,
     checksum: u64,
 }
@@ -49,7 +49,10 @@ impl Manifest {
     /// # Errors
     /// The error of the text format.
     pub fn text(&self) -> serde_json::Result<String> {
-        serde_json::to_string_pretty(&Sealed { checksum: self.checksum()?, manifest: self.clone() })
+        serde_json::to_string_pretty(&SealedManifest {
+            checksum: self.checksum()?,
+            manifest: self.clone(),
+        })
     }
 
     fn checksum(&self) -> serde_json::Result<u64> {
@@ -59,7 +62,7 @@ impl Manifest {
     /// The manifest of generation number `generation`, if the text is one.
     fn parse(text: &str, generation: u64) -> std::result::Result<Self, String> {
         let broken = || format!("{MANIFEST} is not as it was written");
-        let sealed: Sealed = serde_json::from_str(text).map_err(|_| broken())?;
+        let sealed: SealedManifest = serde_json::from_str(text).map_err(|_| broken())?;
         let manifest = sealed.manifest;
         if manifest.checksum().ok() != Some(sealed.checksum) {
             return Err(broken());
@@ -217,7 +220,7 @@ impl Store {
             finished,
             matvecs,
             files: (files.as_chunks().0.iter())
-                .map(|&[bytes, checksum]| Written { bytes, checksum })
+                .map(|&[bytes, checksum]| FileRecord { bytes, checksum })
                 .collect(),
         };
         world.agree(manifest.write(directory).map_err(failed).map(|()| finished))
@@ -385,7 +388,7 @@ impl Generation {
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where a file cannot be read.
-    pub fn read(&self, modes: &Group, to: &mut Destination<'_>) -> Result<()> {
+    pub fn read(&self, modes: &Group, to: &mut ReadDestination<'_>) -> Result<()> {
         let manifest = &self.manifest;
         let mesh = &manifest.mesh;
         for rank in 0..mesh.ranks() {

@@ -7,11 +7,11 @@ mod fuzzing;
 use super::*;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
-use crate::solve::checkpoint::store::{Manifest, Sealed, rank_file};
+use crate::solve::checkpoint::file::{self, Header, RankFile, ReadDestination};
+use crate::solve::checkpoint::store::{Manifest, SealedManifest, rank_file};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{
-    BoxValues, Fingerprint, GroupProgress, Kept, KeptMode, WarpedFieldKey,
+    BoxValues, Fingerprint, GroupProgress, StoredMode, StoredModes, WarpedFieldKey,
 };
 use crate::solve::statistics::BatchStatistics;
 use fuzzing::mutate::Corpus;
@@ -160,7 +160,7 @@ impl<'a> Rank<'a> {
     }
 
     /// Writes the rank's file below `directory`; returns the record of the file.
-    fn write(&self, directory: &Path) -> file::Written {
+    fn write(&self, directory: &Path) -> file::FileRecord {
         let points = global_points(self.space, &self.block);
         let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
             .map(|(k, width)| {
@@ -173,7 +173,7 @@ impl<'a> Rank<'a> {
         let results: Vec<Vec<f64>> = results.collect();
         let kept = self.modes.iter().map(|&mode| rows(self.space, &self.block, mode));
         let kept: Vec<Vec<Complex64>> = kept.collect();
-        let modes = self.modes.iter().zip(&kept).map(|(&mode, rows)| KeptMode {
+        let modes = self.modes.iter().zip(&kept).map(|(&mode, rows)| StoredMode {
             mode,
             progress: progress(mode),
             rows,
@@ -190,7 +190,7 @@ impl<'a> Rank<'a> {
             results: (results.iter().zip(RESULTS))
                 .map(|(values, width)| BoxValues { width, values })
                 .collect(),
-            kept: Some(Kept { auxiliary: self.auxiliary(), modes: modes.collect() }),
+            kept: Some(StoredModes { auxiliary: self.auxiliary(), modes: modes.collect() }),
         };
         let header = self.header(&snapshot.state);
         let path = file_of(directory, self.number);
@@ -210,7 +210,7 @@ impl<'a> Rank<'a> {
         let cells = own * self.space.velocity_cells();
         let mut kept = KeptModes::new(cells + behind.len(), self.modes.clone());
         let result = |width: &usize| vec![0.0; width * file::points(&self.share)];
-        let mut into = Destination {
+        let mut into = ReadDestination {
             block: &self.block,
             share: &self.share,
             sums: sums.iter_mut().map(|sum| &mut sum[..]).collect(),
@@ -235,7 +235,7 @@ impl<'a> Rank<'a> {
     }
 }
 
-fn write_all(directory: &Path, space: &PhaseSpace, mesh: &ProcessMesh) -> Vec<file::Written> {
+fn write_all(directory: &Path, space: &PhaseSpace, mesh: &ProcessMesh) -> Vec<file::FileRecord> {
     let ranks = Rank::all(space, mesh);
     ranks.iter().map(|rank| rank.write(directory)).collect()
 }
@@ -385,7 +385,8 @@ impl Reader for DamagedManifests {
 
     fn input(&self, random: &mut Random) -> String {
         let text = self.corpus.changed(random);
-        let sealed = serde_json::from_str::<Sealed>(&text).ok().filter(|_| random.once_in(2));
+        let sealed =
+            serde_json::from_str::<SealedManifest>(&text).ok().filter(|_| random.once_in(2));
         sealed.map_or(text, |sealed| sealed.manifest.text().expect("a text"))
     }
 
@@ -418,7 +419,7 @@ fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
     let rows = own * rank.space.velocity_cells() + behind.len();
     let mut kept = KeptModes::new(rows, rank.modes.clone());
     let result = |width: &usize| vec![0.0; width * file::points(&rank.share)];
-    let mut into = Destination {
+    let mut into = ReadDestination {
         block: &rank.block,
         share: &rank.share,
         sums: sums.iter_mut().map(|sum| &mut sum[..]).collect(),

@@ -45,7 +45,7 @@ const USUAL_RATE: f64 = 1e8;
 
 /// The state of a rank in a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standing {
+pub enum RankState {
     /// The rank has batches left.
     Working,
     /// The rank has finished its batches.
@@ -58,7 +58,7 @@ pub enum Standing {
 
 /// The common decision of the ranks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum CommonDecision {
     /// No decision yet, or none needed.
     GoOn,
     /// Write a checkpoint.
@@ -73,14 +73,14 @@ pub enum Verdict {
     Failed,
 }
 
-/// When checkpoints are made.
+/// The times at which checkpoints are made, and the signal to stop.
 #[derive(Clone, Debug, Default)]
 pub struct CheckpointTimes {
     /// The interval between checkpoints, by rank 0's clock.
     pub every: Option<Duration>,
     /// The start of the program, and the wall time that it may take.
     pub wall: Option<(Instant, Duration)>,
-    /// Raised when the run shall stop.
+    /// The flag that is raised when the run is to stop.
     pub stop: Arc<AtomicBool>,
 }
 
@@ -92,12 +92,12 @@ pub struct Watch {
     leads: bool,
     /// Whether ranks wait for each other's votes.
     together: bool,
-    /// When the last checkpoint was begun or finished, or the run began.
+    /// The time at which the last checkpoint was begun or finished, or at which the run began.
     written: Instant,
     /// Whether the last vote was not for a checkpoint: there is at least one batch between two
     /// checkpoints.
     batch_since_checkpoint: bool,
-    /// How long a checkpoint takes to write; `None` before the first estimate.
+    /// Time to write a checkpoint; `None` before the first estimate.
     writing: Option<Duration>,
     /// Start of this rank's current batch, if there is one.
     begun: Option<Instant>,
@@ -136,19 +136,19 @@ impl Watch {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
 
-    /// This rank continues with its next batch, if any.
-    pub fn begin(&mut self, standing: Standing) {
-        self.begun = (standing == Standing::Working).then(Instant::now);
+    /// Starts the clock of this rank's next batch, if it has one.
+    pub fn begin(&mut self, standing: RankState) {
+        self.begun = (standing == RankState::Working).then(Instant::now);
     }
 
     /// The common decision of all ranks, at the beginning of a stage and after each batch (see
     /// [`begin`](Self::begin)). After `Write` they decide again. `Finished`, `Failed` or a stop is
     /// the last decision of a stage. Collective over the space group, whose ranks have the same
     /// `standing`.
-    pub fn decide(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
+    pub fn decide(&mut self, communicator: &Communicator, standing: RankState) -> CommonDecision {
         if let Some(begun) = self.begun.take() {
             self.longest = self.longest.max(Some(begun.elapsed()));
-            let ended = !matches!(standing, Standing::Left | Standing::Failed);
+            let ended = !matches!(standing, RankState::Left | RankState::Failed);
             self.batches += usize::from(ended);
         }
         loop {
@@ -156,30 +156,30 @@ impl Watch {
                 self.post(standing);
             }
             // A rank with batches left polls the vote; a rank without batches waits for it.
-            if standing == Standing::Working && !self.together && !self.is_over(communicator) {
-                return Verdict::GoOn;
+            if standing == RankState::Working && !self.together && !self.is_over(communicator) {
+                return CommonDecision::GoOn;
             }
             let outcome = self.vote.take();
             self.slowest = self.slowest.max(self.posted.elapsed());
             let has = |bit| outcome & bit != 0;
             let verdict = match () {
-                () if has(FAILED) => Verdict::Failed,
-                () if !has(UNFINISHED) => Verdict::Finished,
-                () if has(SIGNAL) => Verdict::StopBySignal,
-                () if has(TIME) => Verdict::StopByWallTime,
-                () if has(WRITE) => Verdict::Write,
-                () => Verdict::GoOn,
+                () if has(FAILED) => CommonDecision::Failed,
+                () if !has(UNFINISHED) => CommonDecision::Finished,
+                () if has(SIGNAL) => CommonDecision::StopBySignal,
+                () if has(TIME) => CommonDecision::StopByWallTime,
+                () if has(WRITE) => CommonDecision::Write,
+                () => CommonDecision::GoOn,
             };
             let stale = has(SOON) && !self.together;
             self.together = has(SOON);
-            self.batch_since_checkpoint = verdict != Verdict::Write;
+            self.batch_since_checkpoint = verdict != CommonDecision::Write;
             if !self.batch_since_checkpoint {
                 self.written = Instant::now();
             }
-            if matches!(verdict, Verdict::GoOn | Verdict::Write) && !self.together {
+            if matches!(verdict, CommonDecision::GoOn | CommonDecision::Write) && !self.together {
                 self.post(standing);
             }
-            if verdict != Verdict::GoOn || !stale {
+            if verdict != CommonDecision::GoOn || !stale {
                 return verdict;
             }
             // The vote was posted before this rank's current state was known.
@@ -196,12 +196,12 @@ impl Watch {
         }
     }
 
-    fn post(&mut self, standing: Standing) {
+    fn post(&mut self, standing: RankState) {
         let mut bits = match standing {
-            Standing::Working => UNFINISHED,
-            Standing::Finished => 0,
-            Standing::Left => UNFINISHED | SIGNAL,
-            Standing::Failed => UNFINISHED | FAILED,
+            RankState::Working => UNFINISHED,
+            RankState::Finished => 0,
+            RankState::Left => UNFINISHED | SIGNAL,
+            RankState::Failed => UNFINISHED | FAILED,
         };
         if self.times.stop.load(Ordering::Relaxed) {
             bits |= SIGNAL;

@@ -5,7 +5,7 @@ use crate::base::text::{bytes_text, rounded_down};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
-use crate::problem::potential::overlooked;
+use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::grid_search::{
@@ -78,7 +78,7 @@ impl Study<'_> {
         }
     }
 
-    /// Why the grid `reached` does not reach the accuracy, if it does not.
+    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
     fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
         let (error, on) = (reached.error, shape_text(&reached.shape));
         if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
@@ -126,7 +126,7 @@ impl Study<'_> {
             entry.refused = Some(why);
             return None;
         }
-        match self.planned(target) {
+        match self.plan_of(target) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
                 entry.computed_cells = plan.cells as f64;
@@ -145,7 +145,7 @@ impl Study<'_> {
     }
 
     /// The plan of `case` on all ranks. Collective.
-    fn planned(&self, case: &Case) -> Result<Plan> {
+    fn plan_of(&self, case: &Case) -> Result<Plan> {
         planning::plan(self.world, case, &Resources::here(self.world))
     }
 
@@ -205,7 +205,7 @@ impl Study<'_> {
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = self.planned(&target)?;
+            let plan = self.plan_of(&target)?;
             let updates = mode_updates(&target, &plan);
             if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
                 break;
@@ -339,7 +339,7 @@ impl Study<'_> {
 
     /// The case as its file has it, with two errors: that of the discretisation by its own `scheme`
     /// on its own grid, and that of its solver. `None` if they cannot be estimated. Collective.
-    pub(super) fn given(
+    pub(super) fn given_case(
         &mut self,
         scheme: SchemeChoice,
         reached: &ReachedGrid,
@@ -383,7 +383,7 @@ impl Study<'_> {
     ) -> Option<f64> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
-        let updates = self.planned(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
+        let updates = self.plan_of(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
         if !self.trials.budget.allows(updates, 1.0) {
             return None;
         }
@@ -392,13 +392,14 @@ impl Study<'_> {
     }
 }
 
-/// Why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids of more than
-/// [`MOST_SEARCHED`] elements of space are not searched: only tiny regions could vanish there.
+/// The reason why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids
+/// of more than [`MOST_SEARCHED`] elements of space are not searched: only tiny regions could
+/// vanish there.
 fn vanished_region(target: &Case) -> Option<String> {
     if target.space.by_elements().space_cells() > MOST_SEARCHED {
         return None;
     }
-    let region = overlooked(target).empty.into_iter().next()?;
+    let region = unresolved_regions(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
     Some(format!("potential.{region} vanishes on {grid}: its where holds at no cell's centre"))
 }

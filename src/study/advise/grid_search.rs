@@ -52,7 +52,7 @@ pub enum Evidence {
 pub(super) struct SchemeWithGrid {
     /// The scheme.
     pub scheme: SchemeChoice,
-    /// Its grid.
+    /// The grid of the scheme.
     pub reached: ReachedGrid,
 }
 

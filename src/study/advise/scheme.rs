@@ -25,9 +25,9 @@ pub struct SchemeChoice {
 pub enum Flux {
     /// Upwind: `α = 1`.
     Upwind,
-    /// `α = ½`.
+    /// Half of the dissipation of the upwind flux: `α = ½`.
     Half,
-    /// `α = ¼`.
+    /// A quarter of the dissipation of the upwind flux: `α = ¼`.
     Quarter,
 }
 
@@ -35,7 +35,7 @@ impl Flux {
     /// The fluxes that are tried.
     pub const ALL: [Self; 3] = [Self::Upwind, Self::Half, Self::Quarter];
 
-    /// `scheme.flux`.
+    /// The value of `scheme.flux`.
     pub fn alpha(self) -> f64 {
         match self {
             Self::Upwind => 1.0,

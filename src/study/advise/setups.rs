@@ -15,7 +15,7 @@ pub struct ErrorParts {
     pub discretisation: f64,
     /// Discretisation in space, if the two were measured apart.
     pub space: Option<f64>,
-    /// Discretisation in velocity, under the same condition.
+    /// Discretisation in velocity, if space and velocity were measured apart.
     pub velocity: Option<f64>,
     /// Schrödingerization: the larger of the error measured on a coarse grid and the bound by the
     /// tolerance.
@@ -85,13 +85,13 @@ pub struct SetupReport {
     pub seconds: Option<f64>,
     /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
-    /// Why the set-up is refused; absent if it can be run.
+    /// The reason why the set-up is refused; `None` if it can be run.
     pub refused: Option<String>,
-    /// Why the set-up is only an estimate; absent if it is advice.
+    /// The reason why the set-up is only an estimate; `None` if it is advice.
     pub estimate: Option<String>,
     /// `--set` options that turn the case into this set-up.
     pub settings: Vec<String>,
-    /// The whole command.
+    /// The command that runs the set-up, to be pasted into a shell.
     pub command: String,
 }
 
@@ -119,8 +119,8 @@ impl SetupReport {
         }
     }
 
-    /// Why the set-up is only an estimate, if it is: its order is from one pair of grids, or it
-    /// takes more than `longest` seconds.
+    /// The reason why the set-up is only an estimate, if it is: its order is from one pair of
+    /// grids, or it takes more than `longest` seconds.
     pub fn not_settled(&self, longest: f64) -> Option<String> {
         let open = "not settled within this budget; ";
         if self.refused.is_some() {
@@ -192,7 +192,7 @@ pub struct AdviceReport {
     pub best_classical: Option<usize>,
     /// The set-ups that reach the accuracy, quickest first; then those that are refused.
     pub entries: Vec<SetupReport>,
-    /// Names of what was not tried, each with the reason.
+    /// Names of the set-ups that were not tried, each with the reason.
     pub left_out: Vec<String>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
@@ -208,7 +208,7 @@ impl AdviceReport {
         best.and_then(|k| self.entries.get(k))
     }
 
-    /// Why nothing by `method` is advised.
+    /// The reason why no set-up by `method` is advised.
     pub fn why_nothing(&self, method: Method) -> String {
         let mut of_method = self.entries.iter().filter(|e| e.method == method);
         let why = of_method.find_map(|e| e.estimate.clone().or_else(|| e.refused.clone()));

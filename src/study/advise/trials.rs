@@ -35,7 +35,7 @@ pub struct TrialResult {
     error: Option<f64>,
     /// Seconds on the slowest rank.
     pub seconds: f64,
-    /// See [`spread`].
+    /// The factor that [`spread`] gives.
     pub spread: f64,
 }
 

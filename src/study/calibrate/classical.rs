@@ -6,18 +6,18 @@ use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::limiter::Reconstruction;
 use crate::run::classical::{Integration, integrate};
 use crate::solve::prepared::Prepared;
-use crate::study::calibrate::timing::{PARTS, SolveTime, Timed, line};
+use crate::study::calibrate::timing::{PARTS, SolveTime, TimedWork, line};
 use std::time::Instant;
 
 /// Predicted seconds of the classical steps on the block of `prepared`. Collective.
 ///
 /// # Errors
 /// As [`Reconstruction::new`].
-pub fn expected(prepared: &mut Prepared) -> Result<SolveTime> {
+pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
     let Prepared { case, plan, communicator, system, .. } = prepared;
     let (case, world) = (&*case, &communicator.world);
     let fields = case.fields.len();
-    let mut trial = |part: usize| -> Result<Timed> {
+    let mut trial = |part: usize| -> Result<TimedWork> {
         let shortened = of_part(case, part);
         let (legs, steps) = (shortened.legs(), classical_steps(&shortened, &plan.bounds));
         world.barrier();
@@ -34,7 +34,7 @@ pub fn expected(prepared: &mut Prepared) -> Result<SolveTime> {
             }
         }
         let seconds = world.max(started.elapsed().as_secs_f64());
-        Ok(Timed { seconds, cost: (fields * steps.iter().sum::<usize>()) as f64 })
+        Ok(TimedWork { seconds, cost: (fields * steps.iter().sum::<usize>()) as f64 })
     };
     let line = line(&mut trial)?;
     let all = (fields * plan.classical_steps) as f64;

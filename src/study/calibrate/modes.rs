@@ -10,20 +10,20 @@ use crate::plan::balance::Batch;
 use crate::problem::case::{Case, Propagation};
 use crate::problem::legs::Leg;
 use crate::propagate::commutator_free::stage_degree;
-use crate::propagate::evolution::{Evolution, Initial};
+use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::{BatchCoupling, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
-use crate::propagate::{self, Span, descriptor, propagator};
+use crate::propagate::{self, PropagationSpan, descriptor, propagator};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes::{self, RunHooks};
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
-use crate::solve::stage::{Keeping, Task};
+use crate::solve::stage::{FullRunModes, Task};
 use crate::solve::system::DiscreteSystem;
 use crate::study::calibrate::timing::{
-    LONG_ENOUGH, LinearCost, PARTS, SolveTime, Timed, line, repeated,
+    LONG_ENOUGH, LinearCost, PARTS, SolveTime, TimedWork, line, repeated,
 };
 use num_complex::Complex64;
 use std::time::Instant;
@@ -36,7 +36,11 @@ const PIECES: usize = 3;
 ///
 /// # Errors
 /// As [`modes::run`].
-pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result<SolveTime> {
+pub fn predict_solve_time(
+    prepared: &mut Prepared,
+    warp: &WarpPlan,
+    whole: bool,
+) -> Result<SolveTime> {
     let given = GivenMode::new(prepared);
     let norms: Vec<f64> = match &given {
         Some(given) if given.norm > 0.0 => vec![given.norm; prepared.system.states.len()],
@@ -55,7 +59,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
         communicator,
         rank_cells,
         initial: (states.iter().zip(norms))
-            .map(|(state, norm)| Initial::real(&state[..rows], norm))
+            .map(|(state, norm)| InitialState::real(&state[..rows], norm))
             .collect(),
         moments: MomentsOf {
             factors: &factors,
@@ -69,7 +73,7 @@ pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result
         given,
         coupling: descriptor(plan.propagation.method).batch_coupling(),
     };
-    trials.expected(whole)
+    trials.predict_solve_time(whole)
 }
 
 /// A mode with made-up values, in place of the modes of a warped field that a run starts from.
@@ -106,14 +110,14 @@ struct ModeTrials<'a> {
     exchange: &'a mut GhostExchange,
     schedule: Option<&'a Schedule>,
     terms: usize,
-    initial: Vec<Initial<'a>>,
+    initial: Vec<InitialState<'a>>,
     given: Option<GivenMode>,
     moments: MomentsOf<'a>,
     coupling: BatchCoupling,
 }
 
 impl<'a> ModeTrials<'a> {
-    fn expected(&mut self, whole: bool) -> Result<SolveTime> {
+    fn predict_solve_time(&mut self, whole: bool) -> Result<SolveTime> {
         let (plan, world) = (self.plan, &self.communicator.world);
         let groups = &plan.layout.groups;
         let mine = &groups[self.communicator.modes.rank() % groups.len()];
@@ -144,12 +148,12 @@ impl<'a> ModeTrials<'a> {
         Ok(SolveTime { solve: making + seconds, application })
     }
 
-    fn shortened(&self, part: usize) -> Shortened<'a> {
-        Shortened::new(&self.case.propagator, self.plan, self.warp, self.schedule, part)
+    fn shortened(&self, part: usize) -> ShortenedRun<'a> {
+        ShortenedRun::new(&self.case.propagator, self.plan, self.warp, self.schedule, part)
     }
 
     /// Runs `batches` for a part of the time, as a full run does but for the files. Collective.
-    fn trial(&mut self, part: usize, batches: &[Batch]) -> Result<Timed> {
+    fn trial(&mut self, part: usize, batches: &[Batch]) -> Result<TimedWork> {
         let (short, world) = (self.shortened(part), &self.communicator.world);
         let mut propagator = world.agree(short.propagator(self.matrix))?;
         let mut system = Evolution {
@@ -182,7 +186,7 @@ impl<'a> ModeTrials<'a> {
             moments: Some(&self.moments),
         };
         let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());
-        let mut keeping = kept.as_mut().map(|kept| Keeping {
+        let mut keeping = kept.as_mut().map(|kept| FullRunModes {
             kept,
             begun: self.given.is_some(),
             after: &mut unwritten,
@@ -191,19 +195,19 @@ impl<'a> ModeTrials<'a> {
         modes::run(&task, &mut system, &mut *propagator, &mut Progress::silent(), hooks)?;
         let seconds = world.max(started.elapsed().as_secs_f64());
         let cost: f64 = batches.iter().map(|b| short.cost(b, self.coupling)).sum();
-        Ok(Timed { seconds, cost: world.max(cost) })
+        Ok(TimedWork { seconds, cost: world.max(cost) })
     }
 }
 
 /// A run of the modes with every leg cut down.
-struct Shortened<'a> {
+struct ShortenedRun<'a> {
     plan: &'a Plan,
     warp: WarpPlan,
     legs: Vec<Leg>,
     schedule: Option<Schedule>,
 }
 
-impl<'a> Shortened<'a> {
+impl<'a> ShortenedRun<'a> {
     /// `plan` cut down to `part` of [`PARTS`] equal parts of the time, rounded up to whole steps.
     /// The error that a mode may have is cut down in proportion.
     fn new(
@@ -241,7 +245,8 @@ impl<'a> Shortened<'a> {
                 continue;
             }
             for l in 0..warp.modes {
-                let span = Span { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
+                let span =
+                    PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
                 let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;

@@ -7,15 +7,15 @@ pub const PARTS: usize = 64;
 /// Seconds of a trial that is long enough to measure a rate; shorter trials are repeated with more
 /// parts of the time.
 pub const LONG_ENOUGH: f64 = 0.25;
-/// Most times that a trial is repeated.
+/// Largest number of runs of a trial.
 const REPEATS: f64 = 9.0;
 
 /// Seconds that work of this cost took, the same on all ranks.
 #[derive(Clone, Copy, Debug)]
-pub struct Timed {
-    /// Seconds.
+pub struct TimedWork {
+    /// Seconds that the work took.
     pub seconds: f64,
-    /// Cost, as the plan counts it.
+    /// Cost of the work, as the plan counts it.
     pub cost: f64,
 }
 
@@ -42,7 +42,7 @@ pub struct SolveTime {
 ///
 /// # Errors
 /// Those of `trial`.
-pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<LinearCost> {
+pub fn line(trial: &mut impl FnMut(usize) -> Result<TimedWork>) -> Result<LinearCost> {
     // The first trial also touches its memory for the first time, and does not count.
     trial(1)?;
     let (mut part, first) = (1, repeated(&mut || trial(1))?);
@@ -68,12 +68,12 @@ pub fn line(trial: &mut impl FnMut(usize) -> Result<Timed>) -> Result<LinearCost
 ///
 /// # Errors
 /// Those of `trial`.
-pub fn repeated(trial: &mut impl FnMut() -> Result<Timed>) -> Result<Timed> {
-    let Timed { seconds: first, cost } = trial()?;
+pub fn repeated(trial: &mut impl FnMut() -> Result<TimedWork>) -> Result<TimedWork> {
+    let TimedWork { seconds: first, cost } = trial()?;
     let times = (2.0 * LONG_ENOUGH / first.max(1e-9)).clamp(1.0, REPEATS).floor();
     let mut sum = first;
     for _ in 1..times as usize {
         sum += trial()?.seconds;
     }
-    Ok(Timed { seconds: sum / times, cost })
+    Ok(TimedWork { seconds: sum / times, cost })
 }

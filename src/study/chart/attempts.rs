@@ -78,7 +78,7 @@ struct ReducingRate {
 #[derive(Clone, Copy)]
 struct ExpectedSeconds {
     seconds: f64,
-    /// Whether they are only a lower bound.
+    /// Whether the seconds are only a lower bound.
     at_least: bool,
 }
 
@@ -121,7 +121,7 @@ pub(crate) struct Attempts<'a> {
 }
 
 impl<'a> Attempts<'a> {
-    /// No attempts yet.
+    /// A chart of `case` within `budget`, before any attempt.
     pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: Budget) -> Self {
         Self {
             world,
@@ -245,7 +245,7 @@ impl<'a> Attempts<'a> {
         if !self.budget.decide(known && self.fits(setup, expected.seconds)) {
             return Ok(TrialOutcome::LeftOut(expected));
         }
-        let (trial, seconds) = self.timed(&reduced_case)?;
+        let (trial, seconds) = self.trial_with_seconds(&reduced_case)?;
         self.cost.learn(&reduced_case, &trial.plan, seconds);
         if self.zero.is_none() {
             let all = trial.fields.iter().flatten();
@@ -365,7 +365,7 @@ impl<'a> Attempts<'a> {
     }
 
     /// A trial and its seconds; a quick one is repeated, and the least seconds count. Collective.
-    fn timed(&self, case: &Case) -> Result<(Trial, TrialSeconds)> {
+    fn trial_with_seconds(&self, case: &Case) -> Result<(Trial, TrialSeconds)> {
         let once = || -> Result<(Trial, [f64; 3])> {
             let began = Instant::now();
             let trial = trial(self.world, case)?;

@@ -35,18 +35,18 @@ pub enum Status {
 pub struct ChartEntry {
     /// The result.
     pub status: Status,
-    /// Why it was refused.
+    /// The reason of a refusal.
     pub reason: Option<String>,
     /// Expected seconds, with comparisons, if it was left out.
     pub expected_seconds: Option<f64>,
     /// Whether the expected seconds are a lower bound: without the steps, or those of a coarser
     /// grid.
     pub expected_at_least: bool,
-    /// Whether it is the case as its file has it.
+    /// Whether the entry is the case as its file has it.
     pub as_given: bool,
-    /// Whether it is the paper's set-up.
+    /// Whether the entry is the paper's set-up.
     pub paper: bool,
-    /// Classical or by modes.
+    /// The method: classical, or by modes.
     pub method: Method,
     /// Elements along each axis, and their degree; of degree 0 cells.
     pub grid: String,
@@ -58,11 +58,11 @@ pub struct ChartEntry {
     pub cells: usize,
     /// Interface law.
     pub interface: String,
-    /// Classical: kind of steps.
+    /// The time integrator of a classical run.
     pub integrator: Option<String>,
-    /// Classical: slopes.
+    /// The slope limiter of a classical run.
     pub limiter: Option<String>,
-    /// Classical: step over the largest stable one.
+    /// The step of a classical run, relative to the largest stable one.
     pub cfl: Option<f64>,
     /// Profile `g(p)` of a run by modes, or the unitary scheme, which has none.
     pub profile: Option<String>,
@@ -81,9 +81,9 @@ pub struct ChartEntry {
     pub step: Option<f64>,
     /// Tolerance; `None` if `N_p` or a step is given instead, or a tolerance has no effect.
     pub tolerance: Option<f64>,
-    /// `N_p`, if it is given.
+    /// The number `N_p` of points in `p`, if it is given.
     pub points: Option<usize>,
-    /// Modes `l ≥ 0`.
+    /// Number of modes `l ≥ 0`.
     pub modes: Option<usize>,
     /// Applications of the matrix, over all modes and fields.
     pub applications: Option<usize>,
@@ -99,7 +99,7 @@ pub struct ChartEntry {
     pub error_exact: Option<f64>,
     /// Relative L2 distance of `f` to the exact solution.
     pub error_exact_l2: Option<f64>,
-    /// Relative l2 distance to `exp(AT) f(0) + …`, the largest over the fields.
+    /// Relative l2 distance to the exact semi-discrete solution, the largest over the fields.
     pub error_semidiscrete: Option<f64>,
     /// The estimate of that distance by the run itself.
     pub error_estimate: Option<f64>,
@@ -199,7 +199,7 @@ impl ChartEntry {
         }
     }
 
-    /// Whether it computes `exp(AT) f(0) + …` itself.
+    /// Whether the entry is the exact semi-discrete solution itself.
     pub fn is_reference(&self) -> bool {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }

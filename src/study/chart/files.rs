@@ -6,7 +6,7 @@ use crate::base::text::{counted, plain};
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
-use crate::study::chart::verdict::expected;
+use crate::study::chart::verdict::expected_seconds_text;
 use crate::study::files::StudyFiles;
 use serde_json::Value;
 use std::fmt;
@@ -109,7 +109,7 @@ fn mib_text(bytes: u64) -> String {
     format!("{:.0}", bytes as f64 / MIB)
 }
 
-/// A line of titles, then one an entry, and what the columns mean.
+/// A line of titles, a line for each entry, and the meaning of the columns.
 fn table(
     f: &mut fmt::Formatter<'_>,
     rows: &[&ChartEntry],
@@ -157,7 +157,7 @@ impl Chart {
         writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
         for (name, all) in methods {
             let settings = counted(all.len(), "setting", "settings");
-            writeln!(f, "  {name}: {settings}, {}", expected(&all))?;
+            writeln!(f, "  {name}: {settings}, {}", expected_seconds_text(&all))?;
         }
         Ok(())
     }

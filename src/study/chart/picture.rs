@@ -82,7 +82,7 @@ impl<'a> Plot<'a> {
         style: impl Fn(Style) -> Style,
     ) -> Self {
         for (k, profile) in profiles.iter().enumerate() {
-            let belongs = |e: &ChartEntry| of_profile(e, profile) && usual(e);
+            let belongs = |e: &ChartEntry| of_profile(e, profile) && has_usual_treatment(e);
             self = self.series(&format!("{profile}{suffix}"), style(Style::of(k)), belongs);
         }
         self
@@ -102,22 +102,22 @@ fn is(setting: &Option<String>, value: &str) -> bool {
 }
 
 /// Whether the entry is a run by modes, planned from a tolerance.
-fn planned(e: &ChartEntry) -> bool {
+fn is_planned(e: &ChartEntry) -> bool {
     e.method == Method::Schrodingerized && !e.paper && !e.as_given
 }
 
 /// Whether the entry is planned with this profile and propagated by Chebyshev series.
 fn of_profile(e: &ChartEntry, profile: &str) -> bool {
-    planned(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
+    is_planned(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
 }
 
 /// Whether the entry has the treatment of most trials: weights, unless there is nothing to weight.
-fn usual(e: &ChartEntry) -> bool {
+fn has_usual_treatment(e: &ChartEntry) -> bool {
     e.weights == Some(true) || e.no_jump
 }
 
 /// Whether the entry is a run by modes with this treatment of jumps.
-fn treated(e: &ChartEntry, treatment: Treatment) -> bool {
+fn has_treatment(e: &ChartEntry, treatment: Treatment) -> bool {
     let interface = word(&treatment.interface);
     e.weights == Some(treatment.weights) && e.interface == interface && !e.no_jump
 }
@@ -125,7 +125,7 @@ fn treated(e: &ChartEntry, treatment: Treatment) -> bool {
 /// Profiles of the trials, in the order in which they were tried.
 fn profiles(entries: &[&ChartEntry]) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
-    for profile in entries.iter().filter(|e| planned(e)).filter_map(|e| e.profile.as_ref()) {
+    for profile in entries.iter().filter(|e| is_planned(e)).filter_map(|e| e.profile.as_ref()) {
         if !found.contains(profile) {
             found.push(profile.clone());
         }
@@ -163,7 +163,7 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
     );
     let front = "front, all by modes";
     [
-        applications.front(front, |e| e.front_applications && planned(e)),
+        applications.front(front, |e| e.front_applications && is_planned(e)),
         tolerances.line("error = tolerance", Style::theory(), diagonal(entries)),
         probability,
         until.front(front, |e| e.front_until_measured),
@@ -174,7 +174,7 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
 
 /// The line of errors that equal the tolerances of `entries`.
 fn diagonal(entries: &[&ChartEntry]) -> Vec<[f64; 2]> {
-    let reached = entries.iter().filter(|e| planned(e) && e.error_semidiscrete.is_some());
+    let reached = entries.iter().filter(|e| is_planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
     if all.is_empty() { Vec::new() } else { ends(&all).map(|end| [end, end]).into() }
 }
@@ -189,7 +189,10 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let count = propagators.len();
     for (k, name) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {name}"), Style::of(k), |e| {
-            planned(e) && usual(e) && is(&e.profile, &first) && is(&e.propagator, name)
+            is_planned(e)
+                && has_usual_treatment(e)
+                && is(&e.profile, &first)
+                && is(&e.propagator, name)
         });
     }
     for (k, name) in ["forward-euler", "ssp-rk3"].into_iter().enumerate() {
@@ -215,7 +218,8 @@ fn by_treatment(entries: &[&ChartEntry], grid: &str) -> Panel {
                 dash => Style::of(k).hollow().dashed(dash),
             };
             let label = format!("{profile}, {}", treatment.name());
-            plot = plot.series(&label, style, |e| of_profile(e, profile) && treated(e, treatment));
+            plot = plot
+                .series(&label, style, |e| of_profile(e, profile) && has_treatment(e, treatment));
         }
         plot = plot.series(&format!("{profile}, no jump"), Style::of(k), |e| {
             of_profile(e, profile) && e.no_jump
@@ -286,11 +290,11 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
         e.degree == 0 && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0])
     };
     let style = |dash: usize| Style::of(3 + dash).hollow().dashed(dash);
-    plot = plot.series(&first, style(1), |e| by_modes(e) && usual(e));
+    plot = plot.series(&first, style(1), |e| by_modes(e) && has_usual_treatment(e));
     let unweighted = Treatment::by_growth().into_iter().filter(|of| !of.has_growing_law());
     for (k, treatment) in unweighted.enumerate() {
         let label = format!("{first}, {}", treatment.name());
-        plot = plot.series(&label, style(2 + k), |e| by_modes(e) && treated(e, treatment));
+        plot = plot.series(&label, style(2 + k), |e| by_modes(e) && has_treatment(e, treatment));
     }
     plot
 }

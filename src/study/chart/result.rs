@@ -26,7 +26,7 @@ pub struct Chart {
     pub grid: String,
     /// The grid on which methods are compared.
     pub compared_on: String,
-    /// Why that is not the case's own, where it is not.
+    /// The reason why that grid is not the case's own; `None` if it is.
     pub compared_why: Option<String>,
     /// Whether the solution is zero, so that no relative error is defined.
     pub zero: bool,

@@ -13,7 +13,7 @@ use crate::study::trial::{final_fields_only, plan_series, propagation};
 /// Schrödingerization by modes, planned from the tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modes {
-    /// `g(p)`.
+    /// The profile `g(p)`.
     pub profile: &'static ProfileChoice,
     /// Treatment of growth at jumps; `None` if `V` does not jump.
     pub treatment: Option<Treatment>,
@@ -30,11 +30,11 @@ pub struct Modes {
 pub enum Setup {
     /// The settings of the case file.
     Given,
-    /// `f' = A f + b` directly.
+    /// Direct integration of `f' = A f + b`.
     Classical {
-        /// Kind of steps.
+        /// Time integrator.
         integrator: Integrator,
-        /// Slopes.
+        /// Slope limiter.
         limiter: Limiter,
         /// Step over the largest stable one.
         cfl: f64,
@@ -49,7 +49,7 @@ pub enum Setup {
     /// The paper's set-up: `e^{−|p|}` sampled on `N_p` points of `[−(λ⁻T + 5), λ⁺T + 5]`, no
     /// weights, the doubled system with `δ = max|b|`.
     Paper {
-        /// `N_p`.
+        /// The number `N_p` of points in `p`.
         points: usize,
         /// Number of Crank–Nicolson steps, as in the paper; if none, a Chebyshev series.
         steps: Option<usize>,
@@ -153,7 +153,7 @@ pub fn is_reference(case: &Case) -> bool {
     case.method == Method::Classical && case.integrator == Integrator::Exponential
 }
 
-/// Why a case file with these choices would be refused.
+/// The reason why a case file with the choices of `case` would be refused.
 pub fn refused(case: &Case) -> Option<&'static str> {
     if case.is_closed() && case.embeds() {
         return Some("nothing enters through closed ends");

@@ -15,7 +15,7 @@ pub fn short(x: f64) -> String {
     if (0.001..1.0).contains(&x) { format!("{x}") } else { format!("{x:.0e}") }
 }
 
-/// A number to two digits.
+/// A number as text, to two digits.
 fn figures(x: f64) -> String {
     if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
@@ -127,7 +127,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
             chart.grid
         ));
     }
-    found.push(account(chart));
+    found.push(counts_of_trials(chart));
     found
 }
 
@@ -229,7 +229,7 @@ fn left_out_on_any_grid(chart: &Chart, closest: &ChartEntry) -> String {
     format!("; {what} were left out for the budget")
 }
 
-/// The same for the semi-discrete solution, on its grid.
+/// Text on the entries by the method of `closest` on its grid that were left out.
 fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
     let out = (chart.entries.iter()).filter(|e| {
         e.status == Status::LeftOut && e.method == closest.method && e.grid == closest.grid
@@ -241,21 +241,21 @@ fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
 }
 
 /// The expected seconds of `entries`: one number, or the least and the most.
-pub fn expected(entries: &[&ChartEntry]) -> String {
+pub fn expected_seconds_text(entries: &[&ChartEntry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
     let [least, most] = ends(&all).map(time_text);
     let bound = if entries.iter().any(|e| e.expected_at_least) { "at least " } else { "" };
     if least == most { format!("{bound}{least}") } else { format!("{bound}{least} to {most}") }
 }
 
-/// The least and the largest.
+/// The least and the largest of `all`.
 pub fn ends(all: &[f64]) -> [f64; 2] {
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     [least, all.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 /// A sentence on the numbers of trials that ran, were refused, and were left out.
-fn account(chart: &Chart) -> String {
+fn counts_of_trials(chart: &Chart) -> String {
     let count = |status| chart.entries.iter().filter(|e| e.status == status).count();
     let mut text = format!(
         "{} trials on {} took {:.1} s of a budget of {} s; refused: {}",
@@ -271,7 +271,7 @@ fn account(chart: &Chart) -> String {
             (chart.entries.iter()).filter(|e| e.status == Status::LeftOut).collect();
         text += &format!(
             ", left out as they did not fit: {out} (expected to take {} each)",
-            expected(&all)
+            expected_seconds_text(&all)
         );
     }
     text + "."

@@ -112,7 +112,7 @@ pub(super) fn two_digits(numbers: &[f64]) -> String {
     all.join(", ")
 }
 
-/// How many times twice as fine `fine` is along its axes, on average.
+/// The binary logarithm of the refinement from `coarse` to `fine`, the mean over the axes.
 fn finer(coarse: &[usize], fine: &[usize]) -> f64 {
     let each = coarse.iter().zip(fine).map(|(&a, &b)| (b as f64 / a as f64).log2());
     each.sum::<f64>() / coarse.len() as f64

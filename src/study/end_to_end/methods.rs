@@ -42,9 +42,9 @@ pub struct QuantumMethod {
     pub order_remark: Option<String>,
     /// The profile; `None` where there is no `p`.
     pub profile: Option<ProfileChoice>,
-    /// `p◇`.
+    /// The recovery point `p◇`.
     pub recovery: LabelledNumber,
-    /// `N_p`.
+    /// The number `N_p` of points in `p`.
     pub points: LabelledNumber,
     /// Relative l2 error of `f` that profile and evolution may make.
     pub tolerance: LabelledNumber,
@@ -129,9 +129,9 @@ impl ClassicalMethod {
 pub struct EndToEnd {
     /// Title of the case.
     pub title: String,
-    /// `ε`.
+    /// The relative error `ε` of the density.
     pub accuracy: f64,
-    /// T gates of a rotation.
+    /// The number of T gates that a rotation takes.
     pub t_of_rotation: RotationSynthesis,
     /// The point where the density is wanted.
     pub point: Vec<f64>,

@@ -31,9 +31,9 @@ pub(super) const UNITS_OF_TRIALS: usize = 1;
 pub(super) const UNITS_OF_PRICE: usize = 1;
 /// Name of the method.
 pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
-/// What the tolerance of a state follows from.
+/// The source of the tolerance of a state, in labels.
 const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
-/// What the numbers of a grid method follow from.
+/// The source of the numbers of a grid method, in labels.
 const MEASURED: &str = "norms and errors on the case's grid, and the measured order";
 
 /// A scheme of some degree, and its errors; or why there are none.
@@ -74,9 +74,9 @@ impl DensityTask<'_> {
         let mut degrees = Vec::new();
         for Candidate { degree, scheme } in candidates {
             let found = match scheme {
-                Ok((scheme, measured)) => {
-                    self.priced(name, scheme, measured).map_err(|error| scheme.reason(&error))
-                }
+                Ok((scheme, measured)) => self
+                    .method_on_grid(name, scheme, measured)
+                    .map_err(|error| scheme.reason(&error)),
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
@@ -101,7 +101,7 @@ impl DensityTask<'_> {
     }
 
     /// The quantum method by `scheme` on the grid that it needs. Collective.
-    fn priced(
+    fn method_on_grid(
         &self,
         name: &'static str,
         scheme: &Case,
@@ -122,7 +122,7 @@ impl DensityTask<'_> {
         let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
         let state = match bounds.is_skew() {
             true => StateOfMethod::of_one_mode(tolerance),
-            false => self.planned(&target, &bounds, ratio, norms, accesses)?,
+            false => self.cheapest_state(&target, &bounds, ratio, norms, accesses)?,
         };
         // The density is the amplitude of the all-zero outcome of a complete circuit.
         let probability = state.probability.value().unwrap_or(f64::NAN);
@@ -183,7 +183,7 @@ impl DensityTask<'_> {
 
     /// The cheapest profile of `target`, whose probability is that of the window, or of the slice.
     /// Collective.
-    fn planned(
+    fn cheapest_state(
         &self,
         target: &Case,
         bounds: &Bounds,

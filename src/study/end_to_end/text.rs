@@ -51,67 +51,92 @@ pub(super) fn verdict(
     lines
 }
 
+/// A number of a quantum method; `None` if it has none.
+type NumberOf = fn(&QuantumMethod) -> Option<&LabelledNumber>;
+
+/// Makes the columns of a table: a row a way with a quantum computer, then one a classical method.
+struct MethodColumns<'a>(&'a EndToEnd);
+
+impl MethodColumns<'_> {
+    /// A column of values: `quantum` of each quantum method, then `classical` of each other one.
+    fn values(
+        &self,
+        name: &str,
+        quantum: impl Fn(&QuantumMethod) -> Value,
+        classical: impl Fn(&ClassicalMethod) -> Value,
+    ) -> ColumnValues {
+        let quantum = self.0.quantum.iter().map(quantum);
+        ColumnValues::new(name, quantum.chain(self.0.classical.iter().map(classical)))
+    }
+
+    /// A column of values of the quantum methods.
+    fn of_quantum(&self, name: &str, value: fn(&QuantumMethod) -> Value) -> ColumnValues {
+        self.values(name, value, |_| Value::Null)
+    }
+
+    /// A column of labelled numbers of the quantum methods. Without a number the label is empty.
+    fn numbers(&self, name: &str, number: NumberOf) -> ColumnValues {
+        let none = LabelledNumber::unavailable("");
+        let quantum = self.0.quantum.iter().map(|way| number(way).unwrap_or(&none));
+        LabelledNumber::column(name, quantum.chain(self.0.classical.iter().map(|_| &none)))
+    }
+
+    /// The cells of the grids of classical methods, or their traces.
+    fn sizes(&self) -> ColumnValues {
+        let none = LabelledNumber::unavailable("");
+        let sizes: Vec<LabelledNumber> =
+            self.0.classical.iter().map(ClassicalMethod::labelled_size).collect();
+        let quantum = self.0.quantum.iter().map(|_| &none);
+        LabelledNumber::column("cells_or_traces", quantum.chain(&sizes))
+    }
+
+    /// The seconds of all methods.
+    fn seconds(&self) -> ColumnValues {
+        let quantum = self.0.quantum.iter().map(|way| &way.physical.seconds);
+        let classical = self.0.classical.iter().map(|method| &method.seconds);
+        LabelledNumber::column("seconds", quantum.chain(classical))
+    }
+}
+
 impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
     pub fn columns(&self) -> Vec<ColumnValues> {
-        let none = LabelledNumber::unavailable("");
-        let quantum = |name: &str, figure: fn(&QuantumMethod) -> &LabelledNumber| {
-            let without = self.classical.iter().map(|_| &none);
-            LabelledNumber::column(name, self.quantum.iter().map(figure).chain(without))
-        };
-        let of_cost = |name: &str, figure: fn(&Cost) -> &LabelledNumber| {
-            let costs = self.quantum.iter().map(|way| way.cost.as_ref().map_or(&none, figure));
-            LabelledNumber::column(name, costs.chain(self.classical.iter().map(|_| &none)))
-        };
-        let words = |name: &str, word: fn(&QuantumMethod) -> Value| {
-            let without = self.classical.iter().map(|_| Value::Null);
-            ColumnValues::new(name, self.quantum.iter().map(word).chain(without))
-        };
-        let names = self.quantum.iter().map(|way| way.name);
-        let names = names.chain(self.classical.iter().map(|method| method.name));
-        let degrees = self.quantum.iter().map(|way| way.degree.into());
-        let degrees = degrees.chain(self.classical.iter().map(|method| method.degree.into()));
-        let sizes: Vec<LabelledNumber> =
-            self.classical.iter().map(ClassicalMethod::labelled_size).collect();
-        let sizes = self.quantum.iter().map(|_| &none).chain(&sizes);
-        let queries = self.quantum.iter().map(|way| {
-            let calls = way.cost.as_ref().and_then(|cost| cost.queries.as_ref());
-            calls.map_or(&none, |calls| &calls.queries)
-        });
-        let queries = queries.chain(self.classical.iter().map(|_| &none));
-        let seconds = self.quantum.iter().map(|way| &way.physical.seconds);
-        let seconds = seconds.chain(self.classical.iter().map(|method| &method.seconds));
+        let columns = MethodColumns(self);
+        let words = |name: &str, word: fn(&QuantumMethod) -> Value| columns.of_quantum(name, word);
+        let quantum = |name: &str, number: NumberOf| columns.numbers(name, number);
         vec![
-            ColumnValues::new("way", names.map(Value::from)),
+            columns.values("way", |way| way.name.into(), |method| method.name.into()),
             Trust::Estimate.of_column(words("grid", |way| {
                 way.grids.last().map(|grid| shape_text(grid)).into()
             })),
-            ColumnValues::new("degree", degrees),
+            columns.values("degree", |way| way.degree.into(), |method| method.degree.into()),
             Trust::Estimate.of_column(words("order", |way| way.order.into())),
             words("profile", |way| way.profile.as_ref().map(profile_text).into()),
-            quantum("recovery", |way| &way.recovery),
-            quantum("points", |way| &way.points),
-            quantum("tolerance", |way| &way.tolerance),
-            quantum("walk_tolerance", |way| &way.walk_tolerance),
+            quantum("recovery", |way| Some(&way.recovery)),
+            quantum("points", |way| Some(&way.points)),
+            quantum("tolerance", |way| Some(&way.tolerance)),
+            quantum("walk_tolerance", |way| Some(&way.walk_tolerance)),
             words("access", |way| way.cost.as_ref().map(|cost| cost.access.to_string()).into()),
-            of_cost("alpha", |cost| &cost.alpha),
-            of_cost("steps", |cost| &cost.evolution.steps),
-            of_cost("toffoli_a_step", |cost| &cost.evolution.toffoli_a_step),
-            of_cost("rotations_a_step", |cost| &cost.evolution.rotations_a_step),
-            quantum("toffoli", |way| &way.toffoli),
-            of_cost("gates", |cost| &cost.evolution.gates),
-            of_cost("half_calls_steps", |cost| &cost.half_calls.steps),
-            of_cost("half_calls_gates", |cost| &cost.half_calls.gates),
-            of_cost("qubits", |cost| &cost.evolution.qubits),
-            quantum("probability", |way| &way.probability),
-            quantum("evolutions", |way| &way.evolutions),
-            quantum("gates_until_measured", |way| &way.gates_until_measured),
-            of_cost("gates_until_measured_2k", |cost| &cost.gates_until_measured_2k),
-            quantum("physical_qubits", |way| &way.physical.physical_qubits),
+            quantum("alpha", |way| Some(&way.cost.as_ref()?.alpha)),
+            quantum("steps", |way| Some(&way.cost.as_ref()?.evolution.steps)),
+            quantum("toffoli_a_step", |way| Some(&way.cost.as_ref()?.evolution.toffoli_a_step)),
+            quantum("rotations_a_step", |way| Some(&way.cost.as_ref()?.evolution.rotations_a_step)),
+            quantum("toffoli", |way| Some(&way.toffoli)),
+            quantum("gates", |way| Some(&way.cost.as_ref()?.evolution.gates)),
+            quantum("half_calls_steps", |way| Some(&way.cost.as_ref()?.half_calls.steps)),
+            quantum("half_calls_gates", |way| Some(&way.cost.as_ref()?.half_calls.gates)),
+            quantum("qubits", |way| Some(&way.cost.as_ref()?.evolution.qubits)),
+            quantum("probability", |way| Some(&way.probability)),
+            quantum("evolutions", |way| Some(&way.evolutions)),
+            quantum("gates_until_measured", |way| Some(&way.gates_until_measured)),
+            quantum("gates_until_measured_2k", |way| {
+                Some(&way.cost.as_ref()?.gates_until_measured_2k)
+            }),
+            quantum("physical_qubits", |way| Some(&way.physical.physical_qubits)),
             Trust::Model.of_column(words("code_distance", |way| way.physical.code_distance.into())),
-            LabelledNumber::column("cells_or_traces", sizes),
-            LabelledNumber::column("seconds", seconds),
-            LabelledNumber::column("queries", queries),
+            columns.sizes(),
+            columns.seconds(),
+            quantum("queries", |way| Some(&way.cost.as_ref()?.queries.as_ref()?.queries)),
         ]
     }
 }
@@ -186,7 +211,7 @@ impl fmt::Display for QuantumMethod {
 }
 
 impl DegreeCost {
-    /// Why it has no number, if so.
+    /// The reason why this degree has no number of gates, if it has none.
     fn why_not(&self) -> Option<&str> {
         let known = self.grid.is_some() && self.order.is_some() && self.gates.value().is_some();
         (!known).then(|| self.gates.because().unwrap_or_default())

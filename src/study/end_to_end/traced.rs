@@ -15,11 +15,12 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::time::Instant;
 
-/// Values of a quadrature at most.
+/// Largest number of values of a quadrature.
 pub(super) const MOST_TRACES: usize = 1 << 22;
-/// Traces of Monte Carlo at most; the number for a smaller error follows from their deviation.
+/// Largest number of traces of Monte Carlo; the number for a smaller error follows from their
+/// deviation.
 pub(super) const MOST_SAMPLED: usize = 1 << 20;
-/// Traces of Monte Carlo between two looks at its deviation: no fewer are ever taken.
+/// Number of traces of Monte Carlo between two checks of its deviation. No fewer are taken.
 pub(super) const BATCH: usize = 4096;
 
 /// `f` at a point of phase space.
@@ -156,8 +157,8 @@ impl DensityAtPoint<'_> {
         relative: f64,
         found: &mut TracedDensity,
     ) -> SimpsonIntegral {
-        /// The part of the tolerance that inner integrals may be off. Their noise must not look
-        /// like a jump.
+        /// The error that inner integrals may have, as a part of the tolerance. Their noise must
+        /// not be taken for a jump.
         const INNER_PART: f64 = 0.05;
         let (n, axis) = (self.dimension(), part.len());
         let traces = std::cell::Cell::new(found.traces);

@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::problem::potential::overlooked;
+use crate::problem::potential::unresolved_regions;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
@@ -31,7 +31,7 @@ pub fn grid_notes(case: &Case, used: &Case) -> Vec<String> {
     if shape != coarse {
         notes.push(format!("measured on {coarse} instead of {shape}"));
     }
-    if stray_edges(used) > overlooked(case).edges.len() {
+    if stray_edges(used) > unresolved_regions(case).edges.len() {
         notes.push("the edges of V lie on other faces there".to_owned());
     }
     notes

@@ -21,10 +21,13 @@ use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
+use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes};
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
-use crate::study::stability::search::{Located, last_holding};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
+use crate::study::stability::search::{BorderLocation, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -32,7 +35,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which an explosion shows.
 const STEPS: usize = 200;
-/// Label of the measured growth, which is that in `STEPS` steps.
+/// Label of the measured growth, that in [`STEPS`] steps.
 pub const GROWTH: &str = "growth in 200 steps";
 /// Names of the quantities that stable steps do not increase: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
@@ -77,13 +80,16 @@ struct ExplicitSteps<'a> {
     /// Initial values of ±1 that a step increases most: signs that alternate along the motion, and
     /// one minus sign in four cells.
     patterns: [Vec<f64>; 2],
+    /// The bound on the largest rate.
     rate: f64,
+    /// The largest rate as a part of its bound; 1 if only the bound is known.
+    rate_ratio: f64,
     /// Whether growth is measured in the norm, as with elements.
     of_norm: bool,
 }
 
 impl<'a> ExplicitSteps<'a> {
-    fn new(case: &Case, found: &'a mut Prepared) -> Result<Self> {
+    fn new(case: &Case, found: &'a mut Prepared, rate_ratio: f64) -> Result<Self> {
         let (space, matrix) = (&case.space, &found.system.matrix);
         let scheme = found.communicator.world.agree(Scheme::new(case, &matrix.block.ranges))?;
         let mut patterns = [vec![0.0; matrix.length()], vec![0.0; matrix.length()]];
@@ -101,7 +107,7 @@ impl<'a> ExplicitSteps<'a> {
             }
         });
         let rate = found.bounds.rate;
-        Ok(Self { found, patterns, rate, of_norm: case.is_galerkin() })
+        Ok(Self { found, patterns, rate, rate_ratio, of_norm: case.is_galerkin() })
     }
 
     /// Largest value of a test, or norm, over that at the start, but at most [`LARGEST_GROWTH`].
@@ -189,14 +195,14 @@ struct MethodLimits {
     /// The quantity that stable steps do not increase: the largest value, or the norm.
     what: &'static str,
     /// The largest `cfl` at which it does not increase from the patterns.
-    kept: Located,
+    kept: BorderLocation,
     /// The largest `cfl` at which it does not increase from any data, by theory. For elements this
     /// is a lower bound, or unknown.
     kept_by_theory: Option<f64>,
     /// The largest `cfl` at which values do not explode.
-    calm: Located,
-    /// A lower bound on it.
-    calm_bound: Located,
+    calm: BorderLocation,
+    /// A lower bound on `calm`.
+    calm_bound: BorderLocation,
 }
 
 impl MethodLimits {
@@ -238,28 +244,18 @@ fn growth_bound(integrator: Integrator, cfl: f64, rate_ratio: f64, of_norm: bool
     step(integrator, cfl * rate_ratio).max(1.0).powi(STEPS as i32).min(LARGEST_GROWTH)
 }
 
-/// The panel. Collective.
-///
-/// # Errors
-/// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
-    let PanelTask { world, case: whole, budget } = *task;
-    let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
-    let mut found = assembled(world, &case)?;
-    let of_norm = case.is_galerkin();
-    // The largest rate may be below its bound. For the norm only the bound is known.
-    let largest = largest_rate(&found) / found.bounds.rate;
-    let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
-    if rate_ratio <= 0.0 {
-        return Err(Error::input("nothing moves: no velocity cell but v = 0"));
-    }
-    let mut steps = ExplicitSteps::new(&case, &mut found)?;
-    let high = if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST };
-    let between = [0.25, high];
-    // Borders come first: the budget may end before the curves do.
-    let all = METHODS.map(|(name, integrator)| {
+impl ExplicitSteps<'_> {
+    /// The borders of a method, as far as `budget` allows. Collective.
+    fn limits(
+        &mut self,
+        name: &'static str,
+        integrator: Integrator,
+        budget: &Budget,
+    ) -> MethodLimits {
+        let (of_norm, rate_ratio) = (self.of_norm, self.rate_ratio);
+        let between = [0.25, if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST }];
         let is_over = || budget.is_over();
-        let mut growth = |cfl, test| steps.growth(integrator, cfl, test);
+        let mut growth = |cfl, test| self.growth(integrator, cfl, test);
         let bound = |cfl| growth_bound(integrator, cfl, rate_ratio, of_norm);
         MethodLimits {
             name,
@@ -283,22 +279,46 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
                 |cfl| bound(cfl) < EXPLODED,
             ),
         }
-    });
-    let curves = METHODS.map(|(name, integrator)| {
+    }
+
+    /// The growth in [`STEPS`] steps by the step of a method, with its bound. Collective.
+    fn curve(&mut self, name: &'static str, integrator: Integrator, budget: &Budget) -> Curve {
         let points = (0..=30).map(|k| {
             let x = 0.6 + 0.04 * f64::from(k);
             let measured = match budget.is_over() {
                 true => f64::NAN,
-                false => steps.growth(integrator, x, LONG),
+                false => self.growth(integrator, x, LONG),
             };
-            CurvePoint { x, measured, theory: growth_bound(integrator, x, rate_ratio, of_norm) }
+            let theory = growth_bound(integrator, x, self.rate_ratio, self.of_norm);
+            CurvePoint { x, measured, theory }
         });
         Curve::bounded(name, points.collect())
-    });
+    }
+}
+
+/// Measures the panel. Collective.
+///
+/// # Errors
+/// As [`assembled`].
+pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+    let PanelTask { world, case: whole, budget } = *task;
+    let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
+    let mut found = assembled(world, &case)?;
+    let of_norm = case.is_galerkin();
+    // The largest rate may be below its bound. For the norm only the bound is known.
+    let largest = largest_rate(&found) / found.bounds.rate;
+    let rate_ratio = if of_norm && largest > 0.0 { 1.0 } else { largest };
+    if rate_ratio <= 0.0 {
+        return Err(Error::input("nothing moves: no velocity cell but v = 0"));
+    }
+    let mut steps = ExplicitSteps::new(&case, &mut found, rate_ratio)?;
+    // Borders come first: the budget may end before the curves do.
+    let all = METHODS.map(|(name, integrator)| steps.limits(name, integrator, budget));
+    let curves = METHODS.map(|(name, integrator)| steps.curve(name, integrator, budget));
     let verdicts: String = all.iter().map(MethodLimits::verdict).collect();
     let mut notes = grid_notes(whole, &case);
     task.is_over(&mut notes);
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         curves: curves.into(),
         borders: all.iter().flat_map(MethodLimits::borders).collect(),

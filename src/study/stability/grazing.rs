@@ -37,7 +37,9 @@ use crate::study::grids::coarsened;
 use crate::study::stability::cases::{
     assembled, grid_notes, growth, refuse_elements, with_potential_times,
 };
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::treatment::Treatment;
 
 /// Largest number of cells.
@@ -180,7 +182,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
         .filter(move |k| *k < count)
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
@@ -225,7 +227,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let shape = case.space.elements();
     let (verdict, borders) = (verdict(&points, own, &located), borders(&points, own));
     let curves = vec![Curve::new("hat, no weights", points)];
-    Ok(Findings { shape, curves, borders, verdict, notes })
+    Ok(PanelContents { shape, curves, borders, verdict, notes })
 }
 
 /// The point where `of` is largest.

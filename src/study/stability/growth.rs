@@ -7,7 +7,7 @@ use crate::study::grids::{coarsened, refined};
 use crate::study::stability::cases::{assembled, growth, refuse_elements};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::treatment::Treatment;
 
@@ -82,12 +82,12 @@ fn sentence(curve: &Curve) -> String {
 }
 
 /// The growth `λ⁺` of a treatment on a grid, measured and by theory.
-struct Growth {
+struct TreatmentGrowth {
     measured: f64,
     theory: f64,
 }
 
-impl Growth {
+impl TreatmentGrowth {
     /// The growth of `case` with this treatment. Collective.
     fn of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
         let mut found = assembled(task.world, case)?;
@@ -103,7 +103,7 @@ impl Growth {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
@@ -135,7 +135,8 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
-            let Growth { measured, theory } = Growth::of(task, &case, *treatment)?;
+            let TreatmentGrowth { measured, theory } =
+                TreatmentGrowth::of(task, &case, *treatment)?;
             let [measured_factor, by_theory] =
                 [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(CurvePoint { x, measured: measured_factor, theory: by_theory });
@@ -153,5 +154,5 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         "The factor by which reading f amplifies errors of the modes. {}",
         sentences.join(" ")
     );
-    Ok(Findings { shape, curves, borders, verdict, notes })
+    Ok(PanelContents { shape, curves, borders, verdict, notes })
 }

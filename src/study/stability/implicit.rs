@@ -5,7 +5,9 @@ use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::choices::implicit_propagators;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells: each step of each mode solves a system.
@@ -54,7 +56,7 @@ struct ImplicitSteps {
     method: PropagatorMethod,
     /// Points by rising step.
     points: Vec<CurvePoint>,
-    /// Why a trial failed, if one did.
+    /// The reason why a trial failed, if one did.
     refused: Option<String>,
     /// The largest number of steps, if the budget ended the trials.
     most_steps: Option<u32>,
@@ -62,7 +64,7 @@ struct ImplicitSteps {
 
 impl ImplicitSteps {
     /// Tries `method` with ever shorter steps. Collective.
-    fn tried(
+    fn measure(
         task: &PanelTask<'_>,
         case: &Case,
         name: &'static str,
@@ -135,7 +137,7 @@ impl ImplicitSteps {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if the inflow depends on time, or no step could be tried. Errors of single
@@ -150,7 +152,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
     let all: Vec<ImplicitSteps> = implicit_propagators()
-        .map(|(name, method)| ImplicitSteps::tried(task, &case, name, method))
+        .map(|(name, method)| ImplicitSteps::measure(task, &case, name, method))
         .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
@@ -166,7 +168,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let verdicts: String = all.iter().map(ImplicitSteps::verdict).collect();
     let last =
         "Runs warn if the error of the step exceeds the tolerance, and name a step that meets it.";
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         borders: all.iter().flat_map(ImplicitSteps::borders).collect(),
         curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),

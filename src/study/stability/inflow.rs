@@ -13,7 +13,9 @@ use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes, growth};
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 
 /// Largest number of cells.
 const CELLS: usize = 4096;
@@ -28,16 +30,16 @@ fn over_rows(found: &Prepared, of: impl Fn(&AuxiliaryRow) -> f64) -> f64 {
 }
 
 /// The two factors of the loss.
-struct Loss {
-    /// `λ⁺T`.
+struct InflowLoss {
+    /// The exponent `λ⁺T` of the growth.
     exponent: f64,
-    /// A lower bound on it, from one row and its unknown.
+    /// A lower bound on `λ⁺T`, from one row and its unknown.
     least_exponent: f64,
-    /// `‖ũ(0)‖/‖f(T)‖`.
+    /// The ratio of norms `‖ũ(0)‖/‖f(T)‖`.
     ratio: f64,
 }
 
-impl Loss {
+impl InflowLoss {
     /// The loss of a matrix at time `end`. Collective.
     fn of(found: &mut Prepared, end: f64) -> Result<Self> {
         let ratio = found.probe();
@@ -65,7 +67,7 @@ struct LossCurves {
 }
 
 impl LossCurves {
-    fn push(&mut self, delta: f64, loss: &Loss, bound: f64) {
+    fn push(&mut self, delta: f64, loss: &InflowLoss, bound: f64) {
         let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
         self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
         self.state.push(point(loss.ratio, f64::NAN));
@@ -79,7 +81,7 @@ impl LossCurves {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
@@ -105,7 +107,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if largest == 0.0 {
         return Err(Error::input("the inflow is zero on this grid"));
     }
-    let chosen = Loss::of(&mut planned, case.duration())?.total();
+    let chosen = InflowLoss::of(&mut planned, case.duration())?.total();
     let (mut notes, mut curves) = (grid_notes(whole, &case), LossCurves::default());
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
         if task.is_over(&mut notes) {
@@ -114,11 +116,11 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
         let mut found = with(Delta::Given(delta))?;
         let bound = found.bounds.growth * case.duration();
-        curves.push(delta, &Loss::of(&mut found, case.duration())?, bound);
+        curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
     }
     let (measured, theory) = (curves.least(|p| p.measured), curves.least(|p| p.theory));
     let [at, best] = measured.map_or([f64::NAN; 2], |p| [p.x, p.measured]);
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         borders: vec![
             Border::new("delta of least loss", measured.map(|p| p.x), theory.map(|p| p.x)),

@@ -9,7 +9,9 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{Border, Curve, CurvePoint, Findings, PanelResult, PanelTask};
+use crate::study::stability::panel::{
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
+};
 use crate::study::stability::reading::{
     SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
 };
@@ -28,7 +30,7 @@ fn points(profile: &Gaussian, period: f64) -> usize {
 }
 
 /// The problem, its profile, and the intervals that are tried.
-struct Intervals {
+struct IntervalTrials {
     reference: ReferenceProblem,
     extent: SpectrumExtent,
     profile: Gaussian,
@@ -55,7 +57,7 @@ struct ShortestInterval {
     error: Option<f64>,
 }
 
-impl Intervals {
+impl IntervalTrials {
     fn new(task: &PanelTask<'_>, case: &Case) -> Result<Self> {
         let mut reference = ReferenceProblem::new(task.world, case)?;
         let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
@@ -153,7 +155,7 @@ impl IntervalErrors {
     }
 
     /// The text for a border that was not found.
-    fn unknown(&self) -> &'static str {
+    fn missing_text(&self) -> &'static str {
         match self.skipped == 0 && self.right.len() > LENGTHS as usize {
             true => "(not located: the error does not cross it)",
             false => "(not located within the budget)",
@@ -161,7 +163,7 @@ impl IntervalErrors {
     }
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
@@ -170,7 +172,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;
     let mut notes = grid_notes(task.case, &case);
-    let mut intervals = Intervals::new(task, &case)?;
+    let mut intervals = IntervalTrials::new(task, &case)?;
     let errors = intervals.errors(task)?;
     if errors.ended {
         notes.push("curves end where the budget did".to_owned());
@@ -190,7 +192,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let run = sampled(case.clone(), ratio);
     let tolerance = run.tolerance;
     let shortest = intervals.shortest(task, run)?;
-    let number = |x: Option<f64>| x.map_or(errors.unknown().to_owned(), |x| format!("{x:.2}"));
+    let number = |x: Option<f64>| x.map_or(errors.missing_text().to_owned(), |x| format!("{x:.2}"));
     let refused = match &shortest {
         Some(ShortestInterval { left_end, .. }) => format!(", here L above {left_end:.2}."),
         None => "; from which L on was not located.".to_owned(),
@@ -211,7 +213,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         Border::new("right end R: exp(-p) is cut off", right, right_theory),
         Border::new(accepted, shortest.and_then(|s| s.error), Some(tolerance)),
     ];
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         curves: vec![
             Curve::bounded("left end L", errors.left),

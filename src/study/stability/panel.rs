@@ -27,7 +27,7 @@ pub fn nothing_tried() -> Error {
 
 /// The contents of a panel. Its name, title and axes are in the table of panels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Findings {
+pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
     /// The curves.
@@ -41,10 +41,10 @@ pub struct Findings {
 }
 
 /// The contents of a panel, or why the case does not have it.
-pub type PanelResult = Result<Findings>;
+pub type PanelResult = Result<PanelContents>;
 
 impl PanelTask<'_> {
-    /// Whether the time of the panel is over; a note then says so. Collective.
+    /// Whether the time of the panel is over. If it is, a note is added. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
         let over = self.budget.is_over();
         if over {
@@ -93,7 +93,7 @@ pub struct Curve {
     pub bound: bool,
 }
 
-/// Where a method begins to fail.
+/// The value of the varied quantity at which a method begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
     /// Name of the border.
@@ -192,7 +192,7 @@ pub struct StabilityPanel {
     pub y: AxisScale,
     /// The contents of the panel.
     #[serde(flatten)]
-    pub findings: Findings,
+    pub findings: PanelContents,
 }
 
 /// Names of the panels.
@@ -222,7 +222,7 @@ pub enum PanelName {
 pub struct LeftOut {
     /// Name of the panel.
     pub name: PanelName,
-    /// Why.
+    /// The reason why the case does not have the panel.
     pub reason: String,
 }
 
@@ -243,6 +243,6 @@ pub struct Stability {
     pub panels: Vec<StabilityPanel>,
     /// The panels that the case does not have.
     pub left_out: Vec<LeftOut>,
-    /// Seconds it took.
+    /// Seconds that all panels took.
     pub seconds: f64,
 }

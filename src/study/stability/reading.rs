@@ -21,7 +21,7 @@ use crate::study::stability::cases::LANCZOS;
 use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
 
-/// The profile equals `e^{−p}` for `p ≥ 0` to within this.
+/// Largest difference of the profile from `e^{−p}` for `p ≥ 0`.
 pub const THRESHOLD: f64 = 1e-8;
 /// Width of the switch of the profile near `p = 0`.
 const SIGMA: f64 = 1.0;
@@ -29,14 +29,14 @@ const SIGMA: f64 = 1.0;
 /// The ends of the spectrum of `S`, times `T`.
 #[derive(Clone, Copy, Debug)]
 pub struct SpectrumExtent {
-    /// `λ⁺T`.
+    /// The largest eigenvalue `λ⁺` of `S`, times `T`.
     pub growth: f64,
-    /// `λ⁻T`.
+    /// Minus the smallest eigenvalue of `S`, `λ⁻`, times `T`.
     pub decay: f64,
 }
 
 impl SpectrumExtent {
-    /// Measured by Lanczos' method. Collective.
+    /// The ends of the spectrum, measured by Lanczos' method. Collective.
     ///
     /// # Errors
     /// As [`spectrum::of`].

@@ -8,7 +8,7 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
     SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
@@ -37,7 +37,7 @@ fn treatments(case: &Case, jumps: bool) -> Vec<(String, Case)> {
 }
 
 /// The readings with one treatment.
-struct Readings {
+struct TreatmentReadings {
     name: String,
     points: Vec<CurvePoint>,
     extent: SpectrumExtent,
@@ -47,8 +47,8 @@ struct Readings {
     threshold: f64,
 }
 
-impl Readings {
-    /// Where the plateau begins and ends, measured and by theory.
+impl TreatmentReadings {
+    /// The ends of the plateau, measured and by theory.
     fn ends(&self) -> [[Option<f64>; 2]; 2] {
         [|p: &CurvePoint| p.measured, |p: &CurvePoint| p.theory]
             .map(|of| plateau(&self.points, self.threshold, of))
@@ -90,7 +90,7 @@ fn read(
     name: String,
     case: &Case,
     notes: &mut Vec<String>,
-) -> Result<Option<Readings>> {
+) -> Result<Option<TreatmentReadings>> {
     let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
@@ -110,7 +110,7 @@ fn read(
         measured,
         theory: expected(&series, x, extent, ratio),
     };
-    Ok(Some(Readings {
+    Ok(Some(TreatmentReadings {
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
@@ -120,7 +120,7 @@ fn read(
     }))
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
@@ -129,7 +129,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;
     let mut notes = grid_notes(task.case, &coarse);
-    let mut all: Vec<Readings> = Vec::new();
+    let mut all: Vec<TreatmentReadings> = Vec::new();
     for (name, case) in treatments(&coarse, jumps) {
         if task.budget.is_over() {
             notes.push(format!("{name}: the budget is used up"));
@@ -140,10 +140,10 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if all.is_empty() {
         return Err(nothing_tried());
     }
-    let verdicts: String = all.iter().map(Readings::verdict).collect();
-    Ok(Findings {
+    let verdicts: String = all.iter().map(TreatmentReadings::verdict).collect();
+    Ok(PanelContents {
         shape: coarse.space.elements(),
-        borders: all.iter().flat_map(Readings::borders).collect(),
+        borders: all.iter().flat_map(TreatmentReadings::borders).collect(),
         curves: (all.into_iter())
             .map(|readings| Curve::bounded(readings.name, readings.points))
             .collect(),

@@ -175,7 +175,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::stability::panel::Findings;
+    use crate::study::stability::panel::PanelContents;
 
     /// A curve without a measured value is not in the legend.
     #[test]
@@ -188,7 +188,7 @@ mod tests {
             title: "steps",
             x: AxisScale::log("step"),
             y: AxisScale::log("error"),
-            findings: Findings {
+            findings: PanelContents {
                 shape: vec![4, 4],
                 curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
                 borders: Vec::new(),

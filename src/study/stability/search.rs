@@ -2,10 +2,10 @@
 
 use crate::base::bisect::bisect;
 
-/// The place of a border.
+/// The location of a border: the last number at which a condition holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Located {
-    /// The last number at which the condition holds.
+pub enum BorderLocation {
+    /// The condition holds up to this number.
     At(f64),
     /// The condition does not hold at the first number.
     Below(f64),
@@ -15,8 +15,8 @@ pub enum Located {
     Unknown,
 }
 
-impl Located {
-    /// The place, if it was located.
+impl BorderLocation {
+    /// The number, if the border was located.
     pub fn at(self) -> Option<f64> {
         match self {
             Self::At(x) => Some(x),
@@ -25,7 +25,7 @@ impl Located {
     }
 }
 
-impl std::fmt::Display for Located {
+impl std::fmt::Display for BorderLocation {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::At(x) => write!(out, "{x:.3}"),
@@ -44,20 +44,20 @@ pub fn last_holding(
     halvings: usize,
     is_over: impl Fn() -> bool,
     mut holds: impl FnMut(f64) -> bool,
-) -> Located {
+) -> BorderLocation {
     if is_over() {
-        return Located::Unknown;
+        return BorderLocation::Unknown;
     }
     if !holds(low) {
-        return Located::Below(low);
+        return BorderLocation::Below(low);
     }
     if holds(high) {
-        return Located::Beyond(high);
+        return BorderLocation::Beyond(high);
     }
     let mut over = false;
     let [low, high] = bisect(low, high, halvings, |middle| {
         over = over || is_over();
         over || holds(middle)
     });
-    if over { Located::Unknown } else { Located::At(0.5 * (low + high)) }
+    if over { BorderLocation::Unknown } else { BorderLocation::At(0.5 * (low + high)) }
 }

@@ -11,7 +11,7 @@ use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, Findings, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
 };
 use crate::study::trial::{Trial, plan_series, propagation};
 
@@ -34,13 +34,13 @@ struct ToleranceErrors {
     smallest: Option<f64>,
     /// Whether the budget did not hold smaller tolerances.
     too_long: bool,
-    /// Why the last plan or trial that failed did so.
+    /// The reason why the last plan or trial that failed did so.
     refused: Option<String>,
 }
 
 impl ToleranceErrors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
-    fn tried(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
+    fn measure(task: &PanelTask<'_>, name: &'static str, mut case: Case) -> Result<Self> {
         let mut found = Self { name, ..Self::default() };
         if task.budget.is_over() {
             found.too_long = true;
@@ -147,7 +147,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
     verdict
 }
 
-/// The panel. Collective.
+/// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`Bounds::new`]; errors of the trials are left out.
@@ -161,7 +161,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     for (name, profile) in &PROFILES {
         let mut case = case.clone();
         case.warp.profile = profile.clone();
-        all.push(ToleranceErrors::tried(task, name, case)?);
+        all.push(ToleranceErrors::measure(task, name, case)?);
     }
     let borders: Vec<Border> = all.iter().map(ToleranceErrors::border).collect();
     let verdict = verdict(&all, &borders);
@@ -173,7 +173,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     if curves.is_empty() {
         return Err(refused.map_or_else(nothing_tried, Error::Input));
     }
-    Ok(Findings {
+    Ok(PanelContents {
         shape: case.space.elements(),
         curves,
         borders,

@@ -20,9 +20,9 @@ const ENTRIES: [&str; 12] = [
 ];
 /// The largest number of characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
-/// Most characters of an error on the terminal, ...
+/// The largest number of characters of an error on the terminal.
 const LONGEST_ERROR: usize = 180;
-/// ... and most errors.
+/// The largest number of errors on the terminal.
 const MOST_ERRORS: usize = 10;
 /// First line of `table.tex`.
 const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a copy.";
@@ -38,11 +38,11 @@ pub struct SweepRow {
     pub values: Vec<Value>,
     /// Directory of the results of the run.
     pub directory: String,
-    /// Whether it ended, with or without an error.
+    /// Whether the run ended, with or without an error.
     pub ended: bool,
     /// `summary.json`; null where there is none, and on other ranks than the first.
     pub summary: Value,
-    /// The error of the run. Beside a summary it says that the results miss the requested accuracy.
+    /// The error of the run. If there is a summary, too, the results miss the requested accuracy.
     pub error: Option<String>,
 }
 

@@ -3,7 +3,7 @@
 use crate::dense::{case, noise};
 use faer::{Mat, Side};
 use num_complex::Complex64;
-use phasewarp::matrix::bounds::{Bounds, Interval};
+use phasewarp::matrix::bounds::{Bounds, SpectralInterval};
 use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
 use std::path::Path;
@@ -147,7 +147,7 @@ fn widest(name: &str, case: &Case) -> f64 {
     let ends = generator.ends(STEPS);
     let mut widest = 1.0f64;
     for (mu, [low, high]) in MUS.into_iter().zip(ends) {
-        let Interval { centre, half_width } = bounds.interval(mu);
+        let SpectralInterval { centre, half_width } = bounds.interval(mu);
         let slack = 1e-12 * half_width;
         let holds = centre - half_width - slack <= low && high <= centre + half_width + slack;
         assert!(holds, "{name}, mu = {mu}: [{low}, {high}] in {centre} +- {half_width}");

@@ -27,7 +27,7 @@ pub struct Deposit {
 pub struct Line {
     /// Number of its first box on its sheet.
     pub number: usize,
-    /// Its history (see [`Followed`](crate::problem::exact::Followed)).
+    /// History of the piece (see [`TracedPath`](crate::problem::exact::TracedPath)).
     pub history: u64,
     /// The branch's part of the density.
     pub density: f64,
