@@ -71,18 +71,24 @@ fn compare(
         let path = directory.join(name);
         match of_file(&path)? == *expected {
             true => Ok(()),
-            false => Err(failure(&path, &"is not as it was written (its checksum differs)")),
+            false => Err(changed(&path)),
         }
     };
     all.iter().try_for_each(differs)
 }
 
-/// How the file `name` of `directory` differs from the checksum that `summary.json` gives; `None` if
-/// it does not, or if there is no such checksum. By one process alone.
+/// The error that the file `name` of `directory` has another checksum than `summary.json` gives;
+/// `None` if it has not, if it cannot be read, or if there is no such checksum. By one process
+/// alone.
 pub(crate) fn damage(directory: &Path, name: &str) -> Option<Error> {
-    let all = of_summary(directory).ok()?;
-    let expected = FileChecksums::from([(name.to_owned(), *all.get(name)?)]);
-    compare(directory, &expected, of_file_alone).err()
+    let expected = of_summary(directory).ok()?.remove(name)?;
+    let path = directory.join(name);
+    (of_file_alone(&path).ok()? != expected).then(|| changed(&path))
+}
+
+/// The error that a file has another checksum than when it was written.
+fn changed(path: &Path) -> Error {
+    failure(path, &"is not as it was written (its checksum differs)")
 }
 
 /// The checksums that `summary.json` lists, of files that are all there; empty if there is no such

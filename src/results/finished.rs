@@ -160,12 +160,12 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
     let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
     let dataset = file.dataset("case")?;
-    readback::check_text("/case", &dataset)?;
     let overrides = text_attribute(&dataset, "overrides")?;
     let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
     if by != program || git != GIT {
         return Ok(Some(format!("it is by {by} (git {git}), this is {program} (git {GIT})")));
     }
+    readback::check_text("/case", &dataset)?;
     let Ok(found) = Case::parse(&case.name, &read_text(&dataset)?, &overrides) else {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
