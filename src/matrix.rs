@@ -27,4 +27,5 @@ pub mod rows;
 pub mod sampling;
 pub mod terms;
 pub mod vector;
+mod velocity_lines;
 pub mod weights;

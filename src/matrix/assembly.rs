@@ -19,6 +19,7 @@ use crate::matrix::alike::AlikeCells;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::rows::{MatrixEntry, Rows, RowsBuilder};
+use crate::matrix::velocity_lines::VelocityLines;
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
 use crate::problem::grid::PhaseSpace;
@@ -394,7 +395,9 @@ impl BlockMatrix {
         let inflow = inflow_rows(case, &scheme, &block, &alike, &mut row);
         let rows = rows_by_layers(case, &scheme, &block, &alike, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
+        let velocity_lines = VelocityLines::new(&case.space, &block, scheme.potential(), case.flux);
         let mut this = Self::new(block, rows, inflow);
+        this.velocity_lines = velocity_lines;
         this.by_elements = case.is_galerkin();
         this.first_axis_nodes = case.space.x[0].nodes.count();
         if !this.by_elements {

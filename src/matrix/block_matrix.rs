@@ -17,10 +17,11 @@ use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::rows::{MOST_NODES, RowLines, Rows};
 use crate::matrix::vector::Vector;
+use crate::matrix::velocity_lines::{NodeValue, ProductFactors, VelocityLines};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
 use num_complex::Complex64;
-use std::ops::Range;
+use std::ops::{Mul, Range};
 
 /// Number of rows whose products with a real vector are passed on while they are in the first
 /// cache.
@@ -72,6 +73,8 @@ pub struct BlockMatrix {
     pub(crate) by_elements: bool,
     /// Nodes of an element along the first space axis.
     pub(crate) first_axis_nodes: usize,
+    /// The lines along which forces act on elements, until rows are gathered.
+    pub(crate) velocity_lines: VelocityLines,
     /// Whether this rank's copy of the common unknown counts in sums. It is on the block with the
     /// lowest corner.
     pub(crate) counts_shared: bool,
@@ -102,6 +105,7 @@ impl BlockMatrix {
             summed_growth: 0.0,
             by_elements: false,
             first_axis_nodes: 1,
+            velocity_lines: VelocityLines::default(),
             inflow_rows: 0,
             uncoupled: 0.0,
             rows,
@@ -113,30 +117,35 @@ impl BlockMatrix {
         this
     }
 
-    /// Sorts the lines into runs that need ghosts and runs that do not.
+    /// Sorts the lines into runs that need ghosts and runs that do not. Elements of velocity lines
+    /// are not parted.
     fn find_border(&mut self) {
         let rows = self.rows();
-        let touches = |i: usize| self.rows.row(i).any(|(column, ..)| column >= rows);
+        let touches = |i: usize| self.rows.stored_row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
-        for line in 0..self.rows.line_count() {
-            let at_border = self.rows.lines().rows(line).any(touches);
+        let (count, unit) = (self.rows.line_count(), self.rows.velocity_lines().unit());
+        for first in (0..count).step_by(unit) {
+            let lines = first..count.min(first + unit);
+            let at_border = lines.clone().any(|line| self.rows.lines().rows(line).any(touches));
             let list = if at_border { &mut border } else { &mut interior };
             match list.last_mut() {
-                Some(last) if last.end == line => last.end = line + 1,
-                _ => list.push(line..line + 1),
+                Some(last) if last.end == lines.start => last.end = lines.end,
+                _ => list.push(lines),
             }
         }
         (self.interior, self.border) = (interior, border);
     }
 
-    /// Gathers the rows of elements into lines of nodes along the first space axis, for the
-    /// kernels. The rows must not be changed afterwards.
+    /// Gathers the rows of elements into lines of nodes along the first space axis, and takes the
+    /// couplings along velocity axes out of them, for the kernels. The rows must be those of the
+    /// unknowns weighted by volumes, and must not be changed afterwards.
     pub fn gather_elements(&mut self) {
         let nodes = self.first_axis_nodes;
         if nodes > 1 {
             let cells = self.block.cells();
             let stride = cells / self.block.ranges[0].len();
-            self.rows = self.rows.gathered(RowLines { nodes, stride, cells });
+            let velocity_lines = std::mem::take(&mut self.velocity_lines);
+            self.rows = self.rows.gathered(RowLines { nodes, stride, cells }, velocity_lines);
             self.find_border();
         }
         self.bundle();
@@ -238,7 +247,13 @@ impl BlockMatrix {
     }
 
     /// The products of lines with a real vector.
-    fn apply_rows(&self, lines: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
+    pub(crate) fn apply_rows(
+        &self,
+        lines: &[Range<usize>],
+        operator: Operator,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
         InstructionSet::here().run(RowProducts { matrix: self, lines, operator, y, x });
     }
 
@@ -249,6 +264,31 @@ impl BlockMatrix {
             Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
             Operator::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
             Operator::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
+        }
+        let k = match operator {
+            Operator::Generator => 1.0,
+            Operator::Transpose => -1.0,
+            Operator::Symmetric => 0.0,
+        };
+        for run in rows {
+            self.add_velocity_lines(run, ProductFactors { s: 1.0, k }, y, x);
+        }
+    }
+
+    /// Adds the products along velocity axes in some lines.
+    #[inline(always)]
+    fn add_velocity_lines<T: NodeValue + Mul<Output = T>>(
+        &self,
+        lines: &Range<usize>,
+        factors: ProductFactors<T>,
+        y: &mut [T],
+        x: &[T],
+    ) {
+        let (of_rows, of_cells) = (self.rows.lines(), self.rows.lines().of_cells());
+        let of_cells = lines.start.min(of_cells)..lines.end.min(of_cells);
+        let velocity_lines = self.rows.velocity_lines();
+        if !velocity_lines.is_empty() {
+            velocity_lines.add_products(of_rows, of_cells, factors, y, x);
         }
     }
 
@@ -477,11 +517,13 @@ impl BlockMatrix {
             let lines = self.rows.lines();
             for i in runs.iter().cloned().flatten().flat_map(|line| lines.rows(line)) {
                 let mut sum = Complex64::ZERO;
-                for (j, s, k) in self.rows.row(i) {
+                for (j, s, k) in self.rows.stored_row(i) {
                     sum += Complex64::new(k, -mu * s) * x[j];
                 }
                 y[i] = sum;
             }
+            let factors = ProductFactors { s: Complex64::new(0.0, -mu), k: 1.0 };
+            runs.iter().for_each(|run| self.add_velocity_lines(run, factors, y, x));
         };
         exchange.start(&x[..rows]);
         apply(&self.interior, y, x);

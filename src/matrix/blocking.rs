@@ -34,6 +34,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::rows::RowLines;
 use crate::parallel::communicator::GhostExchange;
+use crate::parallel::partition::split;
 use std::ops::Range;
 
 /// Most steps in one pass.
@@ -343,11 +344,13 @@ fn for_each_in_strips(sizes: &[usize], width: usize, mut visit: impl FnMut(usize
 }
 
 /// The tiles: `parts` nearly equal ranges of velocities at each cell, or at an element's nodes
-/// along the first axis.
+/// along the first axis. Elements of velocity lines are not parted.
 struct Tiling {
     lines: RowLines,
     parts: usize,
     velocities: usize,
+    /// Velocities that are in one tile.
+    unit: usize,
     tiles: Vec<Tile>,
     /// The auxiliary unknowns of each tile.
     auxiliaries: Vec<Range<u32>>,
@@ -358,11 +361,13 @@ impl Tiling {
         let velocities = matrix.block.velocity_cells;
         let lines = *matrix.stored().lines();
         let cells = matrix.block.space_cells() / lines.nodes;
-        let parts = parts.clamp(1, velocities);
+        let unit = matrix.stored().velocity_lines().unit();
+        let parts = parts.clamp(1, velocities / unit);
         let mut this = Self {
             lines,
             parts,
             velocities,
+            unit,
             tiles: Vec::with_capacity(cells * parts),
             auxiliaries: Vec::new(),
         };
@@ -370,7 +375,8 @@ impl Tiling {
         let below = |row: usize| matrix.inflow.partition_point(|aux| (aux.row as usize) < row);
         for cell in 0..cells {
             for part in 0..parts {
-                let range = crate::parallel::partition::split(&(0..velocities), parts, part);
+                let Range { start, end } = split(&(0..velocities / unit), parts, part);
+                let range = start * unit..end * unit;
                 let first = this.auxiliaries.len() as u32;
                 for row in matrix.stored().lines().rows_of_cells(cell * velocities + range.start) {
                     let [from, to] = [row, row + range.len()].map(|row| below(row) as u32);
@@ -400,7 +406,7 @@ impl Tiling {
         let (line, _) = self.lines.line_and_node(row);
         let (cell, v) = (line / self.velocities, line % self.velocities);
         // The ranges of `split`.
-        cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
+        cell * self.parts + ((v / self.unit + 1) * self.parts - 1) / (self.velocities / self.unit)
     }
 
     /// The tiles to which each tile is coupled by an entry.

@@ -38,11 +38,11 @@ impl StartRow for f64 {
 
 /// The constants of a step, in registers.
 #[derive(Clone, Copy)]
-struct KernelConstants<V> {
-    scale: V,
+pub(crate) struct KernelConstants<V> {
+    pub scale: V,
     shift: V,
     minus_shift: V,
-    wavenumber: V,
+    pub wavenumber: V,
     minus_wavenumber: V,
     coefficient: V,
 }
@@ -263,7 +263,17 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     let gathered = lines.start.min(end)..lines.end.min(end);
     let single = lines.start.max(end)..lines.end.max(end);
     let mut vectors = Vectors { y, x, start };
-    step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &constants, &mut vectors);
+    let velocity_lines = matrix.velocity_lines();
+    if velocity_lines.is_empty() {
+        step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &constants, &mut vectors);
+    } else {
+        for piece in velocity_lines.pieces(matrix.lines(), gathered) {
+            let Vectors { y, x, .. } = &mut vectors;
+            let lines = matrix.lines();
+            velocity_lines.step::<V, ROWS, WHOLE>(lines, piece.clone(), &constants, y, x);
+            step_nodes::<V, ROWS, WHOLE, R>(matrix, piece, &constants, &mut vectors);
+        }
+    }
     step_rows::<V, R>(matrix, single, &constants, &mut vectors);
 }
 
@@ -417,6 +427,7 @@ mod tests {
     use super::*;
     use crate::matrix::lanes::LANES;
     use crate::matrix::rows::{MatrixEntry, RowLines, RowsBuilder};
+    use crate::matrix::velocity_lines::VelocityLines;
 
     /// Reproducible numbers between −1 and 1.
     fn noise(number: usize) -> f64 {
@@ -464,7 +475,7 @@ mod tests {
         let single = builder.finish();
         let matrix = match nodes {
             1 => single,
-            _ => single.gathered(RowLines { nodes, stride, cells }),
+            _ => single.gathered(RowLines { nodes, stride, cells }, VelocityLines::default()),
         };
         let x: Vec<Lanes> = (0..rows + ghosts).map(lanes).collect();
         let before: Vec<Lanes> = (0..rows).map(|i| lanes(1000 + i)).collect();

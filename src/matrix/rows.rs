@@ -7,8 +7,10 @@
 //!
 //! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the first
 //! space axis form a line, whose couplings to each other are a dense block of `K`. A kernel reads
-//! the nodes of a line once for all of its rows.
+//! the nodes of a line once for all of its rows. Couplings along velocity axes are those of
+//! [`VelocityLines`] and are not stored.
 
+use crate::matrix::velocity_lines::VelocityLines;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -35,6 +37,8 @@ pub struct Rows {
     distances: Vec<u32>,
     /// `[s, k]`.
     values: Vec<[f64; 2]>,
+    /// Couplings along velocity axes, in addition to the entries.
+    velocity_lines: VelocityLines,
     /// Every column is below this.
     reach: usize,
 }
@@ -153,12 +157,36 @@ impl Rows {
     /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         let entries = 20 * self.distances.len() + 8 * self.dense.len();
-        4 * self.template.len() + 8 * self.offsets.len() + entries
+        let stored = 4 * self.template.len() + 8 * self.offsets.len() + entries;
+        stored + self.velocity_lines.bytes()
     }
 
-    /// The entries of row `i`: those of the nodes of its line, then the others in the given order.
+    /// The couplings along velocity axes.
     #[inline(always)]
+    pub(crate) fn velocity_lines(&self) -> &VelocityLines {
+        &self.velocity_lines
+    }
+
+    /// The entries of row `i`: those of the nodes of its line, the others in the given order, then
+    /// those along velocity axes.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        let mut along_velocities = self.velocity_lines.entries(i);
+        if !along_velocities.is_empty() {
+            for (column, s, k) in self.stored_row(i) {
+                let same = along_velocities.iter_mut().find(|entry| entry.0 as usize == column);
+                if let Some((_, sum_s, sum_k)) = same {
+                    (*sum_s, *sum_k) = (*sum_s + s, *sum_k + k);
+                }
+            }
+        }
+        let apart = move |entry: &(usize, f64, f64)| !self.velocity_lines.couples(i, entry.0);
+        let along_velocities = along_velocities.into_iter().map(|(j, s, k)| (j as usize, s, k));
+        self.stored_row(i).filter(apart).chain(along_velocities)
+    }
+
+    /// The same without those along velocity axes.
+    #[inline(always)]
+    pub(crate) fn stored_row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let (line, node) = self.lines.line_and_node(i);
         let template = self.template[line] as usize + node;
         let first = i - node * self.lines.stride;
@@ -218,7 +246,8 @@ impl Rows {
             let rows = self.lines.rows(line).enumerate();
             rows.map(|(m, i)| of_row(self.template(line) + m, i)).sum::<usize>()
         };
-        (0..self.line_count()).map(of_line).sum()
+        let along_velocities = self.velocity_lines.multiply_adds();
+        (0..self.line_count()).map(of_line).sum::<usize>() + along_velocities
     }
 
     /// The rows with entries changed by `change(row, entries)`. For `plain` rows the change depends
@@ -251,10 +280,16 @@ impl Rows {
         builder.finish()
     }
 
-    /// Rows that are not gathered yet, gathered into `lines`. Couplings between the nodes of a line
-    /// whose `s` is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an
-    /// element is skew but for its ends.
-    pub(crate) fn gathered(&self, lines: RowLines) -> Self {
+    /// Rows that are not gathered yet, gathered into `lines`, with the couplings of
+    /// `velocity_lines` taken out of their entries. Couplings between the nodes of a line whose `s`
+    /// is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element
+    /// is skew but for its ends.
+    pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
+        if !velocity_lines.is_empty() {
+            let unforced = |i: usize| velocity_lines.forced_at(i).next().is_none();
+            let apart = self.changed(unforced, |i, entries| velocity_lines.take_from(i, entries));
+            return Self { velocity_lines, ..apart.gathered(lines, VelocityLines::default()) };
+        }
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
         let mut gathered = Self {
             lines,
@@ -263,6 +298,7 @@ impl Rows {
             offsets: vec![0],
             distances: Vec::new(),
             values: Vec::new(),
+            velocity_lines,
             reach: self.reach,
         };
         // Lines are equal if the templates of their rows are.
@@ -347,6 +383,7 @@ impl RowsBuilder {
                 offsets: vec![0],
                 distances: Vec::new(),
                 values: Vec::new(),
+                velocity_lines: VelocityLines::default(),
                 reach: 0,
             },
             seen: HashMap::default(),
@@ -457,7 +494,8 @@ mod tests {
             vec![vec![(0, -1e-6, 0.0), (1, 1e-6, -0.5)], vec![(0, 1e-6, 0.5), (1, 0.0, -2.0)]];
         let mut builder = RowsBuilder::with_capacity(list.len());
         list.iter().for_each(|row| builder.push(row));
-        let rows = builder.finish().gathered(RowLines { nodes: 2, stride: 1, cells: 2 });
+        let lines = RowLines { nodes: 2, stride: 1, cells: 2 };
+        let rows = builder.finish().gathered(lines, VelocityLines::default());
         for (i, expected) in list.iter().enumerate() {
             let mut found: Vec<MatrixEntry> =
                 rows.row(i).map(|(c, s, k)| (c as u32, s, k)).collect();
