@@ -34,10 +34,11 @@ use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::method::{PropagatorSetting, RunWork};
 use crate::propagate::{PropagationSpan, descriptor};
+use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
-use crate::schrodingerization::warp_plan::{PropagatedModes, WarpPlan};
+use crate::schrodingerization::warp_plan::{PropagatedModes, WarpPlan, refuse_too_long};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -112,10 +113,26 @@ impl ProvisionalPlan {
 /// Bounds on the generator of a case that may fit into `resources`.
 ///
 /// # Errors
-/// [`Error::Memory`] before anything is computed if no layout fits; as [`Bounds::new`].
+/// Before `V` is evaluated: [`Error::Memory`] if no layout fits, [`Error::TooLong`] if transport
+/// alone makes the run too long; as [`Bounds::new`].
 pub fn bounds_if_it_fits(case: &Case, resources: &Resources) -> Result<Bounds> {
     refuse_too_large(case, resources)?;
+    refuse_long_transport(case)?;
     Bounds::new(case)
+}
+
+/// Refuses a run by modes that is too long whatever `V` is. The rate of elements is not known
+/// without `V`.
+///
+/// # Errors
+/// [`Error::TooLong`].
+pub fn refuse_long_transport(case: &Case) -> Result<()> {
+    match case.method {
+        Method::Schrodingerized if !case.is_galerkin() => {
+            refuse_too_long(case, transport_rate(&case.space))
+        }
+        _ => Ok(()),
+    }
 }
 
 impl Plan {

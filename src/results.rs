@@ -86,7 +86,9 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
                 return Err(std::io::Error::other(what));
             }
             // Partial files of a killed run would take room.
-            disk::clear(&disk::partial(&path))?;
+            disk::clear(&disk::partial(&path)).map_err(|e| {
+                std::io::Error::other(format!("{name}.partial in it cannot be removed: {e}"))
+            })?;
         }
         Ok(())
     };

@@ -52,13 +52,15 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 /// [`Error::Output`].
 pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
     let partial = partial(path);
-    let written = clear(&partial).and_then(|()| {
+    clear(&partial).map_err(|e| failure(&partial, &e))?;
+    let write = || {
         // `create_new` neither follows nor overwrites what someone else puts there.
         let mut file = File::create_new(&partial)?;
         fill(&mut file)?;
         file.sync_all()?;
         std::fs::rename(&partial, path)
-    });
+    };
+    let written = write();
     if written.is_err() {
         let _ = clear(&partial);
     }
@@ -104,8 +106,17 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// # Errors
 /// Of the file system, or that it is no file.
 pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
+    require_file(path)?;
+    File::open(path)
+}
+
+/// Refuses what is no regular file, nor a link to one: a directory, a pipe, a device.
+///
+/// # Errors
+/// Of the file system, or that it is no file.
+pub(crate) fn require_file(path: &Path) -> io::Result<()> {
     match std::fs::metadata(path)?.is_file() {
-        true => File::open(path),
+        true => Ok(()),
         false => Err(io::Error::other("is no file")),
     }
 }

@@ -67,11 +67,15 @@ impl Drop for DirectoryLock {
     }
 }
 
-/// Opens the file, which is made where there is none; no link is followed.
+/// Opens the file, which is made where there is none; no link is followed, and a pipe is refused.
 fn open(path: &Path) -> std::io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
-    options.custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)
+    let file = options.custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK).open(path)?;
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(std::io::Error::other(format!("{NAME} in it is no file"))),
+    }
 }
 
 /// Whether `path` still names the open `file`.

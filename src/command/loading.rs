@@ -9,6 +9,7 @@ use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
 use crate::run::planning;
+use crate::solve::checkpoint::store;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -102,7 +103,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         Error::Input(format!("--continue {}: {what}", directory.display()))
     };
     let stored = untrusted::open(directory)?;
-    if directory.join("checkpoint").exists() {
+    if store::is_begun(&directory.join("checkpoint")) {
         return Err(wrong(&"a run there is not finished; --resume finishes it"));
     }
     stored.summary.as_ref().map_err(|e| wrong(e))?;

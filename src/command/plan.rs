@@ -9,10 +9,10 @@ use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
-use crate::plan::Plan;
 use crate::plan::advice::{Advice, MachineNode};
 use crate::plan::here::{announce_slow_steps, memory_per_rank};
 use crate::plan::layout::Resources;
+use crate::plan::{Plan, refuse_long_transport};
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
 use crate::study::calibrate::{Calibration, calibrate};
@@ -37,7 +37,9 @@ struct PlanJson<'a> {
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
-    announce_slow_steps(world, &case);
+    if refuse_long_transport(&case).is_ok() {
+        announce_slow_steps(world, &case);
+    }
     let ranks = match &args.ranks {
         Some(RankNumbers::Many(numbers)) => {
             let needs = on_many(world, args, &case, numbers)?;

@@ -43,7 +43,7 @@ fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
 /// # Errors
 /// [`Error::Output`], the same on all ranks, which names the first file that has changed.
 pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
-    let expected = world.on_first_rank(|| of_summary(directory))?;
+    let expected = world.on_first_rank(|| of_all(directory))?;
     let expected = world.broadcast_text(&serde_json::to_string(&expected).unwrap_or_default());
     let expected: FileChecksums = serde_json::from_str(&expected).unwrap_or_default();
     compare(directory, &expected, |path| of_file(world, path))?;
@@ -55,8 +55,11 @@ pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
 /// # Errors
 /// As [`check`].
 pub fn check_alone(directory: &Path) -> Result<()> {
-    let of_file = |path: &Path| checksum::of_file(path, 0, 1).map_err(|e| failure(path, &e));
-    compare(directory, &of_summary(directory)?, of_file)
+    compare(directory, &of_all(directory)?, of_file_alone)
+}
+
+fn of_file_alone(path: &Path) -> Result<FileChecksum> {
+    checksum::of_file(path, 0, 1).map_err(|e| failure(path, &e))
 }
 
 fn compare(
@@ -68,24 +71,30 @@ fn compare(
         let path = directory.join(name);
         match of_file(&path)? == *expected {
             true => Ok(()),
-            false => Err(failure(&path, &"is not as it was written (its checksum differs)")),
+            false => Err(changed(&path)),
         }
     };
     all.iter().try_for_each(differs)
 }
 
-/// The checksums that `summary.json` lists; empty if there is no such file, or if an older version
-/// wrote it.
-fn of_summary(directory: &Path) -> Result<FileChecksums> {
-    let path = directory.join(summary::NAME);
-    if !path.exists() {
-        return Ok(FileChecksums::new());
-    }
-    let expected = match &summary::read(directory)?["files"] {
-        Value::Null => FileChecksums::new(),
-        files => FileChecksums::deserialize(files)
-            .map_err(|_| failure(&path, &"is not as it was written"))?,
-    };
+/// The error that the file `name` of `directory` has another checksum than `summary.json` gives;
+/// `None` if it has not, if it cannot be read, or if there is no such checksum. By one process
+/// alone.
+pub(crate) fn damage(directory: &Path, name: &str) -> Option<Error> {
+    let expected = of_summary(directory).ok()?.remove(name)?;
+    let path = directory.join(name);
+    (of_file_alone(&path).ok()? != expected).then(|| changed(&path))
+}
+
+/// The error that a file has another checksum than when it was written.
+fn changed(path: &Path) -> Error {
+    failure(path, &"is not as it was written (its checksum differs)")
+}
+
+/// The checksums that `summary.json` lists, of files that are all there; empty if there is no such
+/// file, or if an older version wrote it.
+fn of_all(directory: &Path) -> Result<FileChecksums> {
+    let expected = of_summary(directory)?;
     let sound = |name: &String| {
         let path = directory.join(name);
         match name.contains('/') || !path.is_file() {
@@ -94,6 +103,18 @@ fn of_summary(directory: &Path) -> Result<FileChecksums> {
         }
     };
     expected.keys().try_for_each(sound).map(|()| expected)
+}
+
+fn of_summary(directory: &Path) -> Result<FileChecksums> {
+    let path = directory.join(summary::NAME);
+    if !path.exists() {
+        return Ok(FileChecksums::new());
+    }
+    match &summary::read(directory)?["files"] {
+        Value::Null => Ok(FileChecksums::new()),
+        files => FileChecksums::deserialize(files)
+            .map_err(|_| failure(&path, &"is not as it was written")),
+    }
 }
 
 /// The error that `summary.json` does not list the file `name`, which it should.

@@ -7,10 +7,11 @@ use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
 use crate::results::dataset::RESULT;
-use crate::results::readback::{read_text, text_attribute};
+use crate::results::readback::{self, read_text, text_attribute};
 use crate::results::untrusted::{self, Inspection};
 use crate::results::writer::Hdf5Result;
-use crate::results::{file_checksums, grids, pictures, report, warped, xdmf};
+use crate::results::{file_checksums, file_names, grids, pictures, report, summary, warped, xdmf};
+use crate::solve::checkpoint::store;
 use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
@@ -20,27 +21,27 @@ const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
 
 /// Whether `directory` holds the complete results of `case` by this program, written after the
 /// files that the case reads. The interval of checkpoints does not matter. Every dataset is
-/// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
+/// compared with its checksum, and every file with that in `summary.json`; the dates of the results
+/// do not matter. Collective over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks, if the results are those of `case`
 /// but a file is damaged.
 pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool> {
     // One rank reads the file without MPI.
-    let same = world.rank() == 0
-        && is_whole(directory, case)
-        && matches!(difference(directory, case), Ok(None));
-    if world.max_count(usize::from(same)) == 0 {
+    let looks_finished = world.on_first_rank(|| looks_finished(directory, case))?;
+    if world.max_count(usize::from(looks_finished)) == 0 {
         return Ok(false);
     }
-    for name in [RESULT].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
+    let fields = warped::names(case);
+    for name in [RESULT].into_iter().chain(fields.iter().map(String::as_str)) {
         untrusted::check(world, &directory.join(name))?;
     }
     // Only files that the run would write; others may be in the directory.
     let listed = file_checksums::check(world, directory)?;
     let written = |name: &&str| case_writes(case, name);
     let texts = [RESULT, xdmf::NAME, "readout.csv"].into_iter().filter(written);
-    let mut names = texts.map(str::to_owned).chain(grids::names_of(case));
+    let mut names = texts.map(str::to_owned).chain(grids::names_of(case)).chain(fields);
     match names.find(|name| !listed.contains_key(name)) {
         Some(name) => Err(file_checksums::not_listed(directory, &name)),
         None => Ok(true),
@@ -56,22 +57,39 @@ fn case_writes(case: &Case, name: &str) -> bool {
     }
 }
 
-/// Whether all files exist, the summary is the newest, and there is no checkpoint to continue from.
-fn is_whole(directory: &Path, case: &Case) -> bool {
-    let written = |name: &str| modified(&directory.join(name));
-    let (Some(result), Some(summary)) = (written(RESULT), written("summary.json")) else {
-        return false;
-    };
+/// Whether the run of `case` in `directory` came to its end, as far as names, dates of given files
+/// and the description of `result.h5` say it.
+///
+/// # Errors
+/// [`Error::Output`] if `result.h5` is damaged.
+fn looks_finished(directory: &Path, case: &Case) -> Result<bool> {
+    let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+    let ended = there(summary::NAME) && no_file(directory, case).is_none();
+    if !ended || is_begun(directory) || !is_later_than_given(directory, case) {
+        return Ok(false);
+    }
+    match Found::new(directory, case) {
+        Found::Same => Ok(true),
+        Found::Damaged(Damage { error, of_this_case: true }) => Err(error),
+        Found::Damaged(_) | Found::Other(_) | Found::Foreign => Ok(false),
+    }
+}
+
+/// Whether `result.h5` is there and was written after all files that the case reads.
+fn is_later_than_given(directory: &Path, case: &Case) -> bool {
+    let Some(result) = modified(&directory.join(RESULT)) else { return false };
     let given = [
         case.start.as_ref().map(|start| &start.path),
         case.start_field.as_ref().map(|start| &start.path),
     ];
     let tables = case.tables.iter().map(|file| &file.path);
     let mut given = given.into_iter().flatten().chain(tables);
-    let older = given.all(|path| modified(path).is_some_and(|start| start < result));
-    let fields = warped::names(case);
-    let stopped = directory.join("checkpoint").exists();
-    !stopped && summary >= result && older && fields.iter().all(|name| written(name).is_some())
+    given.all(|path| modified(path).is_some_and(|start| start < result))
+}
+
+/// Whether there is a checkpoint to continue from.
+fn is_begun(directory: &Path) -> bool {
+    store::is_begun(&directory.join("checkpoint"))
 }
 
 /// The time at which a file was written; `None` if there is no such file.
@@ -80,8 +98,61 @@ fn modified(path: &Path) -> Option<SystemTime> {
     found.and_then(|found| found.modified().ok())
 }
 
+/// The first name of a file of the run in whose place there is something else: a pipe, a device, a
+/// directory, a link that leads to none.
+fn no_file(directory: &Path, case: &Case) -> Option<String> {
+    let is_other = |name: &String| {
+        let path = directory.join(name);
+        std::fs::symlink_metadata(&path).is_ok() && disk::require_file(&path).is_err()
+    };
+    file_names(case).into_iter().chain([summary::NAME.to_owned()]).find(is_other)
+}
+
+/// What the file `result.h5` in a directory is to a case.
+enum Found {
+    /// The result of this case by this program.
+    Same,
+    /// Another result; the text says how it differs.
+    Other(String),
+    /// A file that is not as this program wrote it.
+    Damaged(Damage),
+    /// A file of others.
+    Foreign,
+}
+
+/// How a result is damaged.
+struct Damage {
+    error: Error,
+    /// Whether it was the result of the case, as far as its summary says.
+    of_this_case: bool,
+}
+
+impl Found {
+    fn new(directory: &Path, case: &Case) -> Self {
+        match difference(directory, case) {
+            Ok(None) => Self::Same,
+            Ok(Some(what)) => Self::Other(what),
+            // A file that cannot be read is ours if its checksum is known.
+            Err(_) => match file_checksums::damage(directory, RESULT) {
+                Some(error) => {
+                    Self::Damaged(Damage { error, of_this_case: is_of(directory, case) })
+                }
+                None => Self::Foreign,
+            },
+        }
+    }
+}
+
+/// Whether the summary in `directory` may be that of `case`: it has its title.
+fn is_of(directory: &Path, case: &Case) -> bool {
+    summary::read(directory).is_ok_and(|found| found["title"].as_str() == Some(&*case.title))
+}
+
 /// A text that says how the case or the program of `result.h5` differs from `case` or this program;
 /// `None` if they do not differ.
+///
+/// # Errors
+/// If it cannot be read, is not this program's, or if its case is not as it was written.
 fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Description).map_err(hdf5::Error::from)?;
@@ -94,6 +165,7 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     if by != program || git != GIT {
         return Ok(Some(format!("it is by {by} (git {git}), this is {program} (git {GIT})")));
     }
+    readback::check_text("/case", &dataset)?;
     let Ok(found) = Case::parse(&case.name, &read_text(&dataset)?, &overrides) else {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
@@ -101,7 +173,7 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
 }
 
 /// Refuses to replace files in `directory`: results of a finished run, and files with names of
-/// results that no run wrote. A run with `resume` may replace results of the same case, as they are
+/// results that no run wrote or that are no files. A run with `resume` may replace results of the same case, as they are
 /// damaged if they are not finished. If there is a checkpoint, it may replace any results.
 /// Collective over `world`.
 ///
@@ -118,17 +190,33 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";
+    if let Some(name) = no_file(directory, case) {
+        return Some(match directory.join(&name).is_dir() {
+            true => format!("{name} in it is a directory; -o gives another directory"),
+            false => format!("{name} in it is no file; {instead}"),
+        });
+    }
     if there(&RESULT) {
-        let goes_on = resume && directory.join("checkpoint").is_dir();
-        return match difference(directory, case) {
-            Ok(_) if goes_on => None,
-            Ok(None) if resume => None,
-            Ok(None) => Some(format!(
+        let found = Found::new(directory, case);
+        let goes_on = resume && !matches!(found, Found::Foreign) && is_begun(directory);
+        return match found {
+            _ if goes_on => None,
+            Found::Same | Found::Damaged(Damage { of_this_case: true, .. }) if resume => None,
+            Found::Same => Some(format!(
                 "it holds the result of this case; --resume keeps it if it is finished and \
                  undamaged, {instead}"
             )),
-            Ok(Some(what)) => Some(format!("it holds another result: {what}; {instead}")),
-            Err(_) => Some(format!("it holds a result.h5 that is not phasewarp's; {instead}")),
+            Found::Damaged(Damage { error, of_this_case: true }) => {
+                let again = "--resume computes it anew";
+                Some(format!("it holds a damaged result: {error}; {again}, {instead}"))
+            }
+            Found::Damaged(Damage { error, .. }) => {
+                Some(format!("it holds a damaged result of another case: {error}; {instead}"))
+            }
+            Found::Other(what) => Some(format!("it holds another result: {what}; {instead}")),
+            Found::Foreign => {
+                Some(format!("it holds a result.h5 that is not phasewarp's; {instead}"))
+            }
         };
     }
     // Warped fields may be there without a result.h5: a stopped run leaves those that it finished.

@@ -209,6 +209,16 @@ pub(crate) fn sum_of(
     Ok(sum)
 }
 
+/// Checks that the text of a dataset has the checksum that is stored with it.
+pub(crate) fn check_text(name: &str, dataset: &Dataset) -> Hdf5Result<()> {
+    let expected: u64 = dataset.attr(CHECKSUM)?.read_scalar()?;
+    let whole = FileShare { rank: 0, ranks: 1 };
+    match sum_of(whole, dataset, |_| Ok(()))? == expected {
+        true => Ok(()),
+        false => Err(error(differs(name))),
+    }
+}
+
 /// An attribute that [`crate::results::writer::text`] made.
 pub(crate) fn text_attribute(at: &Location, name: &str) -> Hdf5Result<String> {
     let text: VarLenUnicode = at.attr(name)?.read_scalar()?;

@@ -12,6 +12,7 @@ pub mod times;
 pub mod trust;
 
 use crate::base::checksum;
+use crate::base::disk::open_regular;
 use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, percent, short};
 use crate::results::ledger::{BoxEnd, Ledger};
@@ -25,7 +26,6 @@ use crate::results::summary::{Accuracy, ContinuedResult};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -220,7 +220,7 @@ impl Report<'_> {
             return Ok(());
         }
         let mut head = Vec::new();
-        let read = File::open(&path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
+        let read = open_regular(&path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
         let head = read.map(|_| String::from_utf8_lossy(&head).into_owned()).unwrap_or_default();
         let what = match head.contains(&format!("name=\"{OWNER}\"")) {
             true if head.contains(&format!("content=\"{}\"", self.owner())) => return Ok(()),

@@ -10,7 +10,7 @@
 //! A program that merely uses the library has no such subprocess: it reads files in its own
 //! process.
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
@@ -22,6 +22,7 @@ use crate::results::readback::{
 };
 use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
+use crate::solve::checkpoint::store;
 use hdf5::{Dataset, File};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -106,11 +107,21 @@ pub fn serve() -> Option<i32> {
     machine::leave(0)
 }
 
-/// Inspects the file `path`, or for [`Inspection::Directory`] that of a directory.
+/// The file that an inspection of `path` reads.
+fn inspected(path: &Path, inspection: &Inspection) -> PathBuf {
+    match inspection {
+        Inspection::Directory => path.join(RESULT),
+        _ => path.to_owned(),
+    }
+}
+
+/// Inspects the file `path`, or for [`Inspection::Directory`] that of a directory. A pipe is
+/// refused, as opening it may wait for ever.
 ///
 /// # Errors
 /// A sentence that says what is wrong with the file.
 pub(crate) fn inspect(path: &Path, inspection: Inspection) -> InspectionResult {
+    disk::require_file(&inspected(path, &inspection)).map_err(|e| e.to_string())?;
     if ROLE.get() != Some(&ProcessRole::Parent) {
         return inspect_here(path, inspection);
     }
@@ -178,10 +189,7 @@ fn progress(bytes: u64) {
 
 fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
     let reason = |e: hdf5::Error| e.to_string();
-    let file = match inspection {
-        Inspection::Directory => path.join(RESULT),
-        _ => path.to_owned(),
-    };
+    let file = inspected(path, &inspection);
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
     let open_file = || -> FileResult<File> {
         let file = File::open(&file);
@@ -331,11 +339,7 @@ fn check_dataset(file: &File, bytes: u64, name: &str) -> std::result::Result<Opt
 /// # Errors
 /// A sentence that says what is wrong with it.
 pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File> {
-    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
-    if !found.is_file() {
-        return Err("is no file".to_owned());
-    }
-    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    disk::open_regular(path).map_err(|e| e.to_string())?;
     inspect(path, inspection)?;
     // HDF5's own message lists every function that the error passed.
     File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?".to_owned())
@@ -355,16 +359,11 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
             path.display()
         ))
     };
-    if !path.exists() && directory.join("checkpoint").is_dir() {
+    if !path.exists() && store::is_begun(&directory.join("checkpoint")) {
         return Err(Error::Input(format!(
             "{}: the run was stopped and is not finished; with --resume it goes on",
             directory.display()
         )));
-    }
-    match std::fs::metadata(&path) {
-        Ok(found) if found.is_file() => {}
-        Ok(_) => return Err(wrong(&"is no file")),
-        Err(e) => return Err(wrong(&e)),
     }
     let sums = inspect(directory, Inspection::Directory).map_err(|e| wrong(&e))?;
     if let Some((name, _)) = sums.iter().find(|(_, [found, expected])| found != expected) {
@@ -384,11 +383,7 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
 pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
     let path = directory.join(RESULT);
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
-    world.agree(match std::fs::metadata(&path) {
-        Ok(found) if found.is_file() => Ok(()),
-        Ok(_) => Err(fail(&"is no file")),
-        Err(e) => Err(fail(&e)),
-    })?;
+    world.agree(disk::require_file(&path).map_err(|e| fail(&e)))?;
     // One rank lists the files, as ranks may see different states of the directory.
     let mut names = Vec::new();
     if world.rank() == 0

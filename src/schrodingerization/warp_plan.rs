@@ -82,6 +82,22 @@ const READING: f64 = 1.3;
 /// cell.
 const ADDING: f64 = 0.1;
 
+/// Refuses a run by modes whose generator has at least this `rate`, if it would be too long.
+///
+/// # Errors
+/// [`Error::TooLong`].
+pub fn refuse_too_long(case: &Case, rate: f64) -> Result<()> {
+    if rate * case.duration() <= LONGEST_SPAN {
+        return Ok(());
+    }
+    Err(Error::TooLong {
+        end: case.duration(),
+        rate,
+        span: 2.0 * rate * case.duration(),
+        limit: 2.0 * LONGEST_SPAN,
+    })
+}
+
 impl WarpPlan {
     /// The reason why the distance of the two readings may not estimate the error; `None` if it
     /// does.
@@ -106,14 +122,7 @@ impl WarpPlan {
     /// tolerance, [`Error::Interval`] when the interval given by hand is too short,
     /// [`Error::Modes`] and [`Error::TooLong`] when the run would be too large.
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
-        if bounds.rate * case.duration() > LONGEST_SPAN {
-            return Err(Error::TooLong {
-                end: case.duration(),
-                rate: bounds.rate,
-                span: 2.0 * bounds.rate * case.duration(),
-                limit: 2.0 * LONGEST_SPAN,
-            });
-        }
+        refuse_too_long(case, bounds.rate)?;
         let placement = plan_placement(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
         let modes = PropagatedModes::of(&case.reductions, series);

@@ -39,7 +39,7 @@ use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,
 };
 use crate::study::advise::trials::Trials;
-use crate::study::budget::refuse_slow_grid;
+use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::trial::refuse_start_from_file;
 
 /// Part of the budget up to which schemes are run by modes; the rest is for other fluxes of the
@@ -68,9 +68,10 @@ pub struct Request {
 /// [`Error::Input`] if nothing reaches the accuracy, and for a case that starts from a file; the
 /// error of a trial if none succeeds.
 pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceReport> {
+    let budget = Budget::new(world, request.budget);
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
     refuse_slow_grid(world, case, request.budget)?;
-    let mut study = Study::new(world, case, request)?;
+    let mut study = Study::new(world, case, request, budget)?;
     let mut advised = study.search();
     while study.may_find_cheaper(&advised) && study.trials.budget.count_anew() {
         advised = study.search();
@@ -101,10 +102,10 @@ struct Study<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn new(world: &'a World, case: &'a Case, request: Request) -> Result<Self> {
+    fn new(world: &'a World, case: &'a Case, request: Request, budget: Budget) -> Result<Self> {
         let base = base_case(case)?;
         refuse_too_large_here(world, &base)?;
-        let trials = Trials::new(world, base, case.exact.clone(), request.budget)?;
+        let trials = Trials::new(world, base, case.exact.clone(), budget)?;
         Ok(Self {
             world,
             case,

@@ -24,6 +24,8 @@ const SECONDS_PER_SPACE_CELL: f64 = 1.5e-6;
 
 /// Budgets below this are no reason to refuse a grid here.
 const SHORTEST: f64 = 0.1;
+/// The first trial may take this many seconds whatever the budget: nothing is known before it.
+const SHORTEST_TRIAL: f64 = 0.5;
 
 /// Refuses a grid for which the steps before the first trial take longer than `limit` seconds.
 /// Collective.
@@ -84,6 +86,11 @@ impl Budget {
     /// Seconds since the start, by this rank's clock.
     pub fn elapsed(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
+    }
+
+    /// Whether a first trial of `seconds` fits into the budget. By this rank's clock.
+    pub fn holds_first(&self, seconds: f64) -> bool {
+        self.elapsed() + seconds <= self.limit.max(SHORTEST_TRIAL)
     }
 
     /// Ends the part in progress after `shares` of `parts` equal shares of the time left.

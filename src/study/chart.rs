@@ -42,13 +42,13 @@ mod tests;
 /// Runs the trials of `case` that fit into `limit`. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Input`] for a case that starts from a file; the first trial's error
-/// if nothing could be run.
+/// [`crate::base::error::Error::Input`] for a case that starts from a file, and if no trial fits
+/// into `limit`; the first trial's error if nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
+    let budget = Budget::new(world, limit.as_secs_f64());
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_too_large_here(world, case)?;
     refuse_slow_grid(world, case, limit.as_secs_f64())?;
-    let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
     let treated = jumps && case.has_upwind_cells();
@@ -63,10 +63,8 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     attempts.try_all(vec![given]);
     attempts.try_all(programme.own_grid());
     // If every method fails on two grids, all other trials would fail, too.
-    if !attempts.has_results()
-        && let Some(error) = attempts.first_error
-    {
-        return Err(error);
+    if !attempts.has_results() {
+        return Err(attempts.why_nothing_ran());
     }
     let (compared, compared_why) = attempts.grid_for_comparison(&programme);
     attempts.try_all(programme.every_choice(&compared));

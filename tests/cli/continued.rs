@@ -256,7 +256,10 @@ fn what_cannot_go_on_is_refused() {
     let file = format!("initial.field={}", damaged.path().join("result.h5").display());
     let job = run("example1.toml").set(&small).set(&[&file, start, "time.end=0.5"]);
     job.on(2).into(place.path()).is_refused(&["/f is not as it was written"]).unwrap();
-    fs::create_dir(path.join("checkpoint")).unwrap();
+    // A checkpoint counts, not a directory of this name.
+    let checkpoint = path.join("checkpoint/000001");
+    fs::create_dir_all(&checkpoint).unwrap();
+    fs::write(checkpoint.join("manifest.json"), "{}").unwrap();
     on(path, 0.5).is_refused(&["a run there is not finished"]).unwrap();
 }
 

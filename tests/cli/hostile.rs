@@ -331,6 +331,15 @@ fn evaluating_a_fine_grid_is_limited_by_the_budget() {
         one_message(&job.run().expect("an end"), &[2], "--budget 2 s: ").unwrap();
     }
     let square = ["axis.0.x.cells=4000", "axis.0.v.cells=4000"];
+    // Nothing is begun that is expected to take longer than the budget.
+    let short = |command| of_case(command, "example1.toml").with(["--budget", "1s"]).set(&square);
+    let chart = short("chart").into(place.path()).run().expect("an end");
+    one_message(&chart, &[2], "--budget 1 s: a run on 1000 x 1000").unwrap();
+    let advice = short("advise").with(["--accuracy", "0.1"]).run().expect("an end");
+    for finished in [chart, advice] {
+        let used = finished.processor_seconds;
+        assert!(used < 2.0, "{}", finished.report(&format!("{used:.1} s of a processor")));
+    }
     // An algorithm that visits every line of the grid for each line would take minutes.
     let check = of_case("plan", "example1.toml").set(&square);
     check.succeed().expect("a plan");

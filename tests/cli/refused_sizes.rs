@@ -61,6 +61,16 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     });
 }
 
+/// A run that is too long whatever `V` is, is refused before `V` is evaluated.
+#[test]
+fn long_transport_is_refused_before_the_potential_is_evaluated() {
+    let job = of_case("plan", "example1.toml").set(&["axis.0.x.cells=100000000"]);
+    let finished = job.run().expect("an end");
+    refused(&finished, &["the spectrum of S spans"]).unwrap();
+    let used = finished.processor_seconds;
+    assert!(used < 1.0, "{}", finished.report(&format!("{used:.1} s of a processor")));
+}
+
 /// Cases with absurd scales, which are too long, too fast or too fine, are solved or refused.
 #[test]
 fn absurd_scales_are_solved_or_refused() {

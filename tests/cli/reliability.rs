@@ -3,12 +3,13 @@
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
-    Finished, Job, RESULT_FILES, case, check_all, datasets, differences, directory,
+    Finished, Job, RESULT_FILES, case, check_all, contents, copy, datasets, differences, directory,
     directory_on_disk, names_in, of_case, on_results,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
+use std::time::{Duration, SystemTime};
 
 const SMALL: [&str; 4] =
     ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
@@ -21,45 +22,82 @@ fn reports_finished(finished: &Finished) -> bool {
     finished.output.contains("the run is finished")
 }
 
+/// Changes a byte of a dataset of `result.h5`. A failing disk does not change the date of the file
+/// (`keeps_date`).
+fn change_byte(place: &Path, dataset: &str, keeps_date: bool) {
+    let path = place.join("result.h5");
+    let file = hdf5::File::open(&path).unwrap();
+    let at = file.dataset(dataset).unwrap().offset().unwrap() as usize;
+    drop(file);
+    let mut bytes = fs::read(&path).unwrap();
+    bytes[at + 100] ^= 1;
+    let date = fs::metadata(&path).unwrap().modified().unwrap();
+    fs::write(&path, bytes).unwrap();
+    if keeps_date {
+        date_file(&path, date);
+    }
+}
+
+fn date_file(path: &Path, date: SystemTime) {
+    fs::File::options().write(true).open(path).unwrap().set_modified(date).unwrap();
+}
+
+/// Cuts a file to half its length.
+fn cut(place: &Path, name: &str) {
+    let bytes = fs::read(place.join(name)).unwrap();
+    fs::write(place.join(name), &bytes[..bytes.len() / 2]).unwrap();
+}
+
+/// Dates of results and files of others in `checkpoint/` say nothing about the results.
+#[test]
+fn undamaged_results_are_finished_whatever_their_dates() {
+    let place = directory();
+    let path = place.path();
+    run().into(path).succeed().expect("a run");
+    let before = contents(path);
+    let hour = Duration::from_secs(3600);
+    let now = SystemTime::now();
+    for [result, summary] in [[now + hour, now], [now, now + hour]] {
+        date_file(&path.join("result.h5"), result);
+        date_file(&path.join("summary.json"), summary);
+        let again = run().into(path).with(["--resume"]).succeed().expect("an end");
+        assert!(reports_finished(&again), "{}", again.report("not finished"));
+    }
+    fs::create_dir_all(path.join("checkpoint/000007")).expect("a directory");
+    fs::write(path.join("checkpoint/notes.txt"), "mine").expect("a file");
+    fs::write(path.join("checkpoint/000007/data"), "mine").expect("a file");
+    let again = run().into(path).with(["--resume"]).succeed().expect("an end");
+    assert!(reports_finished(&again), "{}", again.report("not finished"));
+    // They are no checkpoint from which a run of another case might go on.
+    let other = run().set(&["time.end=0.2"]).into(path).with(["--resume"]);
+    other.is_refused(&["it holds another result"]).unwrap();
+    let continued = Job::new(["run", "--until", "0.31", "--continue", &path.display().to_string()]);
+    let later = directory();
+    continued.into(later.path()).succeed().expect("a later part");
+    fs::remove_dir_all(path.join("checkpoint")).expect("a directory");
+    assert!(contents(path) == before, "the results were changed");
+}
+
 #[test]
 fn damaged_results_do_not_count_as_finished() {
     /// Name of a damage, a function that damages the results, and a part of the message about it.
     type Damage = (&'static str, fn(&Path), &'static str);
-    const DAMAGES: [Damage; 8] = [
+    const DAMAGES: [Damage; 13] = [
+        ("a value", |place| change_byte(place, "f", true), "dataset /f is not as it was written"),
+        // The file has a newer date than its summary.
+        ("edited", |place| change_byte(place, "f", false), "dataset /f is not as it was written"),
+        ("case", |place| change_byte(place, "case", true), "result.h5: is not as it was written"),
+        ("cut", |place| cut(place, "result.h5"), "result.h5: is not as it was written"),
         (
-            "a value",
-            |place| {
-                let path = place.join("result.h5");
-                let file = hdf5::File::open(&path).unwrap();
-                let at = file.dataset("f").unwrap().offset().unwrap() as usize;
-                drop(file);
-                let mut bytes = fs::read(&path).unwrap();
-                bytes[at + 100] ^= 1;
-                // A failing disk does not change the date of the file.
-                let date = fs::metadata(&path).unwrap().modified().unwrap();
-                fs::write(&path, bytes).unwrap();
-                fs::File::options().write(true).open(&path).unwrap().set_modified(date).unwrap();
-            },
-            "dataset /f is not as it was written",
+            "emptied",
+            |place| fs::write(place.join("result.h5"), b"").unwrap(),
+            "result.h5: is not as it was written",
         ),
+        ("no warped field", |place| fs::remove_file(place.join("warped_f.h5")).unwrap(), "warped"),
         ("no summary", |place| fs::write(place.join("summary.json"), b"").unwrap(), "summary.json"),
-        (
-            "half a summary",
-            |place| {
-                let text = fs::read(place.join("summary.json")).unwrap();
-                fs::write(place.join("summary.json"), &text[..text.len() / 2]).unwrap();
-            },
-            "summary.json",
-        ),
+        ("half a summary", |place| cut(place, "summary.json"), "summary.json"),
         ("no grids", |place| fs::remove_file(place.join("fields.xdmf")).unwrap(), "fields.xdmf"),
-        (
-            "half the grids",
-            |place| {
-                let text = fs::read(place.join("fields.xdmf")).unwrap();
-                fs::write(place.join("fields.xdmf"), &text[..text.len() / 2]).unwrap();
-            },
-            "fields.xdmf",
-        ),
+        ("half the grids", |place| cut(place, "fields.xdmf"), "fields.xdmf"),
         ("no points", |place| fs::remove_file(place.join("grids.h5")).unwrap(), "grids.h5"),
         ("no plane", |place| fs::write(place.join("plane_x.xdmf"), b"").unwrap(), "plane_x.xdmf"),
         ("no table", |place| fs::write(place.join("readout.csv"), b"").unwrap(), "readout.csv"),
@@ -67,10 +105,18 @@ fn damaged_results_do_not_count_as_finished() {
     check_all(&DAMAGES, |(what, damage, printed)| {
         let place = directory();
         let path = place.path();
-        let job = |ranks: usize| run().set(&["readout={cells=[[3]]}"]).into(path).on(ranks);
+        let full = ["readout={cells=[[3]]}", "output.warped_field=true"];
+        let job = |ranks: usize| run().set(&full).into(path).on(ranks);
         job(2).succeed()?;
         let sound = datasets(path)?;
         damage(path);
+        if printed.starts_with("result.h5") {
+            let resumable = ["it holds a damaged result", "--resume computes it anew", "--force"];
+            job(1).is_refused(&resumable)?;
+            // The summary is that of another case.
+            let other = job(1).set(&["title=other"]).with(["--resume"]);
+            other.is_refused(&["it holds a damaged result of another case", "--force"])?;
+        }
         if printed.contains("dataset") {
             for command in ["check-result", "plot", "report"] {
                 let drawn = on_results(command, path).run()?;
@@ -242,6 +288,147 @@ fn links_and_pipes_are_not_followed() {
     assert_eq!(names_in(&path), expected);
     for name in all {
         assert!(fs::symlink_metadata(path.join(name)).expect("a file").is_file(), "{name}");
+    }
+}
+
+/// What becomes of a pipe in an output directory.
+#[derive(Clone, Copy, PartialEq)]
+enum Pipe {
+    /// The run is refused without `--force`, which replaces it.
+    ReplacedByForce,
+    /// It is removed without a question.
+    Removed,
+    /// The run is refused.
+    Refused,
+    /// The run does not need the name, and the pipe stays.
+    Stays,
+}
+
+/// Seconds in which a run ends that is refused or has little to do, if it does not wait for a pipe.
+const SECONDS_WITHOUT_WAITING: f64 = 5.0;
+
+fn make_pipe(path: &Path) {
+    let made = std::process::Command::new("mkfifo").arg(path).status();
+    assert!(made.is_ok_and(|status| status.success()));
+}
+
+fn is_pipe(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    fs::symlink_metadata(path).is_ok_and(|found| found.file_type().is_fifo())
+}
+
+/// A pipe with the name of any file that a run reads or writes does not make the run wait.
+#[test]
+fn pipes_in_an_output_directory_are_not_waited_for() {
+    const FULL: [&str; 2] = ["output.warped_field=true", "readout={cells=[[3]]}"];
+    let results = [&RESULT_FILES[..], &["readout.csv", "warped_f.h5"]].concat();
+    let mut rows: Vec<(String, &[&str], Pipe)> = Vec::new();
+    for name in results {
+        rows.push((name.to_owned(), &FULL, Pipe::ReplacedByForce));
+        rows.push((format!("{name}.partial"), &FULL, Pipe::Removed));
+    }
+    rows.push(("run.lock".to_owned(), &FULL, Pipe::Refused));
+    rows.push(("plane_z.xdmf".to_owned(), &FULL, Pipe::ReplacedByForce));
+    for name in ["warped_f.h5", "warped_f_0001.h5", "report.html", "accuracy.json", "checkpoint"] {
+        rows.push((name.to_owned(), &[], Pipe::Stays));
+    }
+    let options: [&[&str]; 4] = [&[], &["--force"], &["--resume"], &["--resume", "--force"]];
+    check_all(&rows, |(name, settings, pipe)| {
+        for (k, options) in options.iter().enumerate() {
+            let place = directory();
+            let path = place.path().join(name);
+            make_pipe(&path);
+            // Some on two ranks, where mpirun itself takes seconds to end on a busy machine.
+            let ranks = if k == 1 && name.ends_with(".h5") { 2 } else { 1 };
+            let job = run().set(settings).with(options.iter().copied()).into(place.path());
+            let finished = job.on(ranks).run()?;
+            let forced = options.contains(&"--force");
+            match pipe {
+                Pipe::Refused => finished.ended(2, &[name, "is no file"])?,
+                Pipe::ReplacedByForce if !forced => finished.ended(2, &[name, "is no file"])?,
+                // No file of this run has this name.
+                Pipe::ReplacedByForce if name == "plane_z.xdmf" => finished.ended(0, &[])?,
+                Pipe::ReplacedByForce => {
+                    finished.ended(0, &[])?;
+                    if !path.is_file() {
+                        return Err(finished.report(&format!("{name} is not replaced")));
+                    }
+                }
+                Pipe::Removed | Pipe::Stays => {
+                    finished.ended(0, &[])?;
+                    if is_pipe(&path) != (*pipe == Pipe::Stays) {
+                        return Err(finished.report(&format!("{name} is not left or removed")));
+                    }
+                }
+            }
+            if ranks == 1 && finished.seconds > SECONDS_WITHOUT_WAITING {
+                return Err(finished.report(&format!("{name}: {} s", finished.seconds)));
+            }
+        }
+        Ok(())
+    });
+}
+
+/// The same beside finished results, by all commands that look there.
+#[test]
+fn pipes_beside_results_are_not_waited_for() {
+    let whole = directory();
+    let settings = ["output.warped_field=true", "readout={cells=[[3]]}"];
+    run().set(&settings).into(whole.path()).succeed().expect("a run");
+    // The name, the exit codes of the commands below, and whether they name it.
+    let rows = names_in(whole.path());
+    check_all(&rows, |name| {
+        let place = directory();
+        copy(whole.path(), place.path()).map_err(|e| e.to_string())?;
+        let path = place.path().join(name);
+        fs::remove_file(&path).map_err(|e| e.to_string())?;
+        make_pipe(&path);
+        let mut jobs = vec![on_results("check-result", place.path())];
+        for options in [&[][..], &["--resume"]] {
+            jobs.push(run().set(&settings).with(options.iter().copied()).into(place.path()));
+        }
+        if name == "result.h5" {
+            jobs.extend(["plot", "report"].map(|command| on_results(command, place.path())));
+        }
+        for (k, job) in jobs.iter().enumerate() {
+            let finished = job.run()?;
+            // A damaged result has exit code 1.
+            let code = if k == 0 && name != "result.h5" { 1 } else { 2 };
+            finished.ended(code, &[name])?;
+            if finished.seconds > SECONDS_WITHOUT_WAITING {
+                return Err(finished.report(&format!("{name}: {} s", finished.seconds)));
+            }
+        }
+        run().set(&settings).with(["--force"]).into(place.path()).succeed()?;
+        on_results("check-result", place.path()).succeed().map(drop)
+    });
+    let page = directory();
+    make_pipe(&page.path().join("report.html"));
+    let report = on_results("report", whole.path()).into(page.path()).run().expect("an end");
+    report.ended(2, &["report.html that is not phasewarp's"]).unwrap();
+    for name in ["table.csv", "table.tex"] {
+        let table = directory();
+        make_pipe(&table.path().join(name));
+        let sweep = Job::new(["sweep", &case("example1.toml"), "--vary", "time.end=0.1,0.2"]);
+        let sweep = sweep.set(&SMALL[..3]).into(table.path()).run().expect("an end");
+        sweep.ended(2, &[name, "that no sweep wrote"]).unwrap();
+    }
+}
+
+/// Directories in the place of files are refused by name.
+#[test]
+fn directories_in_the_place_of_files_are_named() {
+    for (name, printed) in [
+        ("summary.json.partial", "summary.json.partial in it cannot be removed"),
+        ("grids.h5.partial", "grids.h5.partial in it cannot be removed"),
+        ("result.h5", "result.h5 in it is a directory"),
+    ] {
+        let place = directory();
+        fs::create_dir(place.path().join(name)).expect("a directory");
+        for options in [&[][..], &["--force"]] {
+            let job = run().with(options.iter().copied()).into(place.path());
+            job.is_refused(&[printed]).unwrap();
+        }
     }
 }
 

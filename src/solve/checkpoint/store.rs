@@ -436,6 +436,11 @@ fn generations(directory: &Path) -> Vec<u64> {
     found
 }
 
+/// Whether `directory` holds a complete checkpoint, valid or not. Other files in it do not matter.
+pub fn is_begun(directory: &Path) -> bool {
+    generations(directory).into_iter().any(|number| complete(directory, number))
+}
+
 fn complete(directory: &Path, number: u64) -> bool {
     generation(directory, number).join(MANIFEST).is_file()
 }

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::problem::case::{Case, Exact, Limiter};
+use crate::problem::case::{AllowedReductions, Case, Exact, Limiter};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::exact::velocities::first_points;
@@ -23,6 +23,10 @@ pub const UPDATES_PER_MODE: f64 = 0.25;
 const MORE_POINTS: usize = 4;
 /// Updates a cell that all work of a run but its steps counts as, such as assembling `A`.
 const UPDATES_TO_PREPARE: f64 = 80.0;
+/// Updates a cell that the search for velocities that nothing reaches counts as.
+const UPDATES_TO_REDUCE: f64 = 8.0;
+/// Part of the budget that this search may take.
+const FOR_REDUCTION: f64 = 0.25;
 /// Updates that an exact value counts as: a particle is traced back over slopes and jumps of `V`.
 const UPDATES_PER_EXACT_VALUE: f64 = 200.0;
 
@@ -65,14 +69,25 @@ pub struct Trials<'a> {
 }
 
 impl<'a> Trials<'a> {
-    /// No trials yet. `base` is the base case, and the budget is about this many seconds.
-    /// Collective.
+    /// No trials yet. `base` is the base case. Collective.
     ///
     /// # Errors
     /// As [`reduced`].
-    pub fn new(world: &'a World, base: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
-        let budget = Budget::new(world, seconds);
-        let needed = reduced(&world.group(), &base)?;
+    pub fn new(
+        world: &'a World,
+        base: Case,
+        exact: Option<Exact>,
+        mut budget: Budget,
+    ) -> Result<Self> {
+        let updates = UPDATES_TO_REDUCE * base.space.cells() as f64;
+        let has_time = budget.holds(updates, FOR_REDUCTION);
+        if has_time {
+            budget.count(updates);
+        }
+        // Without the search an axis may be refined along which nothing moves, which costs time.
+        let reduce =
+            AllowedReductions { velocities: base.reduce.velocities && has_time, ..base.reduce };
+        let needed = reduced(&world.group(), &Case { reduce, ..base.clone() })?;
         let is_merged = |axis: &Axis| matches!(axis.part, AxisPart::Merged { .. });
         let merged: Vec<bool> = needed.space.axes().map(is_merged).collect();
         let own_degree = base.space.degree();

@@ -157,6 +157,25 @@ impl<'a> Attempts<'a> {
         self.entries.iter().any(|e| e.status == Status::Done)
     }
 
+    /// The error that nothing could be run: that of the first trial that failed, or that none fits
+    /// into the budget.
+    pub fn why_nothing_ran(self) -> Error {
+        let quickest = (self.entries.iter())
+            .filter_map(|entry| entry.expected_seconds.map(|seconds| (seconds, &entry.grid)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let (seconds, grid) = quickest.map_or((0.0, ""), |(seconds, grid)| (seconds, grid));
+        let none_fits = || {
+            Error::Input(format!(
+                "{}: --budget {} s: a run on {grid}, the coarsest grid, is expected to take at \
+                 least {}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a longer budget",
+                self.case.name,
+                self.budget.limit(),
+                time_text(seconds)
+            ))
+        };
+        self.first_error.unwrap_or_else(none_fits)
+    }
+
     /// Seconds since the beginning, by this rank's clock.
     pub fn elapsed(&self) -> f64 {
         self.budget.elapsed()
@@ -264,15 +283,18 @@ impl<'a> Attempts<'a> {
         self.over
     }
 
-    /// Whether a trial of `seconds` fits into the budget. Any trial does before the first result.
+    /// Whether a trial of `seconds` fits into the budget. The first result may take all of it.
     fn fits(&self, setup: &Setup, seconds: f64) -> bool {
+        if !self.has_results() {
+            return self.budget.holds_first(seconds);
+        }
         let limit = self.budget.limit();
         let room = self.elapsed() + MARGIN * seconds <= limit;
         let part = match setup {
             Setup::Given => GIVEN_PART,
             _ => LARGEST_PART,
         };
-        !self.has_results() || (room && seconds <= part * limit)
+        room && seconds <= part * limit
     }
 
     /// Seconds of the same set-up, measured or expected, on grids of fewer cells: a lower bound.
@@ -303,7 +325,7 @@ impl<'a> Attempts<'a> {
         let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();
         let larger = fewest.is_some_and(|fewest| space.cells() > fewest);
         let spent = larger && self.seconds_predicting + seconds > PREDICTING * self.budget.limit();
-        self.has_results() && (spent || !self.fits(setup, least + seconds))
+        (self.has_results() && spent) || !self.fits(setup, least + seconds)
     }
 
     /// Expected seconds of a trial of `case`, and the error if it cannot be planned. They are a

@@ -7,7 +7,6 @@ use crate::base::text::{counted, csv_records, plain, short, shortened};
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -196,7 +195,7 @@ fn head(path: &Path) -> Option<String> {
     std::fs::symlink_metadata(path).ok()?;
     let mut bytes = Vec::new();
     let most = TEX_HEAD.len() as u64 + 1;
-    let read = File::open(path).and_then(|file| file.take(most).read_to_end(&mut bytes));
+    let read = disk::open_regular(path).and_then(|file| file.take(most).read_to_end(&mut bytes));
     let line = read.ok().and_then(|_| String::from_utf8(bytes).ok()).unwrap_or_default();
     Some(line.lines().next().unwrap_or_default().to_owned())
 }
