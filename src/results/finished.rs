@@ -173,9 +173,9 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
 }
 
 /// Refuses to replace files in `directory`: results of a finished run, and files with names of
-/// results that no run wrote or that are no files. A run with `resume` may replace results of the same case, as they are
-/// damaged if they are not finished. If there is a checkpoint, it may replace any results.
-/// Collective over `world`.
+/// results that no run wrote or that are no files. A run with `resume` may replace results of the
+/// same case, as they are damaged if they are not finished. If there is a checkpoint, it may
+/// replace any results. Collective over `world`.
 ///
 /// # Errors
 /// [`Error::Directory`], the same on all ranks.

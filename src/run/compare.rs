@@ -269,7 +269,8 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
 }
 
 /// Puts the error estimate into `summary`: from the two readings of each field, or with inflow that
-/// depends on time from its steps. Returns a warning if a norm fell by more than planned. Collective.
+/// depends on time from its steps. Returns a warning if a norm fell by more than planned.
+/// Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,

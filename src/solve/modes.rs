@@ -42,7 +42,8 @@ pub struct RunHooks<'r, 'k, 'c> {
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
-/// [`Error::Stopped`] and others as [`Checkpoints::stage_is_over`]; errors of [`FullRunModes::after`].
+/// [`Error::Stopped`] and others as [`Checkpoints::stage_is_over`]; errors of
+/// [`FullRunModes::after`].
 ///
 /// [`Error::Unitarity`]: crate::base::error::Error::Unitarity
 /// [`Error::Stopped`]: crate::base::error::Error::Stopped

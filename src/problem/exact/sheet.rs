@@ -15,8 +15,8 @@
 //! is given as averages over cells. In one dimension the images of neighbouring boxes meet end to
 //! end. In more dimensions a sheared image is too wide, by less than its own size.
 //!
-//! A box is halved along an axis whose two ends have different histories (see [`TracedPath`]), and if
-//! its image bends or its density changes, until it is as small as `FINEST` allows.
+//! A box is halved along an axis whose two ends have different histories (see [`TracedPath`]), and
+//! if its image bends or its density changes, until it is as small as `FINEST` allows.
 //!
 //! First boxes, of which no box was halved yet, may be followed in any order and by any rank
 //! ([`Sheets`]). The mass that a box leaves in a cell is a [`Deposit`] with the box's number, and

@@ -112,7 +112,8 @@ impl Differences {
 
 /// The points at which `V` differs most from the scheme's approximation, one per region and axis,
 /// on lines along the axis through centres of elements. Both are compared within a region only;
-/// [`unresolved_regions`](crate::problem::potential::unresolved_regions) finds edges that miss the faces.
+/// [`unresolved_regions`](crate::problem::potential::unresolved_regions) finds edges that miss the
+/// faces.
 pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
     let taken: Vec<LineApproximation> =
         case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();

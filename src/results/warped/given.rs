@@ -59,8 +59,9 @@ impl ReadingDomain {
     }
 }
 
-/// The flatness of a field on a [`ReadingDomain`]: at the points of a file and at the middles between
-/// them, as the run evolves the trigonometric interpolant, which may oscillate between flat points.
+/// The flatness of a field on a [`ReadingDomain`]: at the points of a file and at the middles
+/// between them, as the run evolves the trigonometric interpolant, which may oscillate between flat
+/// points.
 struct Flatness {
     /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
     /// ones are points of the file, odd ones lie between.

@@ -35,7 +35,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which an explosion shows.
 const STEPS: usize = 200;
-/// Label of the measured growth, that in [`STEPS`] steps.
+/// Label of the measured growth, that in `STEPS` steps.
 pub const GROWTH: &str = "growth in 200 steps";
 /// Names of the quantities that stable steps do not increase: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
