@@ -68,10 +68,10 @@ fn looks_finished(directory: &Path, case: &Case) -> Result<bool> {
     if !ended || is_begun(directory) || !is_later_than_given(directory, case) {
         return Ok(false);
     }
-    match Found::new(directory, case) {
-        Found::Same => Ok(true),
-        Found::Damaged(Damage { error, of_this_case: true }) => Err(error),
-        Found::Damaged(_) | Found::Other(_) | Found::Foreign => Ok(false),
+    match StoredResult::new(directory, case) {
+        StoredResult::Same => Ok(true),
+        StoredResult::Damaged(ResultDamage { error, of_this_case: true }) => Err(error),
+        StoredResult::Damaged(_) | StoredResult::Other(_) | StoredResult::Foreign => Ok(false),
     }
 }
 
@@ -109,25 +109,25 @@ fn no_file(directory: &Path, case: &Case) -> Option<String> {
 }
 
 /// What the file `result.h5` in a directory is to a case.
-enum Found {
+enum StoredResult {
     /// The result of this case by this program.
     Same,
     /// Another result; the text says how it differs.
     Other(String),
     /// A file that is not as this program wrote it.
-    Damaged(Damage),
+    Damaged(ResultDamage),
     /// A file of others.
     Foreign,
 }
 
 /// How a result is damaged.
-struct Damage {
+struct ResultDamage {
     error: Error,
     /// Whether it was the result of the case, as far as its summary says.
     of_this_case: bool,
 }
 
-impl Found {
+impl StoredResult {
     fn new(directory: &Path, case: &Case) -> Self {
         match difference(directory, case) {
             Ok(None) => Self::Same,
@@ -135,7 +135,7 @@ impl Found {
             // A file that cannot be read is ours if its checksum is known.
             Err(_) => match file_checksums::damage(directory, RESULT) {
                 Some(error) => {
-                    Self::Damaged(Damage { error, of_this_case: is_of(directory, case) })
+                    Self::Damaged(ResultDamage { error, of_this_case: is_of(directory, case) })
                 }
                 None => Self::Foreign,
             },
@@ -197,24 +197,30 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
         });
     }
     if there(&RESULT) {
-        let found = Found::new(directory, case);
-        let goes_on = resume && !matches!(found, Found::Foreign) && is_begun(directory);
+        let found = StoredResult::new(directory, case);
+        let goes_on = resume && !matches!(found, StoredResult::Foreign) && is_begun(directory);
         return match found {
             _ if goes_on => None,
-            Found::Same | Found::Damaged(Damage { of_this_case: true, .. }) if resume => None,
-            Found::Same => Some(format!(
+            StoredResult::Same | StoredResult::Damaged(ResultDamage { of_this_case: true, .. })
+                if resume =>
+            {
+                None
+            }
+            StoredResult::Same => Some(format!(
                 "it holds the result of this case; --resume keeps it if it is finished and \
                  undamaged, {instead}"
             )),
-            Found::Damaged(Damage { error, of_this_case: true }) => {
+            StoredResult::Damaged(ResultDamage { error, of_this_case: true }) => {
                 let again = "--resume computes it anew";
                 Some(format!("it holds a damaged result: {error}; {again}, {instead}"))
             }
-            Found::Damaged(Damage { error, .. }) => {
+            StoredResult::Damaged(ResultDamage { error, .. }) => {
                 Some(format!("it holds a damaged result of another case: {error}; {instead}"))
             }
-            Found::Other(what) => Some(format!("it holds another result: {what}; {instead}")),
-            Found::Foreign => {
+            StoredResult::Other(what) => {
+                Some(format!("it holds another result: {what}; {instead}"))
+            }
+            StoredResult::Foreign => {
                 Some(format!("it holds a result.h5 that is not phasewarp's; {instead}"))
             }
         };
