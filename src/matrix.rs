@@ -23,6 +23,7 @@ pub mod lanes;
 pub mod line_bounds;
 pub mod observables;
 pub mod projection;
+mod row_lines;
 pub mod rows;
 pub mod sampling;
 pub mod terms;

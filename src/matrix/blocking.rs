@@ -32,7 +32,7 @@
 use crate::base::machine::{cache_per_core, last_cache_per_core};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::rows::RowLines;
+use crate::matrix::row_lines::RowLines;
 use crate::parallel::communicator::GhostExchange;
 use crate::parallel::partition::split;
 use std::ops::Range;

@@ -6,7 +6,8 @@
 //! bundle are stored side by side. A bundle then takes one pass of vector operations, which adds
 //! the entries of each row in their own order.
 
-use crate::matrix::rows::{RowLines, Rows};
+use crate::matrix::row_lines::RowLines;
+use crate::matrix::rows::Rows;
 use std::collections::HashMap;
 
 /// Number of lines of a bundle.

@@ -15,7 +15,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::rows::{MOST_NODES, RowSlices, Rows};
+use crate::matrix::row_lines::MOST_NODES;
+use crate::matrix::rows::{RowSlices, Rows};
 use crate::matrix::vector::{self, Portable, Vector};
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -38,11 +39,11 @@ impl StartRow for f64 {
 
 /// The constants of a step, in registers.
 #[derive(Clone, Copy)]
-pub(crate) struct KernelConstants<V> {
-    pub scale: V,
+struct KernelConstants<V> {
+    scale: V,
     shift: V,
     minus_shift: V,
-    pub wavenumber: V,
+    wavenumber: V,
     minus_wavenumber: V,
     coefficient: V,
 }
@@ -258,23 +259,23 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     start: &[R],
 ) {
     assert!(x.len() >= matrix.reach(), "vector and matrix do not fit");
-    let constants = KernelConstants::load(constants);
+    let loaded = KernelConstants::load(constants);
     let end = matrix.lines().of_cells();
     let gathered = lines.start.min(end)..lines.end.min(end);
     let single = lines.start.max(end)..lines.end.max(end);
     let mut vectors = Vectors { y, x, start };
     let velocity_lines = matrix.velocity_lines();
     if velocity_lines.is_empty() {
-        step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &constants, &mut vectors);
+        step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &loaded, &mut vectors);
     } else {
         for piece in velocity_lines.pieces(matrix.lines(), gathered) {
             let Vectors { y, x, .. } = &mut vectors;
             let lines = matrix.lines();
-            velocity_lines.step::<V, ROWS, WHOLE>(lines, piece.clone(), &constants, y, x);
-            step_nodes::<V, ROWS, WHOLE, R>(matrix, piece, &constants, &mut vectors);
+            velocity_lines.step::<V, ROWS, WHOLE>(lines, piece.clone(), constants, y, x);
+            step_nodes::<V, ROWS, WHOLE, R>(matrix, piece, &loaded, &mut vectors);
         }
     }
-    step_rows::<V, R>(matrix, single, &constants, &mut vectors);
+    step_rows::<V, R>(matrix, single, &loaded, &mut vectors);
 }
 
 /// The step of some lines.
@@ -426,7 +427,8 @@ impl InstructionSet {
 mod tests {
     use super::*;
     use crate::matrix::lanes::LANES;
-    use crate::matrix::rows::{MatrixEntry, RowLines, RowsBuilder};
+    use crate::matrix::row_lines::{MatrixEntry, RowLines};
+    use crate::matrix::rows::RowsBuilder;
     use crate::matrix::velocity_lines::VelocityLines;
 
     /// Reproducible numbers between −1 and 1.

@@ -16,9 +16,8 @@
 //! the couplings of [`crate::scheme::galerkin`], with about `k + 5` operations a row instead of
 //! `3(k + 1)` entries. What is different at the ends of the box stays in the rows.
 
-use crate::matrix::kernel::KernelConstants;
-use crate::matrix::lanes::Lanes;
-use crate::matrix::rows::{MOST_NODES, MatrixEntry, RowLines};
+use crate::matrix::lanes::{Lanes, StepConstants};
+use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
 use crate::matrix::vector::Vector;
 use crate::parallel::partition::Block;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -568,21 +567,21 @@ impl VelocityLines {
         &self,
         lines: &RowLines,
         piece: Range<usize>,
-        constants: &KernelConstants<V>,
+        constants: &StepConstants,
         y: &mut [Lanes],
         x: &[Lanes],
     ) {
         for ForcedCell { axis, first, rate, wanted } in self.forced_cells(lines, piece) {
             let zero = V::splat(0.0);
             let half = 0.5 * self.flux * rate.signum();
-            let (plus, minus) = (V::splat(half), V::splat(-half));
+            let (scale, wavenumber) = (V::load(&constants.scale), V::load(&constants.wavenumber));
             let mut pass = StepPass {
                 y: &mut *y,
                 x,
-                scale: zero.add_product(V::splat(rate), constants.scale),
+                scale: zero.add_product(V::splat(rate), scale),
                 dissipation: [
-                    zero.add_product(plus, constants.wavenumber),
-                    zero.add_product(minus, constants.wavenumber),
+                    zero.add_product(V::splat(half), wavenumber),
+                    zero.add_product(V::splat(-half), wavenumber),
                 ],
             };
             axis.add::<_, ROWS, WHOLE>(first, wanted, &mut pass);
@@ -695,7 +694,7 @@ mod tests {
     use super::*;
     use crate::matrix::block_matrix::{BlockMatrix, Operator};
     use crate::matrix::kernel::{InstructionSet, LineStep};
-    use crate::matrix::lanes::{LANES, StepConstants};
+    use crate::matrix::lanes::LANES;
     use crate::matrix::weights::Weights;
     use crate::parallel::partition::ProcessMesh;
     use crate::problem::case::Case;
