@@ -1,4 +1,5 @@
-//! The lines that rows are gathered into: the nodes of an element along the first space axis.
+//! Entries of rows, and the lines that rows are gathered into: the nodes of an element along the
+//! first space axis.
 
 /// An entry: local column, `s` and `k`.
 pub type MatrixEntry = (u32, f64, f64);

@@ -16,7 +16,8 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 /// Rows in order, gathered into lines: of one row each, or of the rows of an element's nodes.
-/// Gathering keeps the order of a row's entries, and so the bits of products.
+/// Gathering keeps the order of a row's entries, and so the bits of products, but for couplings
+/// along velocity axes, which are summed by themselves.
 #[derive(Clone, Debug)]
 pub struct Rows {
     /// The lines that the rows of cells are gathered into.

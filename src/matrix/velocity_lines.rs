@@ -13,8 +13,8 @@
 //! `Skew` is the skew-symmetric part of the derivative, `l` and `r` are the values of the
 //! polynomials at the two faces over `√w_m`, `L₊` and `R₋` are the traces of the elements above and
 //! below, and `α` is the flux. At the ends of the box the terms of the face are left out. These are
-//! the couplings of [`crate::scheme::galerkin`], with about `k + 5` operations a row instead of
-//! `3(k + 1)` entries. What is different at the ends of the box stays in the rows.
+//! the couplings of [`crate::scheme::galerkin`], with about `2k + 13` multiply-adds a row and mode
+//! instead of `12 (k + 1)`. Couplings that differ at the ends of the box stay in the rows.
 
 use crate::matrix::lanes::{Lanes, StepConstants};
 use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
@@ -549,6 +549,8 @@ impl VelocityLines {
     ) -> impl Iterator<Item = Range<usize>> + use<> {
         let velocities = self.velocities;
         let unit = self.unit();
+        let is_whole = |line: usize| (line % velocities).is_multiple_of(unit);
+        assert!(is_whole(range.start) && is_whole(range.end), "an element is parted");
         let length = (PIECE_ROWS / (lines.nodes * unit)).max(1) * unit;
         let mut next = range.start;
         std::iter::from_fn(move || {

@@ -435,6 +435,36 @@ fn same_bits_of_elements() {
     });
 }
 
+/// Elements on which a force acts, along one and along two velocity axes.
+#[test]
+fn same_bits_of_elements_with_a_force() {
+    same_bits_everywhere(&Scene {
+        name: "slope_jump.toml",
+        settings: &[
+            "scheme.degree=3", "axis.0.x.cells=10", "axis.0.v.cells=6", "time.end=0.7",
+            "solver.tolerance=1e-4",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "quadrant2d.toml",
+        settings: &[
+            "axis.0.x.cells=5",
+            "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
+            "axis.0.v.cells=2",
+            "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=2}",
+            "scheme.degree=1",
+            "potential.0.value=0.2 + 0.1*x - 0.05*y",
+            "potential.1.value=0.1*x + 0.05*y",
+            "time.end=0.7",
+            "solver.tolerance=1e-3",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
 /// Instruction sets that can be selected; a machine may lack some of them.
 const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
 
@@ -444,9 +474,11 @@ const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
 fn same_bits_by_every_instruction_set_that_fuses() {
     /// A few rounding errors times the amplification by the recovery at a tolerance of 1e-6.
     const LARGEST: f64 = 5e-8;
-    let rows: [(&str, &[&str]); 5] = [
+    let rows: [(&str, &[&str]); 7] = [
         ("example1.toml", &["axis.0.x.cells=23", "axis.0.v.cells=17", "output.field_times=[0.3]"]),
         ("smooth-beams.toml", &["scheme.degree=3", "axis.0.x.cells=7", "axis.0.v.cells=6"]),
+        ("slope_jump.toml", &["scheme.degree=1", "axis.0.x.cells=14", "axis.0.v.cells=10"]),
+        ("slope_jump.toml", &["scheme.degree=4", "axis.0.x.cells=6", "axis.0.v.cells=4"]),
         ("pulsed_inflow.toml", &["axis.0.x.cells=20", "axis.0.v.cells=14"]),
         ("example2.toml", &["axis.0.x.cells=20", "axis.0.v.cells=16", "time.end=0.3"]),
         (
