@@ -2,8 +2,8 @@
 //! too fine to evaluate. Each job ends soon, with one message.
 
 use crate::support::{
-    Finished, Job, case, check_all, copy, directory, number_from_environment, of_case, on_results,
-    require, soon, text_of,
+    Finished, Job, case, change_hdf5, check_all, copy, directory, number_from_environment, of_case,
+    on_results, require, soon, text_of,
 };
 use hdf5::plist::dataset_create::Layout;
 use phasewarp::base::checksum::of_run;
@@ -59,16 +59,6 @@ fn one_message(finished: &Finished, codes: &[i32], wording: &str) -> Result<(), 
 /// Name of a harmful change, the change of a file, and a text of the message about it.
 type Harm = (&'static str, Change, &'static str);
 type Change = fn(&hdf5::File) -> hdf5::Result<()>;
-
-/// Changes the file `path` and replaces it by a copy: processes that other tests start at the same
-/// time inherit the lock of the open file.
-fn change(path: &Path, change: Change) -> Result<(), String> {
-    let file = hdf5::File::open_rw(path).map_err(|e| e.to_string())?;
-    change(&file).and_then(|()| file.close()).map_err(|e| e.to_string())?;
-    let changed = path.with_extension("changed");
-    let renamed = fs::copy(path, &changed).and_then(|_| fs::rename(&changed, path));
-    renamed.map_err(|e| e.to_string())
-}
 
 fn huge(file: &hdf5::File, name: &str, length: usize) -> hdf5::Result<()> {
     if file.link_exists(name) {
@@ -151,7 +141,7 @@ fn hostile_results_are_refused() {
         let place = copied();
         let path = place.path();
         fs::write(path.join("summary.json"), "{}").map_err(|e| e.to_string())?;
-        change(&path.join("result.h5"), *harm).map_err(|e| format!("{what}: {e}"))?;
+        change_hdf5(&path.join("result.h5"), *harm).map_err(|e| format!("{what}: {e}"))?;
         for command in [["plot", "report"][k % 2], "check-result"] {
             let finished = on_results(command, path).run()?;
             one_message(&finished, &[1, 2], wording).map_err(|e| format!("{what}: {e}"))?;
@@ -267,7 +257,7 @@ fn hostile_warped_fields_are_refused() {
     check_all(&HARMS, |(what, harm, wording)| {
         let place = copied();
         let start = place.path().join("warped_f.h5");
-        change(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
+        change_hdf5(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
         let from = format!("initial={{warped='{}'}}", start.display());
         let finished = small().set(&[&from]).into(&place.path().join("out")).run()?;
         one_message(&finished, &[2], wording).map_err(|e| format!("{what}: {e}"))

@@ -7,7 +7,7 @@
 
 use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, fuzz};
-use crate::support::{case, directory, run, text_of};
+use crate::support::{case, change_hdf5, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
 use phasewarp::parallel::communicator::World;
@@ -427,12 +427,13 @@ impl Reader for Files {
         let path = place.join("result.h5");
         fs::write(&path, &self.originals[input.file].bytes).map_err(|e| e.to_string())?;
         fs::write(place.join("summary.json"), "{}").map_err(|e| e.to_string())?;
-        let file = hdf5::File::open_rw(&path).map_err(|e| e.to_string())?;
-        for change in &input.changes {
-            // A change may fail after an earlier one.
-            let _ = apply(&file, change);
-        }
-        file.close().map_err(|e| e.to_string())?;
+        change_hdf5(&path, |file| {
+            for change in &input.changes {
+                // A change may fail after an earlier one.
+                let _ = apply(file, change);
+            }
+            Ok(())
+        })?;
         self.read_by(input.reader)
     }
 }

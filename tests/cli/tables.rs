@@ -3,7 +3,7 @@
 use crate::dense;
 use crate::support::{
     Finished, Job, case, check_all, datasets, differences, directory, distance, field, of_case,
-    on_results,
+    on_results, write_hdf5,
 };
 use phasewarp::problem::case::Case;
 use std::fmt::Write;
@@ -53,22 +53,17 @@ fn write_csv(path: &Path, x: &[f64], v: &[f64], value: impl Fn(f64, f64) -> f64)
 }
 
 /// Writes an HDF5 file with these values as `/f`, and its axes.
-fn write_hdf5(path: &Path, axes: &[(&str, &[f64])], values: &[f64]) {
-    let written = path.with_extension("written");
-    {
-        let file = hdf5::File::create(&written).expect("a file");
-        file.create_group("axis").expect("a group");
+fn write_table(path: &Path, axes: &[(&str, &[f64])], values: &[f64]) {
+    let written = write_hdf5(path, |file| {
+        file.create_group("axis")?;
         let shape: Vec<usize> = axes.iter().map(|(_, points)| points.len()).collect();
         for (name, points) in axes {
             let dataset = file.new_dataset::<f64>().shape(points.len());
-            let dataset = dataset.create(format!("axis/{name}").as_str()).expect("a dataset");
-            dataset.write(*points).expect("numbers");
+            dataset.create(format!("axis/{name}").as_str())?.write(*points)?;
         }
-        let dataset = file.new_dataset::<f64>().shape(shape).create("f").expect("a dataset");
-        dataset.write_raw(values).expect("numbers");
-    }
-    // A copy, as the lock of HDF5 may last longer than the file is open here.
-    fs::copy(&written, path).expect("a copy");
+        file.new_dataset::<f64>().shape(shape).create("f")?.write_raw(values)
+    });
+    written.expect("a file");
 }
 
 fn on_grid(x: &[f64], v: &[f64], value: impl Fn(f64, f64) -> f64) -> Vec<f64> {
@@ -85,8 +80,8 @@ fn a_table_at_cell_centres_gives_the_same_bits_for_any_file_and_ranks() {
     let paths: Vec<PathBuf> =
         ["f0.csv", "f0.h5", "turned.h5"].iter().map(|name| place.path().join(name)).collect();
     write_csv(&paths[0], &x, &v, value);
-    write_hdf5(&paths[1], &[("x", &x), ("vx", &v)], &on_grid(&x, &v, value));
-    write_hdf5(&paths[2], &[("v", &v), ("x", &x)], &on_grid(&v, &x, |v, x| value(x, v)));
+    write_table(&paths[1], &[("x", &x), ("vx", &v)], &on_grid(&x, &v, value));
+    write_table(&paths[2], &[("v", &v), ("x", &x)], &on_grid(&v, &x, |v, x| value(x, v)));
     let expected = directory();
     formula(&[]).solve(expected.path()).unwrap();
     let wanted = field(expected.path()).unwrap();
@@ -170,7 +165,7 @@ fn bad_tables_are_refused() {
     let [line, down] = [&[-2.0, 2.0][..], &[2.0, -2.0]];
     let hdf5 = |name: &str, axes: &[(&str, &[f64])], value: f64| {
         let count = axes.iter().map(|(_, points)| points.len()).product();
-        write_hdf5(&place.path().join(name), axes, &vec![value; count]);
+        write_table(&place.path().join(name), axes, &vec![value; count]);
     };
     hdf5("down.h5", &[("x", down), ("vx", line)], 1.0);
     hdf5("flat.h5", &[("x", line)], 1.0);
@@ -307,7 +302,7 @@ fn a_table_of_the_potential_has_the_effect_of_a_formula() {
     let slope = |x: f64| 0.3 * x * x + 0.1;
     let path = |name: &str| place.path().join(name);
     write_grid(&path("step.csv"), &[("x", &axis.centres())], "V", |x| step(x[0]));
-    write_hdf5(
+    write_table(
         &path("step.h5"),
         &[("x", &axis.centres())],
         &axis.centres().into_iter().map(step).collect::<Vec<f64>>(),

@@ -4,8 +4,8 @@
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
-    Job, Stored, case, check_all, datasets, datasets_of, differences, directory, distance, of_case,
-    on_results, stored_plan,
+    Job, Stored, case, change_hdf5, check_all, datasets, datasets_of, differences, directory,
+    distance, of_case, on_results, stored_plan,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
@@ -250,13 +250,13 @@ fn damage_to_a_warped_field_is_found() {
         assert!(printed.contains(name), "{printed}");
     }
     let path = place.path().join("warped_f_0001.h5");
-    {
-        let file = hdf5::File::open_rw(&path).unwrap();
-        let w = file.dataset("w").unwrap();
-        let mut values: Vec<f64> = w.read_raw().unwrap();
+    let changed = change_hdf5(&path, |file| {
+        let w = file.dataset("w")?;
+        let mut values: Vec<f64> = w.read_raw()?;
         values[777] += 1e-9;
-        w.write_raw(&values).unwrap();
-    }
+        w.write_raw(&values)
+    });
+    changed.unwrap();
     let finished = check().run().unwrap();
     finished.ended(1, &["/w", "warped_f_0001.h5"]).unwrap();
     // No run starts from the damaged file.

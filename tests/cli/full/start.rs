@@ -2,7 +2,9 @@
 
 use super::{POINTS, small, warped};
 use crate::dense::{self};
-use crate::support::{Job, Summary, case, check_all, directory, distance, field, of_case, text_of};
+use crate::support::{
+    Job, Summary, case, check_all, directory, distance, field, of_case, text_of, write_hdf5,
+};
 use phasewarp::problem::case::Case;
 use std::path::Path;
 
@@ -179,18 +181,16 @@ fn any_field_may_be_the_start() {
 
 /// Writes a file that holds `w` on the grid of `case` at the points `p`.
 fn write_field(path: &Path, case: &Case, p: &[f64], w: &[f64]) {
-    let file = hdf5::File::create(path).unwrap();
-    file.create_group("axis").unwrap();
-    let list = |name: &str, values: &[f64]| {
-        let dataset = file.new_dataset::<f64>().shape(values.len());
-        dataset.create(name).unwrap().write(values).unwrap();
-    };
     let (x, v) = (case.space.x[0].centres(), case.space.v[0].centres());
-    list("axis/x", &x);
-    list("axis/vx", &v);
-    list("axis/p", p);
-    let dataset = file.new_dataset::<f64>().shape([x.len(), v.len(), p.len()]);
-    dataset.create("w").unwrap().write_raw(w).unwrap();
+    let written = write_hdf5(path, |file| {
+        file.create_group("axis")?;
+        for (name, values) in [("axis/x", &x[..]), ("axis/vx", &v), ("axis/p", p)] {
+            file.new_dataset::<f64>().shape(values.len()).create(name)?.write(values)?;
+        }
+        let dataset = file.new_dataset::<f64>().shape([x.len(), v.len(), p.len()]);
+        dataset.create("w")?.write_raw(w)
+    });
+    written.unwrap();
 }
 
 /// `e^p w` of `e^{−|p|}` is flat at points above 0. With few points, the trigonometric interpolant

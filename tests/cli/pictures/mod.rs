@@ -4,8 +4,8 @@ mod browser;
 mod movie;
 
 use crate::support::{
-    Job, cases, check_all, datasets, directory, distance, json_of, of_case, shrunk, stored_plan,
-    text_of,
+    Job, cases, change_hdf5, check_all, datasets, directory, distance, json_of, of_case, shrunk,
+    stored_plan, text_of,
 };
 use phasewarp::results::figure::{Figure, Layer, Map};
 use phasewarp::results::pictures;
@@ -387,10 +387,8 @@ fn missing_values_are_reported() {
     }
     std::fs::write(&summary, older.to_string()).unwrap();
     let path = place.path().join("result.h5");
-    let stored = hdf5::File::open_rw(&path).unwrap();
-    stored.unlink("velocity").unwrap();
-    stored.unlink("timings").unwrap();
-    stored.close().unwrap();
+    change_hdf5(&path, |file| file.unlink("velocity").and_then(|()| file.unlink("timings")))
+        .unwrap();
     let done = Job::new(["plot", &at(&place)]).on(2).succeed().unwrap();
     assert!(done.output.contains("moments: left out: there is no /velocity"), "{}", done.output);
     assert_eq!(

@@ -1,6 +1,7 @@
-//! Reads all datasets of `result.h5`, bit for bit.
+//! Files of HDF5: reads all datasets, bit for bit; writes and changes files.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::Path;
 
 /// The shape of a dataset and its bytes as stored in the file.
@@ -20,6 +21,37 @@ impl Stored {
             .map(|b| f64::from_le_bytes(std::array::from_fn(|k| b[k])))
             .collect()
     }
+}
+
+/// Writes a new HDF5 file.
+pub fn write_hdf5(
+    path: &Path,
+    write: impl FnOnce(&hdf5::File) -> hdf5::Result<()>,
+) -> Result<(), String> {
+    let written = path.with_extension("written");
+    let file = hdf5::File::create(&written).map_err(|e| e.to_string())?;
+    write(&file).and_then(|()| file.close()).map_err(|e| e.to_string())?;
+    replace_by_copy(&written, path)
+}
+
+/// Changes an HDF5 file.
+pub fn change_hdf5(
+    path: &Path,
+    change: impl FnOnce(&hdf5::File) -> hdf5::Result<()>,
+) -> Result<(), String> {
+    let file = hdf5::File::open_rw(path).map_err(|e| e.to_string())?;
+    change(&file).and_then(|()| file.close()).map_err(|e| e.to_string())?;
+    replace_by_copy(path, path)
+}
+
+/// Replaces `path` by a copy of `written`. Processes that other tests start while `written` is open
+/// inherit its lock and keep it; nobody has opened the copy.
+fn replace_by_copy(written: &Path, path: &Path) -> Result<(), String> {
+    let copy = path.with_extension("copy");
+    let done = fs::copy(written, &copy).and_then(|_| fs::rename(&copy, path));
+    let removed =
+        done.and_then(|()| if written == path { Ok(()) } else { fs::remove_file(written) });
+    removed.map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// All datasets of `directory/result.h5` by their paths, in all groups, without attributes.
