@@ -8,7 +8,6 @@
 //!
 //! Uses: scheme, parallel, problem, base. Paper: section 3.1 (`H1 = S`, `iH2 = K`).
 
-mod alike;
 pub mod assembly;
 pub mod block_matrix;
 pub mod blocking;
@@ -17,6 +16,7 @@ mod bundles;
 pub mod element_faces;
 pub mod elements;
 pub mod embedding;
+mod equal_rows;
 pub mod inflow;
 pub mod kernel;
 pub mod lanes;

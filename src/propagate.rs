@@ -20,11 +20,11 @@ pub mod classical;
 pub mod commutator_free;
 pub mod evolution;
 pub mod implicit;
+pub mod intermediate_moments;
 pub mod interruption;
 pub mod krylov;
 pub mod limiter;
 pub mod method;
-pub mod passed;
 pub mod shifted;
 pub mod time_dependent_inflow;
 

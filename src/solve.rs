@@ -9,10 +9,10 @@
 
 mod batch;
 pub mod checkpoint;
-pub mod kept;
 pub mod modes;
 pub mod prepared;
 pub mod rank_cells;
+pub mod rank_modes;
 pub mod resume;
 pub mod snapshot;
 pub mod spectrum;

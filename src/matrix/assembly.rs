@@ -8,15 +8,15 @@
 //!
 //! Layers are those of elements, as a row draws on all cells of its element.
 //!
-//! For degree 0, equal rows are evaluated once (see `AlikeCells`).
+//! For degree 0, equal rows are evaluated once (see `CellsWithEqualRows`).
 //!
 //! If the first axis is periodic, the last layer is adjacent to the first. Contributions of the
 //! first layer to the last are stored until then. Rows of the last layer are evaluated once more at
 //! the beginning, for their contributions to the first.
 
 use crate::base::error::Result;
-use crate::matrix::alike::AlikeCells;
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::equal_rows::CellsWithEqualRows;
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::row_lines::MatrixEntry;
 use crate::matrix::rows::{Rows, RowsBuilder};
@@ -101,7 +101,7 @@ fn inflow_rows(
     case: &Case,
     scheme: &Scheme<'_>,
     block: &Block,
-    alike: &AlikeCells,
+    equal_rows: &CellsWithEqualRows,
     row: &mut Row,
 ) -> InflowRows {
     let varies = case.varies();
@@ -123,7 +123,7 @@ fn inflow_rows(
     }
     block.for_each_own(|global, local| {
         // An earlier cell equals it only if it draws on no inflow.
-        if alike.earlier(local).is_some() {
+        if equal_rows.earlier(local).is_some() {
             return;
         }
         for v in 0..block.velocity_cells {
@@ -154,7 +154,7 @@ struct UnknownNumbers {
 
 /// The space cells of a block and its ghosts, by layer along the first x-axis.
 struct Layers<'a> {
-    alike: &'a AlikeCells,
+    equal_rows: &'a CellsWithEqualRows,
     /// The first unknown of each space cell, layer by layer.
     cells: Vec<UnknownNumbers>,
     /// The block's layers, by element of the first x-axis.
@@ -171,13 +171,18 @@ struct Layers<'a> {
 
 impl<'a> Layers<'a> {
     /// The layers of `block`, which has `rows` rows.
-    fn new(space: &PhaseSpace, block: &Block, alike: &'a AlikeCells, rows: usize) -> Self {
+    fn new(
+        space: &PhaseSpace,
+        block: &Block,
+        equal_rows: &'a CellsWithEqualRows,
+        rows: usize,
+    ) -> Self {
         let velocities = block.velocity_cells;
         let leading = &space.x[0];
         let count = leading.nodes.count();
         let range = block.ranges[0].start / count..block.ranges[0].end / count;
         let mut this = Self {
-            alike,
+            equal_rows,
             cells: Vec::with_capacity(block.space_cells() + block.ghosts() / velocities),
             global_size: space.cells() / leading.elements(),
             local_size: block.cells() / range.len(),
@@ -209,7 +214,7 @@ impl<'a> Layers<'a> {
     /// The unknowns of those space cells among `cells` whose rows are evaluated.
     fn unknowns(&self, cells: &[UnknownNumbers]) -> impl Iterator<Item = UnknownNumbers> {
         let velocities = self.velocities;
-        let evaluated = cells.iter().filter(|cell| self.alike.are_evaluated(cell.global));
+        let evaluated = cells.iter().filter(|cell| self.equal_rows.are_evaluated(cell.global));
         evaluated.flat_map(move |&UnknownNumbers { global, local }| {
             (0..velocities).map(move |v| UnknownNumbers { global: global + v, local: local + v })
         })
@@ -232,7 +237,7 @@ impl Collector<'_> {
     /// Adds an entry to local row `target` in `layer` of the block, unless it equals an earlier
     /// row.
     fn put(&mut self, target: usize, layer: usize, column: UnknownNumbers, [s, k]: [f64; 2]) {
-        if self.layers.alike.earlier(target).is_some() {
+        if self.layers.equal_rows.earlier(target).is_some() {
             return;
         }
         let list = match (layer + 1).checked_sub(self.current) {
@@ -279,7 +284,7 @@ impl Collector<'_> {
             scheme.row(row, i.global);
             for &(column, value) in row.entries.iter().filter(|e| layers.of(e.0) == 0) {
                 if let Some(LocalIndex::Own(j)) = self.block.local(column)
-                    && self.layers.alike.earlier(j).is_none()
+                    && self.layers.equal_rows.earlier(j).is_none()
                 {
                     self.window[1].push(Contribution {
                         row: j as u32,
@@ -344,12 +349,12 @@ fn rows_by_layers(
     case: &Case,
     scheme: &Scheme<'_>,
     block: &Block,
-    alike: &AlikeCells,
+    equal_rows: &CellsWithEqualRows,
     inflow: &InflowRows,
     row: &mut Row,
 ) -> Rows {
     let rows = block.cells() + inflow.unknowns();
-    let layers = Layers::new(&case.space, block, alike, rows);
+    let layers = Layers::new(&case.space, block, equal_rows, rows);
     // Time-dependent couplings are not stored in the matrix.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
     let coupled = inflow.list.iter().enumerate();
@@ -363,7 +368,7 @@ fn rows_by_layers(
                 let column = block.cells() + if inflow.shared { 0 } else { m };
                 entries.push((column as u32, 0.0, 0.0));
             }
-            match alike.earlier(done) {
+            match equal_rows.earlier(done) {
                 Some(earlier) => builder.repeat(earlier),
                 None => builder.push(entries),
             }
@@ -392,9 +397,9 @@ impl BlockMatrix {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let mut row = Row::default();
         // Auxiliary unknowns are numbered before the ghosts, so their count must be known first.
-        let alike = AlikeCells::new(case, &scheme, &block, &mut row);
-        let inflow = inflow_rows(case, &scheme, &block, &alike, &mut row);
-        let rows = rows_by_layers(case, &scheme, &block, &alike, &inflow, &mut row);
+        let equal_rows = CellsWithEqualRows::new(case, &scheme, &block, &mut row);
+        let inflow = inflow_rows(case, &scheme, &block, &equal_rows, &mut row);
+        let rows = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
         let velocity_lines = VelocityLines::new(&case.space, &block, scheme.potential(), case.flux);
         let mut this = Self::new(block, rows, inflow);
@@ -436,12 +441,13 @@ mod tests {
                 let block = Block::new(&case.space, &mesh, number);
                 let scheme = Scheme::new(&case, &block.wide_ranges()).expect("V is finite");
                 let mut row = Row::default();
-                let some = AlikeCells::new(&case, &scheme, &block, &mut row);
-                let [found, all] = [some, AlikeCells::none(&block)].map(|alike| {
+                let some = CellsWithEqualRows::new(&case, &scheme, &block, &mut row);
+                let [found, all] = [some, CellsWithEqualRows::none(&block)].map(|equal_rows| {
                     let mut row = Row::default();
-                    let inflow = inflow_rows(&case, &scheme, &block, &alike, &mut row);
-                    repeated += (0..block.cells()).filter(|i| alike.earlier(*i).is_some()).count();
-                    rows_by_layers(&case, &scheme, &block, &alike, &inflow, &mut row)
+                    let inflow = inflow_rows(&case, &scheme, &block, &equal_rows, &mut row);
+                    repeated +=
+                        (0..block.cells()).filter(|i| equal_rows.earlier(*i).is_some()).count();
+                    rows_by_layers(&case, &scheme, &block, &equal_rows, &inflow, &mut row)
                 });
                 assert_eq!((found.len(), found.reach()), (all.len(), all.reach()), "{name}");
                 for i in 0..all.len() {

@@ -11,8 +11,8 @@ use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
+use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::BatchCoupling;
-use crate::propagate::passed::PassedMoments;
 use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
@@ -51,11 +51,11 @@ const TIME_BYTES: u64 = 5 << 9;
 pub const BUFFERS: u64 = 16 << 20;
 
 /// Bytes of a kept mode in addition to its rows: its number and its progress.
-pub const KEPT_MODE_BYTES: u64 = 48;
+pub const RANK_MODE_BYTES: u64 = 48;
 
 /// Bytes that `modes` kept modes of `rows` rows each take.
 pub fn kept_modes_bytes(rows: u64, modes: u64) -> u64 {
-    modes * (rows * size_of::<Complex64>() as u64 + KEPT_MODE_BYTES)
+    modes * (rows * size_of::<Complex64>() as u64 + RANK_MODE_BYTES)
 }
 
 /// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes, with `points` points
@@ -270,7 +270,7 @@ impl<'a> FullestRank<'a> {
         let passed = warp.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
         if passed > 0 {
             let largest = warp.largest_work() as u64;
-            let bytes = PassedMoments::bytes(&share, self.points, passed as u64, largest);
+            let bytes = IntermediateMoments::bytes(&share, self.points, passed as u64, largest);
             list.push(NamedBytes::new("moments on the way", bytes));
         }
         if !case.times.is_empty() {

@@ -21,7 +21,7 @@
 //!
 //! This takes as many applications as forwards, but only two vectors a mode and none for the sum:
 //! the start `x` is mostly real and common to the modes of a batch. For moments at intermediate
-//! times the series is summed forwards (see [`crate::propagate::passed`]). Each lane has its own
+//! times the series is summed forwards (see [`crate::propagate::intermediate_moments`]). Each lane has its own
 //! degree, with zero coefficients above it, so its bits do not depend on other lanes.
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
@@ -33,10 +33,10 @@ use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
+use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
-use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
 /// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series at most some units more,
@@ -252,7 +252,7 @@ impl Chebyshev {
         constants: &StepConstants,
         degree: usize,
         start: &[R],
-        passed: &mut PassedMoments<'_>,
+        passed: &mut IntermediateMoments<'_>,
     ) -> Result<()> {
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let constants = |k: usize| {
@@ -313,7 +313,7 @@ impl Propagator for Chebyshev {
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
         initial: &InitialState<'_>,
-        passed: &mut PassedMoments<'_>,
+        passed: &mut IntermediateMoments<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
         passed.prepare(system, batch);

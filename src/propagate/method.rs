@@ -9,7 +9,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::problem::case::Propagation;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
-use crate::propagate::passed::PassedMoments;
+use crate::propagate::intermediate_moments::IntermediateMoments;
 use num_complex::Complex64;
 
 /// Statistics of a propagated batch.
@@ -65,7 +65,7 @@ pub trait Propagator {
         _system: &mut Evolution<'_>,
         _batch: &BatchSpec,
         _initial: &InitialState<'_>,
-        _passed: &mut PassedMoments<'_>,
+        _passed: &mut IntermediateMoments<'_>,
     ) -> Result<BatchReport> {
         panic!("this method stops at every output time");
     }

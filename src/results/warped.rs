@@ -11,7 +11,7 @@
 //! each rank has all modes of a few cells; it transforms them to values and writes these. Reading
 //! does the same in reverse. Buffers take [`crate::plan::memory::BUFFERS`] for a field of any size.
 
-pub mod given;
+pub mod initial_file;
 pub mod spread;
 
 use crate::base::disk::{failure, require_room};
@@ -25,7 +25,7 @@ use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::results::writer::Writer;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::transform::Transform;
-use crate::solve::kept::KeptModes;
+use crate::solve::rank_modes::RankModes;
 use std::path::Path;
 
 /// Bytes for metadata and texts of a file, except those of case and plan.
@@ -119,7 +119,7 @@ pub fn write(
     spread: &Spread<'_>,
     series: &Series,
     lower: f64,
-    kept: &KeptModes,
+    kept: &RankModes,
 ) -> Result<()> {
     let world = &spread.communicator.world;
     put_in_place(world, path, |partial| {
@@ -135,7 +135,7 @@ fn write_all(
     about: &FileAttributes<'_>,
     spread: &Spread<'_>,
     mut transform: Transform,
-    kept: &KeptModes,
+    kept: &RankModes,
 ) -> Result<()> {
     spread.fits(kept, &transform);
     let world = &spread.communicator.world;

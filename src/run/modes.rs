@@ -17,18 +17,18 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::results::dataset::FileAttributes;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
+use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
 use crate::run::files::{EarlyStates, FieldsWithHistory, RunFiles, WarpedOutput};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
-use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
+use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::stage::{FullRunModes, RecoveredFields, Task};
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
@@ -121,7 +121,7 @@ struct ModeStart {
     /// Norm of the modes of each field, or a bound on it.
     norms: Vec<f64>,
     /// The modes of this rank, if the run keeps them; already read if they start from a file.
-    kept: Option<KeptModes>,
+    kept: Option<RankModes>,
     /// Checksum of the dataset `/w` of that file.
     checksum: Option<u64>,
     /// A warning of the error of `f`, if it may exceed the tolerance.
@@ -137,7 +137,7 @@ impl ModeStart {
         let warp = plan.warp.as_ref().expect("a plan by modes");
         let communicator = spread.communicator;
         let own = &spread.modes[communicator.modes.rank()];
-        let mut kept = (warp.points).map(|_| KeptModes::new(system.matrix.rows(), own.clone()));
+        let mut kept = (warp.points).map(|_| RankModes::new(system.matrix.rows(), own.clone()));
         let begun = match (&case.start, &mut kept) {
             (Some(start), Some(kept)) => Some(read_start(start, plan, case, spread, system, kept)?),
             _ => None,
@@ -163,7 +163,7 @@ impl ModeStart {
 
 /// The modes that a run keeps, and their files if it writes any.
 struct KeptForRun<'a, 'f> {
-    modes: &'a mut KeptModes,
+    modes: &'a mut RankModes,
     files: Option<&'a mut WarpedFiles<'f>>,
 }
 
@@ -215,7 +215,7 @@ impl ModeRun<'_> {
             Some(KeptForRun { modes, files }) => (Some(modes), files),
             None => (None, None),
         };
-        let mut after = |field: usize, leg: usize, kept: &KeptModes| match files.as_mut() {
+        let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
             Some(files) => self.write(files, field, leg, kept),
             None => Ok(()),
         };
@@ -239,7 +239,7 @@ impl ModeRun<'_> {
         files: &mut WarpedFiles<'_>,
         field: usize,
         leg: usize,
-        kept: &KeptModes,
+        kept: &RankModes,
     ) -> Result<()> {
         let (case, plan) = (self.case, self.plan);
         let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
@@ -382,7 +382,7 @@ fn read_start(
     case: &Case,
     spread: &Spread<'_>,
     system: &DiscreteSystem,
-    kept: &mut KeptModes,
+    kept: &mut RankModes,
 ) -> Result<StartModes> {
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let given = WarpedFile {

@@ -10,7 +10,7 @@ use crate::plan::{ASSUMED_RATIO, Plan, bounds_if_it_fits};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
 use crate::results::table_file::with_tables;
-use crate::results::warped::given::WarpedFile;
+use crate::results::warped::initial_file::WarpedFile;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;

@@ -5,11 +5,11 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::plan::balance::Batch;
 use crate::problem::legs::Leg;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, StateRows};
+use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::{BatchReport, Propagator};
-use crate::propagate::passed::PassedMoments;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::stage::{FullRunModes, Stage, Task, whole_over_leg};
 use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
@@ -23,7 +23,7 @@ pub(super) struct BatchDestination<'b, 'a, 'k, 'm> {
     /// The state at the end of a leg, with which the next begins.
     pub(super) between: &'b mut [Lanes],
     /// The moments at the times that legs pass, if any.
-    pub(super) passed: Option<&'b mut PassedMoments<'m>>,
+    pub(super) passed: Option<&'b mut IntermediateMoments<'m>>,
     /// The stored modes of a full run.
     pub(super) keeping: Option<&'b mut FullRunModes<'k>>,
     pub(super) statistics: &'b mut BatchStatistics,
@@ -108,7 +108,7 @@ impl LaneProgress {
     }
 
     /// Loads the modes of `batch` that this rank has stored into `state`, and their progress.
-    fn load(&mut self, kept: &KeptModes, batch: &Batch, state: &mut [Lanes]) {
+    fn load(&mut self, kept: &RankModes, batch: &Batch, state: &mut [Lanes]) {
         kept.load(&batch.modes, state);
         for l in 0..LANES {
             let mode = batch.modes[l.min(batch.modes.len() - 1)];
@@ -129,7 +129,7 @@ impl LaneProgress {
     }
 
     /// Stores the modes of `batch`, which `state` holds after `legs` legs.
-    fn store(&self, kept: &mut KeptModes, batch: &Batch, legs: usize, state: &[Lanes]) {
+    fn store(&self, kept: &mut RankModes, batch: &Batch, legs: usize, state: &[Lanes]) {
         let progress = std::array::from_fn(|l| ModeProgress {
             legs,
             phase: self.phases[l],

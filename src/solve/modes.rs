@@ -7,7 +7,7 @@
 //! of independent modes and any order.
 //!
 //! A run has *legs*, from one output time to the next, or past output times that need moments only
-//! (see [`crate::propagate::passed`]). It consists of *stages*, each a pass over all modes of a
+//! (see [`crate::propagate::intermediate_moments`]). It consists of *stages*, each a pass over all modes of a
 //! field. In a stage of a streamed run, a batch takes all legs one after the other; in a stage of a
 //! full run, which stores the modes, it takes one leg. Both treat a mode alike, so that their
 //! results have the same bits.
@@ -18,12 +18,12 @@ use crate::base::progress::Progress;
 use crate::matrix::lanes::Lanes;
 use crate::plan::balance::Batch;
 use crate::propagate::evolution::Evolution;
+use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::Propagator;
-use crate::propagate::passed::PassedMoments;
 use crate::solve::batch::{BatchDestination, add_batch};
 use crate::solve::checkpoint::watch::RankState;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint};
-use crate::solve::kept::ModeProgress;
+use crate::solve::rank_modes::ModeProgress;
 use crate::solve::stage::{FullRunModes, RecoveredFields, Stage, StageBatches, Task};
 use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
@@ -62,7 +62,7 @@ pub fn run(
     let times = task.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
     let matrix = system.matrix;
     let passed = (task.moments.filter(|_| times > 0))
-        .map(|moments| PassedMoments::new(matrix, moments, times, task.warp.largest_work()));
+        .map(|moments| IntermediateMoments::new(matrix, moments, times, task.warp.largest_work()));
     let at_once = if hooks.keeping.is_some() { 1 } else { legs };
     let stages: Vec<(usize, usize)> = (0..task.initial.len())
         .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
@@ -100,7 +100,7 @@ struct StagedModes<'r, 'a, 's, 'k, 'c> {
     /// The state of a batch between two legs.
     between: Vec<Lanes>,
     /// The moments of a batch at the times that a leg passes.
-    passed: Option<PassedMoments<'a>>,
+    passed: Option<IntermediateMoments<'a>>,
     /// The counts before the checkpoint that the run continues from.
     before: BatchStatistics,
     /// The counts since the beginning.

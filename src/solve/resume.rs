@@ -6,7 +6,7 @@ use crate::matrix::observables::MOMENTS;
 use crate::problem::legs::Leg;
 use crate::solve::checkpoint::ResumePoint;
 use crate::solve::checkpoint::file::ReadDestination;
-use crate::solve::kept::KeptModes;
+use crate::solve::rank_modes::RankModes;
 use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
 use std::ops::Range;
@@ -19,7 +19,7 @@ impl Stage<'_> {
         batches: &StageBatches<'_>,
         task: &Task<'_>,
         matrix: &BlockMatrix,
-        kept: Option<&'b KeptModes>,
+        kept: Option<&'b RankModes>,
         recovered: &'b RecoveredFields,
     ) -> Snapshot<'b> {
         Snapshot {
@@ -53,7 +53,7 @@ impl Stage<'_> {
         resumed: &ResumePoint<'_>,
         task: &Task<'_>,
         matrix: &BlockMatrix,
-        kept: Option<&mut KeptModes>,
+        kept: Option<&mut RankModes>,
         recovered: &mut RecoveredFields,
     ) -> Result<()> {
         let ResumePoint { generation, share, .. } = resumed;
@@ -114,7 +114,7 @@ impl RecoveredFields {
     }
 }
 
-impl KeptModes {
+impl RankModes {
     /// The modes that were propagated over at least one leg.
     fn begun(&self) -> impl Iterator<Item = StoredMode<'_>> {
         let all = self.modes().iter().zip(self.progress());

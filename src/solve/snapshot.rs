@@ -5,7 +5,7 @@ use crate::base::version::VERSION;
 use crate::matrix::kernel::InstructionSet;
 use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::ModeProgress;
+use crate::solve::rank_modes::ModeProgress;
 use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};

@@ -8,7 +8,7 @@ use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::method::Propagator;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::KeptModes;
+use crate::solve::rank_modes::RankModes;
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
 use std::ops::Range;
@@ -68,11 +68,11 @@ pub struct RecoveredFields {
 /// The tasks of a full run with the modes that it stores.
 pub struct FullRunModes<'a> {
     /// The modes of this rank, of one field after the other.
-    pub kept: &'a mut KeptModes,
+    pub kept: &'a mut RankModes,
     /// Whether the run starts from these modes instead of the fields at time zero.
     pub begun: bool,
     /// Called on all ranks with `(field, leg, modes)` at the end of each leg.
-    pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
+    pub after: &'a mut dyn FnMut(usize, usize, &RankModes) -> Result<()>,
 }
 
 /// The finished part of a stage.

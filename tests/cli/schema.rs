@@ -16,7 +16,7 @@ use phasewarp::results::pictures;
 use phasewarp::results::start_field::origin;
 use phasewarp::results::table_file::with_tables;
 use phasewarp::results::untrusted;
-use phasewarp::results::warped::given::WarpedFile;
+use phasewarp::results::warped::initial_file::WarpedFile;
 use std::fs;
 use std::path::Path;
 use std::str::FromStr;

@@ -19,9 +19,9 @@ use phasewarp::propagate::bessel::bessel_series;
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::evolution::BatchSpec;
 use phasewarp::propagate::implicit::Implicit;
+use phasewarp::propagate::intermediate_moments::IntermediateMoments;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::method::{BatchReport, Propagator};
-use phasewarp::propagate::passed::PassedMoments;
 use phasewarp::propagate::{PropagationSpan, work};
 use std::collections::BTreeMap;
 
@@ -205,7 +205,7 @@ fn passing_times(
     chebyshev.propagate(evolution, batch, start).expect("a series");
     let whole = chebyshev.state()[..matrix.rows()].to_vec();
     let read = [None, blocking].map(|blocking| {
-        let mut passed = PassedMoments::new(matrix, &moments, 2, most).blocked(blocking);
+        let mut passed = IntermediateMoments::new(matrix, &moments, 2, most).blocked(blocking);
         let weights = std::array::from_fn(|l| Complex64::cis(0.3 * l as f64));
         passed.begin(&[0.2 * time, 0.9 * time], &weights);
         let report = chebyshev.propagate_past(evolution, batch, start, &mut passed);

@@ -17,10 +17,10 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::{ModesFromFile, ReadingDomain, WarpedFile};
+use phasewarp::results::warped::initial_file::{ModesFromFile, ReadingDomain, WarpedFile};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
-use phasewarp::solve::kept::{KeptModes, ModeProgress};
+use phasewarp::solve::rank_modes::{ModeProgress, RankModes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -81,8 +81,8 @@ impl Rank {
     }
 
     /// Memory for the modes of this rank.
-    fn room(&self, modes: &[Vec<usize>]) -> KeptModes {
-        KeptModes::new(self.rows(), modes[self.communicator.modes.rank()].clone())
+    fn room(&self, modes: &[Vec<usize>]) -> RankModes {
+        RankModes::new(self.rows(), modes[self.communicator.modes.rank()].clone())
     }
 }
 

@@ -9,7 +9,7 @@ use crate::parallel::partition::Block;
 use crate::plan::memory::{cell_bytes, cells_at_once};
 use crate::problem::grid::PhaseSpace;
 use crate::schrodingerization::transform::Transform;
-use crate::solve::kept::KeptModes;
+use crate::solve::rank_modes::RankModes;
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -97,7 +97,7 @@ impl Spread<'_> {
     }
 
     /// The phases of all modes. Collective over the mode groups.
-    pub fn phases(&self, kept: &KeptModes) -> Vec<Complex64> {
+    pub fn phases(&self, kept: &RankModes) -> Vec<Complex64> {
         let count: usize = self.modes.iter().map(Vec::len).sum();
         let mut parts = vec![f64::NEG_INFINITY; 2 * count];
         for (&l, progress) in kept.modes().iter().zip(kept.progress()) {
@@ -109,7 +109,7 @@ impl Spread<'_> {
     }
 
     /// Checks that these are the modes of `kept` and of `transform`.
-    pub fn fits(&self, kept: &KeptModes, transform: &Transform) {
+    pub fn fits(&self, kept: &RankModes, transform: &Transform) {
         let mine = &self.modes[self.communicator.modes.rank()];
         assert_eq!(kept.modes(), &mine[..], "the modes of this rank");
         let all: usize = self.modes.iter().map(Vec::len).sum();

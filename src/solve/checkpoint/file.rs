@@ -14,7 +14,7 @@
 use crate::base::checksum::of_run;
 use crate::base::disk::open_regular;
 use crate::parallel::partition::common_runs;
-use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -264,7 +264,7 @@ pub struct ReadDestination<'a> {
     pub results: Vec<Vec<f64>>,
     /// The modes that it stores, if any, and the cells to which their auxiliary unknowns belong
     /// ([`crate::solve::snapshot::StoredModes::auxiliary`]).
-    pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
+    pub kept: Option<(Vec<u64>, &'a mut RankModes)>,
 }
 
 impl RankFile {

@@ -9,7 +9,7 @@ use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::solve::checkpoint::file::{self, Header, RankFile, ReadDestination};
 use crate::solve::checkpoint::store::{Manifest, SealedManifest, rank_file};
-use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::snapshot::{
     BoxValues, Fingerprint, GroupProgress, StoredMode, StoredModes, WarpedFieldKey,
 };
@@ -208,7 +208,7 @@ impl<'a> Rank<'a> {
         let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
         let behind = self.auxiliary();
         let cells = own * self.space.velocity_cells();
-        let mut kept = KeptModes::new(cells + behind.len(), self.modes.clone());
+        let mut kept = RankModes::new(cells + behind.len(), self.modes.clone());
         let result = |width: &usize| vec![0.0; width * file::points(&self.share)];
         let mut into = ReadDestination {
             block: &self.block,
@@ -417,7 +417,7 @@ fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
     let mut sums: Vec<Vec<i64>> = SUMS.iter().map(|width| vec![0; 2 * width * own]).collect();
     let behind = rank.auxiliary();
     let rows = own * rank.space.velocity_cells() + behind.len();
-    let mut kept = KeptModes::new(rows, rank.modes.clone());
+    let mut kept = RankModes::new(rows, rank.modes.clone());
     let result = |width: &usize| vec![0.0; width * file::points(&rank.share)];
     let mut into = ReadDestination {
         block: &rank.block,

@@ -16,10 +16,10 @@ use crate::propagate::method::{BatchCoupling, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::propagate::{self, PropagationSpan, descriptor, propagator};
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes::{self, RunHooks};
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
+use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::stage::{FullRunModes, Task};
 use crate::solve::system::DiscreteSystem;
 use crate::study::calibrate::timing::{
@@ -167,7 +167,7 @@ impl<'a> ModeTrials<'a> {
         };
         let mut kept = self.warp.points.map(|_| {
             let modes = batches.iter().flat_map(|b| b.modes.clone());
-            KeptModes::new(self.matrix.rows(), modes.collect())
+            RankModes::new(self.matrix.rows(), modes.collect())
         });
         if let (Some(kept), Some(given)) = (&mut kept, &self.given) {
             kept.progress_mut().fill(ModeProgress::start(given.norm));
@@ -185,7 +185,7 @@ impl<'a> ModeTrials<'a> {
             shares: &self.rank_cells.ranges,
             moments: Some(&self.moments),
         };
-        let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());
+        let mut unwritten = |_: usize, _: usize, _: &RankModes| Ok(());
         let mut keeping = kept.as_mut().map(|kept| FullRunModes {
             kept,
             begun: self.given.is_some(),

@@ -22,7 +22,7 @@ use num_complex::Complex64;
 use std::ops::Range;
 
 /// The moments of a batch at the times that a leg passes, and their scratch; made once.
-pub struct PassedMoments<'a> {
+pub struct IntermediateMoments<'a> {
     moments: &'a MomentsOf<'a>,
     /// `1/√π` of the cells.
     scales: Vec<f64>,
@@ -46,7 +46,7 @@ pub struct PassedMoments<'a> {
     blocking: Option<Blocking>,
 }
 
-impl<'a> PassedMoments<'a> {
+impl<'a> IntermediateMoments<'a> {
     /// Room for legs that pass at most `times` times in series of at most `largest_degree`.
     pub fn new(
         matrix: &BlockMatrix,

@@ -1,7 +1,7 @@
 //! The modes that a rank stores: all rows of its space block for each mode that it computes.
 
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::plan::memory::KEPT_MODE_BYTES;
+use crate::plan::memory::RANK_MODE_BYTES;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 /// in weighted unknowns; see [`crate::schrodingerization::profile::series::Series::factor`]. Phases
 /// are stored apart from the modes, so that a stored mode continues with the same bits as one that
 /// was never stored.
-pub struct KeptModes {
+pub struct RankModes {
     rows: usize,
     /// The modes, ascending.
     modes: Vec<usize>,
@@ -36,7 +36,7 @@ pub struct ModeProgress {
     pub allowed: f64,
 }
 
-const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == KEPT_MODE_BYTES);
+const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == RANK_MODE_BYTES);
 
 impl ModeProgress {
     /// Initial progress of a mode of norm `norm`.
@@ -45,7 +45,7 @@ impl ModeProgress {
     }
 }
 
-impl KeptModes {
+impl RankModes {
     /// Storage for `modes` of `rows` rows each, filled with zeros.
     pub fn new(rows: usize, mut modes: Vec<usize>) -> Self {
         modes.sort_unstable();
@@ -145,9 +145,9 @@ mod tests {
     #[test]
     fn lanes_come_back() {
         let (rows, all) = (5, [7, 2, 11, 4, 0, 9, 3, 8, 21, 1]);
-        let mut kept = KeptModes::new(rows, all.to_vec());
+        let mut kept = RankModes::new(rows, all.to_vec());
         assert_eq!(kept.modes(), [0, 1, 2, 3, 4, 7, 8, 9, 11, 21]);
-        let gone = |kept: &KeptModes| kept.progress().iter().filter(|p| p.legs == 1).count();
+        let gone = |kept: &RankModes| kept.progress().iter().filter(|p| p.legs == 1).count();
         assert_eq!(gone(&kept), 0);
         let value = |mode: usize, i: usize| Complex64::new(mode as f64 + 0.5, i as f64 - 3.0);
         let progress = |mode: usize| ModeProgress {

@@ -15,7 +15,7 @@ use crate::scheme::rows::{Row, Scheme};
 use std::collections::{HashMap, HashSet};
 
 /// For each space cell of a block, the first cell that has equal rows.
-pub(super) struct AlikeCells {
+pub(super) struct CellsWithEqualRows {
     /// For each space cell of the block, the first one with equal rows.
     first: Vec<usize>,
     /// The first unknowns of the space cells, with ghosts, whose rows of `A` are evaluated: those
@@ -80,7 +80,7 @@ impl SpaceCell {
     }
 }
 
-impl AlikeCells {
+impl CellsWithEqualRows {
     /// Every cell of `block` is treated as different.
     pub fn none(block: &Block) -> Self {
         let first = (0..block.space_cells()).collect();

@@ -12,7 +12,7 @@ use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
-use crate::solve::kept::KeptModes;
+use crate::solve::rank_modes::RankModes;
 use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use num_complex::Complex64;
@@ -149,7 +149,7 @@ pub struct ModesFromFile<'a> {
     /// The series whose factors the modes are for.
     pub series: &'a Series,
     /// The modes of this rank, which are overwritten.
-    pub kept: &'a mut KeptModes,
+    pub kept: &'a mut RankModes,
     /// The interval in `p` on which the flatness of the field is measured.
     pub domain: ReadingDomain,
 }
