@@ -119,6 +119,8 @@ pub struct Tracer<'a> {
     direction: f64,
     /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
     faces: Vec<Vec<f64>>,
+    /// Cells per unit of length along each space axis.
+    cells_per_length: Vec<f64>,
     /// By space cell: the number of layers of cells around it that are, like itself, free of slopes
     /// and jumps. A particle crosses this block of cells in one step.
     free: Vec<u32>,
@@ -260,7 +262,19 @@ impl<'a> Tracer<'a> {
             true => AxisLine::all(&space, &potential, &faces, -1.0),
             false => Vec::new(),
         };
-        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate, paths, lines })
+        let cells_per_length = space.x.iter().map(|axis| 1.0 / axis.width()).collect();
+        Ok(Self {
+            case,
+            space,
+            potential,
+            direction: -1.0,
+            faces,
+            cells_per_length,
+            free,
+            face_rate,
+            paths,
+            lines,
+        })
     }
 
     /// This tracer, whose [`follow`](Self::follow) goes forward in time.
@@ -502,10 +516,10 @@ impl<'a> Tracer<'a> {
 
     /// The cell along axis `a` that holds `x`, the upper one on a face.
     fn cell_at(&self, a: usize, x: f64) -> usize {
-        let (axis, faces) = (&self.space.x[a], &self.faces[a]);
-        let last = axis.cells - 1;
+        let faces = &self.faces[a];
+        let last = faces.len() - 2;
         // Round-off may make this one too large or too small.
-        let i = (((x - axis.lower) / axis.width()) as usize).min(last);
+        let i = (((x - faces[0]) * self.cells_per_length[a]) as usize).min(last);
         if x < faces[i] {
             i.saturating_sub(1)
         } else if x >= faces[i + 1] {

@@ -2,8 +2,8 @@
 
 use crate::results::draw::extent::{ends, map_range};
 use crate::results::draw::shape::{
-    Area, Drawn, PIXELS, PixelPoint, clipped, interval, line, marker, picture, pixels, put,
-    rectangle,
+    Area, Drawn, PIXELS, PixelCells, PixelPoint, clipped, interval, line, marker, picture, pixels,
+    put, rectangle,
 };
 use crate::results::draw::text;
 use crate::results::draw::ticks::Ruler;
@@ -204,9 +204,9 @@ fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     let bar = chart.plotting_area().strip_coord_spec();
     let (width, height) = bar.dim_in_pixel();
     let shade = colours(map);
-    picture(&bar, [0.0; 2], [width, height], |_, row| {
-        shade(1.0 - (f64::from(row) + 0.5) / f64::from(height))
-    })?;
+    let cells =
+        PixelCells { columns: vec![0; width as usize], rows: (0..height as usize).collect() };
+    picture(&bar, [0.0; 2], &cells, |_, row| shade(1.0 - (row as f64 + 0.5) / f64::from(height)))?;
     chart
         .configure_mesh()
         .disable_mesh()
@@ -428,18 +428,21 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         let [lower, upper] = map_range(map);
         let corner = [0, 1].map(|c| a[c].max(0.0));
         let end = [0, 1].map(|c| b[c].min(self.end[c]));
-        let size = [0, 1].map(|c| (end[c] - corner[c]).round().max(0.0) as u32);
+        let size = [0, 1].map(|c| (end[c] - corner[c]).round().max(0.0) as usize);
         if size.contains(&0) || map.values.len() != map.shape[0] * map.shape[1] {
             return Ok(());
         }
-        // The cell that contains the centre of pixel `k`.
-        let cell = |c: usize, k: u32| {
-            let along = (corner[c] + f64::from(k) + 0.5 - a[c]) / (b[c] - a[c]);
-            ((along * map.shape[c] as f64) as usize).min(map.shape[c] - 1)
+        // The cells that contain the centres of the pixels.
+        let along = |c: usize| -> Vec<usize> {
+            let cell = |k: usize| {
+                let place = (corner[c] + k as f64 + 0.5 - a[c]) / (b[c] - a[c]);
+                ((place * map.shape[c] as f64) as usize).min(map.shape[c] - 1)
+            };
+            (0..size[c]).map(cell).collect()
         };
         let shade = colours(map);
-        picture(&self.area, corner, size, |column, row| {
-            let (i, j) = (cell(0, column), map.shape[1] - 1 - cell(1, row));
+        picture(&self.area, corner, &PixelCells { columns: along(0), rows: along(1) }, |i, row| {
+            let j = map.shape[1] - 1 - row;
             shade((map.values[i * map.shape[1] + j] - lower) / (upper - lower))
         })
     }

@@ -50,15 +50,20 @@ fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
     let mut bytes = vec![0; 3 * 4 * width * height];
     let fine = (2 * width as u32, 2 * height as u32);
     sheet.draw(&BitMapBackend::with_buffer(&mut bytes, fine).into_drawing_area())?;
-    let pixel = |row: usize, column: usize| -> Colour {
-        std::array::from_fn(|c| {
-            let at = |i: usize, j: usize| u16::from(bytes[3 * (2 * width * i + j) + c]);
-            let (i, j) = (2 * row, 2 * column);
-            ((at(i, j) + at(i, j + 1) + at(i + 1, j) + at(i + 1, j + 1) + 2) / 4) as u8
-        })
-    };
-    let rows = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
-    Ok(Raster { size, pixels: rows.map(|(row, column)| pixel(row, column)).collect() })
+    // A row of pixels is two fine rows, and a pixel two fine pixels of each.
+    let fine_row = 3 * 2 * width;
+    let mut pixels = Vec::with_capacity(width * height);
+    for rows in bytes.chunks_exact(2 * fine_row) {
+        let (upper, lower) = rows.split_at(fine_row);
+        let pairs = upper.chunks_exact(6).zip(lower.chunks_exact(6));
+        pixels.extend(pairs.map(|(upper, lower)| -> Colour {
+            std::array::from_fn(|c| {
+                let four = [upper[c], upper[c + 3], lower[c], lower[c + 3]].map(u16::from);
+                ((four.iter().sum::<u16>() + 2) / 4) as u8
+            })
+        }));
+    }
+    Ok(Raster { size, pixels })
 }
 
 /// The colour of a value in [0, 1].
@@ -117,13 +122,15 @@ impl Palette {
     /// Numbers of the colours nearest to those of a picture.
     pub fn numbers(&mut self, raster: &Raster) -> Vec<u8> {
         let Self { colours, nearest } = self;
-        let number = |pixel: &Colour| {
+        let mut number = |pixel: &Colour| {
             *nearest.entry(*pixel).or_insert_with(|| {
                 let found = (0..colours.len()).min_by_key(|&k| distance(&colours[k], pixel));
                 found.unwrap_or(0) as u8
             })
         };
-        raster.pixels.iter().map(number).collect()
+        // Neighbours mostly have the same colour.
+        let runs = raster.pixels.chunk_by(|a, b| a == b);
+        runs.flat_map(|run| std::iter::repeat_n(number(&run[0]), run.len())).collect()
     }
 
     /// A picture as PNG.

@@ -77,17 +77,35 @@ pub fn interval<DB: DrawingBackend>(
     put(area, &ErrorBar::new_vertical(x, low, y, high, stroke, pixels(3.0) as u32))
 }
 
-/// Draws a picture with its upper left corner at `corner`; `colour(column, row)` gives its pixels.
+/// The cells of a map that the pixels of a picture show.
+pub struct PixelCells {
+    /// By column of pixels, from the left.
+    pub columns: Vec<usize>,
+    /// By row of pixels, from the top.
+    pub rows: Vec<usize>,
+}
+
+/// Draws a picture with its upper left corner at `corner`; `colour(column, row)` is that of a cell.
 pub fn picture<DB: DrawingBackend>(
     area: &Area<DB>,
     corner: PixelPoint,
-    size: [u32; 2],
-    colour: impl Fn(u32, u32) -> RGBColor,
+    cells: &PixelCells,
+    colour: impl Fn(usize, usize) -> RGBColor,
 ) -> Drawn {
-    let colour = &colour;
-    let all = (0..size[1]).flat_map(|row| (0..size[0]).map(move |column| colour(column, row)));
-    let bytes = all.flat_map(|RGBColor(r, g, b)| [r, g, b]).collect();
-    let size = (size[0], size[1]);
+    let PixelCells { columns, rows } = cells;
+    let width = 3 * columns.len();
+    let mut bytes: Vec<u8> = Vec::with_capacity(width * rows.len());
+    for (k, row) in rows.iter().enumerate() {
+        if k > 0 && rows[k - 1] == *row {
+            bytes.extend_from_within(bytes.len() - width..);
+            continue;
+        }
+        for of_a_cell in columns.chunk_by(|a, b| a == b) {
+            let RGBColor(r, g, b) = colour(of_a_cell[0], *row);
+            of_a_cell.iter().for_each(|_| bytes.extend([r, g, b]));
+        }
+    }
+    let size = (columns.len() as u32, rows.len() as u32);
     let element = BitMapElement::with_owned_buffer(rounded(corner), size, bytes);
     let element = element.ok_or("a picture's pixels are not as many as its size says")?;
     put(area, &element)

@@ -2,6 +2,7 @@
 
 use plotters::style::RGBColor;
 use plotters::style::colors::colormaps::{ColorMap, DerivedColorMap};
+use std::sync::LazyLock;
 
 /// Text and frames.
 pub const INK: RGBColor = RGBColor(34, 34, 34);
@@ -126,20 +127,26 @@ impl Style {
     }
 }
 
-/// The colour at `fraction` in [0, 1] of a map's colour bar; [`NOTHING`] for NaN.
-fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
-    if fraction.is_nan() { NOTHING } else { DerivedColorMap::new(colours).get_color(fraction) }
+/// Colours from the lower end of a colour bar to the upper one.
+type ColourBar = LazyLock<DerivedColorMap<RGBColor>>;
+
+static HEAT: ColourBar = LazyLock::new(|| DerivedColorMap::new(&SEQUENTIAL));
+static DIFFERENCES: ColourBar = LazyLock::new(|| DerivedColorMap::new(&[BELOW, PAPER, ABOVE]));
+
+/// The colour at `fraction` in [0, 1] of a colour bar; [`NOTHING`] for NaN.
+fn along(bar: &ColourBar, fraction: f64) -> RGBColor {
+    if fraction.is_nan() { NOTHING } else { bar.get_color(fraction) }
 }
 
 /// The colour at `fraction` in [0, 1] of a heat map's colour bar; [`NOTHING`] for NaN.
 pub fn sequential(fraction: f64) -> RGBColor {
-    along(&SEQUENTIAL, fraction)
+    along(&HEAT, fraction)
 }
 
 /// The colour at `fraction` in [0, 1] of a colour bar for differences. It is white in the middle,
 /// which is zero, and darker away from it; [`NOTHING`] for NaN.
 pub fn diverging(fraction: f64) -> RGBColor {
-    along(&[BELOW, PAPER, ABOVE], fraction)
+    along(&DIFFERENCES, fraction)
 }
 
 #[cfg(test)]
