@@ -62,9 +62,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
         let same = found.accuracy == accuracy && found.case == checksum_of(case);
         same.then_some(found)
     };
-    let mine = if world.group().rank() == 0 { of_file() } else { None };
-    let text = world.group().broadcast_text(&serde_json::json!(mine).to_string());
-    let choice = serde_json::from_str::<Option<ChosenSetup>>(&text).ok()??;
+    let choice = world.group().of_first_rank(|| Ok(of_file())).ok()??;
     let set: Vec<String> = case.overrides.iter().cloned().chain(choice.settings).collect();
     let found = Case::parse(&case.name, &case.text, &set).ok()?.with_tables_of(case);
     let expected_error = choice.expected_error;
