@@ -5,12 +5,11 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::quoted;
+use crate::base::text::{joined, quoted};
 use crate::base::version::VERSION;
 use crate::command::cli::PlanArgs;
 use crate::command::loading::{default_directory, load};
 use crate::parallel::communicator::World;
-use crate::plan::advice::joined;
 use crate::problem::case::Case;
 use std::fmt;
 use std::path::Path;
@@ -113,7 +112,7 @@ impl JobScript {
             words.extend(["--set".to_owned(), set.clone()]);
         }
         if let Some(blocks) = &args.ranks_x {
-            words.push(format!("--ranks-x={}", joined(blocks)));
+            words.push(format!("--ranks-x={}", joined(blocks, ",")));
         }
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let plain = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' };

@@ -1,6 +1,6 @@
 //! Resources to request from a batch system: the process mesh, and the memory of a node.
 
-use crate::base::text::{bytes_text, counted};
+use crate::base::text::{bytes_text, counted, joined};
 use crate::matrix::bounds::Bounds;
 use crate::plan::Plan;
 use crate::plan::layout::{LARGEST_POINTS, Layout, Resources};
@@ -173,7 +173,7 @@ impl fmt::Display for Advice {
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
                 },
-                joined(space),
+                joined(space, ","),
                 bytes_text(self.largest_points_memory),
                 match self.memory_given {
                     true => "",
@@ -192,7 +192,7 @@ impl fmt::Display for Advice {
                 f,
                 "{:<16}--ranks-x {:<7} time {:.2}: imbalance {:.3}, exchange {:.0} %, {} a rank{}",
                 if k == 0 { "suggested mesh" } else { "" },
-                joined(&mesh.space),
+                joined(&mesh.space, ","),
                 mesh.cost,
                 mesh.imbalance,
                 100.0 * mesh.split,
@@ -202,12 +202,6 @@ impl fmt::Display for Advice {
         }
         Ok(())
     }
-}
-
-/// `blocks` as text for `--ranks-x`.
-pub(crate) fn joined(blocks: &[usize]) -> String {
-    let blocks: Vec<String> = blocks.iter().map(usize::to_string).collect();
-    blocks.join(",")
 }
 
 #[cfg(test)]
