@@ -8,7 +8,6 @@ use crate::problem::case::{self, Case};
 use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
-use crate::run::planning;
 use crate::solve::checkpoint::store;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,8 +29,7 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 /// # Errors
 /// [`Error::Input`] for a file that cannot be read, the same on all ranks.
 pub fn load_text(world: &World, path: &Path) -> Result<String> {
-    let text = world.group().on_first_rank(|| case::read_text(path))?;
-    Ok(world.group().broadcast_text(&text))
+    world.group().of_first_rank(|| case::read_text(path))
 }
 
 /// The `--set` options that make these changes.
@@ -41,7 +39,7 @@ fn overrides(changes: &Changes) -> Vec<String> {
 }
 
 /// The case of a run that continues from the results in a directory.
-#[derive(Default, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Continuation {
     /// The name of its case file.
     name: String,
@@ -73,10 +71,7 @@ pub fn load_continued(
     changes: &Changes,
 ) -> Result<Case> {
     let group = world.group();
-    let found = group.on_first_rank(|| continuation(directory, until, changes))?;
-    let text = group.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
-    let found: Continuation = serde_json::from_str(&text)
-        .map_err(|e| Error::Input(format!("--continue {}: {e}", directory.display())))?;
+    let found = group.of_first_rank(|| continuation(directory, until, changes))?;
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.rank() == 0 && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
@@ -167,16 +162,6 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
     let mut name = path.into_os_string();
     name.push(format!("-until-{until}"));
     name.into()
-}
-
-/// The case as it is solved: its start field is read, and it is reduced to what its solution
-/// depends on. Collective.
-///
-/// # Errors
-/// As [`planning::reduced_with_start`].
-pub fn reduced_case(world: &World, case: &Case) -> Result<Case> {
-    let all = world.group();
-    planning::reduced_with_start(&all, case)
 }
 
 /// `results/NAME` of the case file.

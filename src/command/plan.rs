@@ -4,7 +4,6 @@ use crate::base::error::Result;
 use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::PlanArgs;
 use crate::command::describe::errors;
-use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
@@ -36,7 +35,8 @@ struct PlanJson<'a> {
 /// As [`planning::plan`], [`calibrate`], `load_for_accuracy` and [`sbatch::write`].
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
-    let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
+    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = planning::reduced_with_start(&world.group(), &case)?;
     if refuse_long_transport(&case).is_ok() {
         announce_slow_steps(world, &case);
     }

@@ -18,25 +18,18 @@ use crate::solve::prepared::Prepared;
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.
 pub(crate) fn solve(
     prepared: &mut Prepared,
-    files: Option<RunFiles<'_>>,
+    files: Option<&mut RunFiles<'_>>,
     summary: &mut Summary,
 ) -> Result<SolvedFields> {
-    let found = match prepared.plan.warp {
+    match prepared.plan.warp {
         Some(_) => modes::by_modes(prepared, files, summary),
         None => classical::integrate_fields(prepared, files.is_some(), summary),
-    }?;
-    Ok(SolvedFields {
-        early: history(prepared, found.early),
-        fields: found.fields,
-        plateau: found.plateau,
-        warped_seconds: found.warped_seconds,
-        warning: found.warning,
-    })
+    }
 }
 
 /// Moments and fields at the output times, from the states or sums recovered there,
 /// `[field][time]`. Collective.
-fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
+pub(super) fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
     let potential = nodal_values(case, &prepared.rank_cells.share);
