@@ -116,6 +116,11 @@ impl DatasetBox {
         }
     }
 
+    /// All of a dataset of this shape.
+    pub fn whole(shape: &[usize]) -> Self {
+        Self { start: vec![0; shape.len()], count: shape.to_vec() }
+    }
+
     /// Number of elements.
     pub fn size(&self) -> usize {
         self.count.iter().product()
@@ -138,7 +143,7 @@ impl DatasetBox {
         let shape = shape.to_vec();
         (0..before * parts).map(move |piece| {
             let part = piece % parts;
-            let mut slab = Self { start: vec![0; shape.len()], count: shape.clone() };
+            let mut slab = Self::whole(&shape);
             slab.start[..axis].copy_from_slice(&indices(piece / parts, &shape[..axis]));
             slab.count[..axis].fill(1);
             if let Some(n) = shape.get(axis) {
@@ -159,8 +164,7 @@ mod tests {
     }
 
     fn whole(shape: &[usize], values: &[f64]) -> u64 {
-        let ranges: Vec<_> = shape.iter().map(|&n| 0..n).collect();
-        of_slab(shape, &DatasetBox::of(&ranges), values)
+        of_slab(shape, &DatasetBox::whole(shape), values)
     }
 
     /// SplitMix64 seeded with 0 gives these: the terms of elements that are 0.

@@ -85,14 +85,12 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
     let totals: Vec<Totals> = early.chain([results.totals]).collect();
-    type TotalsColumn = (&'static str, fn(&Totals) -> f64, &'static str);
-    let columns: [TotalsColumn; 3] = [
-        ("mass", |t| t.mass, "integral of f"),
-        ("kinetic_energy", |t| t.kinetic, "integral of |v|^2 f / 2"),
-        ("potential_energy", |t| t.potential, "integral of V f"),
-    ];
-    for (name, of, what) in columns {
-        let values: Vec<f64> = totals.iter().map(of).collect();
+    let column = |of: fn(&Totals) -> f64| totals.iter().map(of).collect::<Vec<f64>>();
+    for (name, values, what) in [
+        ("mass", column(|t| t.mass), "integral of f"),
+        ("kinetic_energy", column(|t| t.kinetic), "integral of |v|^2 f / 2"),
+        ("potential_energy", column(|t| t.potential), "integral of V f"),
+    ] {
         writer.replicated(&format!("history/{name}"), TIME, &values, what)?;
     }
     Ok(())

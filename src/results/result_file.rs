@@ -248,14 +248,12 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
         return Ok(());
     }
     writer.file().create_group("plateau")?;
-    type PlateauColumn = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
-    let columns: [PlateauColumn; 3] = [
-        ("p", |k| k.p, "recovery point"),
-        ("distance", |k| k.distance, "relative l2 distance of f read at p to f"),
-        ("norm", |k| k.norm, "l2 norm of f read at p"),
-    ];
-    for (name, of, what) in columns {
-        let values: Vec<f64> = points.iter().map(of).collect();
+    let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect::<Vec<f64>>();
+    for (name, values, what) in [
+        ("p", column(|k| k.p), "recovery point"),
+        ("distance", column(|k| k.distance), "relative l2 distance of f read at p to f"),
+        ("norm", column(|k| k.norm), "l2 norm of f read at p"),
+    ] {
         writer.list(&format!("plateau/{name}"), &values, Some(what))?;
     }
     Ok(())

@@ -101,22 +101,18 @@ impl Grid {
     }
 }
 
-/// The views of a dataset whose first index counts times. They share its path and its lengths.
-struct SlicedViews {
-    view: View,
-    shape: Rc<[usize]>,
-}
-
-impl SlicedViews {
-    fn new(name: &'static str, dataset: &str, vector: bool, shape: &[usize]) -> Self {
-        let view = View { name, dataset: dataset.into(), vector, time_slice: None };
-        Self { view, shape: shape.into() }
-    }
-
-    /// The view of time number `index`.
-    fn at(&self, index: usize) -> View {
-        let time_slice = Some(TimeSlice { index, shape: self.shape.clone() });
-        View { time_slice, ..self.view.clone() }
+/// Shows a dataset of this shape, whose first index counts times, on the grids of these times.
+fn show_by_time(
+    grids: &mut [Grid],
+    name: &'static str,
+    dataset: &str,
+    vector: bool,
+    shape: &[usize],
+) {
+    let (dataset, shape): (Rc<str>, Rc<[usize]>) = (dataset.into(), shape.into());
+    for (index, grid) in grids.iter_mut().enumerate() {
+        let time_slice = Some(TimeSlice { index, shape: shape.clone() });
+        grid.fields.push(View { name, dataset: dataset.clone(), vector, time_slice });
     }
 }
 
@@ -168,10 +164,7 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
             let path = format!("/xdmf/history/{name}/{}", field.name);
             let what = format!("{} on this plane at the field times", field.name);
             writer.field(&path, &[FIELD_TIME, names[n + a], names[a]], &slabs, &what)?;
-            let views = SlicedViews::new(field.name, &path, false, &shape);
-            for (time, grid) in grids.iter_mut().enumerate() {
-                grid.fields.push(views.at(time));
-            }
+            show_by_time(&mut grids, field.name, &path, false, &shape);
         }
         let with = steps.iter_mut().zip(results.early).filter(|(_, e)| !e.fields.is_empty());
         for ((step, _), grid) in with.zip(grids) {
@@ -207,10 +200,7 @@ fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step])
             let what = format!("copy of /history/{}, axes reversed", kind.name);
             writer.field(&path, &axes, &slabs, &what)?;
         }
-        let views = SlicedViews::new(kind.name, &path, vector, &shape);
-        for (time, grid) in grids.iter_mut().enumerate() {
-            grid.fields.push(views.at(time));
-        }
+        show_by_time(&mut grids, kind.name, &path, vector, &shape);
     }
     // V does not change, and is stored once.
     let dataset: Rc<str> = if n > 1 { "/xdmf/space/potential" } else { "/potential" }.into();

@@ -60,24 +60,18 @@ pub fn borders(run: &StoredRun, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2
     for i in 0..lengths[0] {
         for j in 0..lengths[1] {
             (cell[plane[0]], cell[plane[1]]) = (i * nodes[0], j * nodes[1]);
-            let corner = |di: usize, dj: usize| {
-                let face = |a: usize, k: usize| run.axis(a).face(k as i64);
-                [face(plane[0], i + di), face(plane[1], j + dj)]
-            };
-            // Below the first cell there is a jump only on a periodic axis; it is drawn at both
-            // ends.
-            if potential.jump_below(&cell, plane[0]) != 0.0 {
-                points.extend([corner(0, 0), corner(0, 1), [f64::NAN; 2]]);
-                if i == 0 {
-                    let end = lengths[0];
-                    points.extend([corner(end, 0), corner(end, 1), [f64::NAN; 2]]);
-                }
-            }
-            if potential.jump_below(&cell, plane[1]) != 0.0 {
-                points.extend([corner(0, 0), corner(1, 0), [f64::NAN; 2]]);
-                if j == 0 {
-                    let end = lengths[1];
-                    points.extend([corner(0, end), corner(1, end), [f64::NAN; 2]]);
+            for c in (0..2).filter(|c| potential.jump_below(&cell, plane[*c]) != 0.0) {
+                // Below the first cell there is a jump only on a periodic axis; it is drawn at both
+                // ends.
+                let below = [i, j][c];
+                for face in [below].into_iter().chain((below == 0).then_some(lengths[c])) {
+                    let end = |step: usize| {
+                        let mut corner = [i, j];
+                        corner[c] = face;
+                        corner[1 - c] += step;
+                        [0, 1].map(|c| run.axis(plane[c]).face(corner[c] as i64))
+                    };
+                    points.extend([end(0), end(1), [f64::NAN; 2]]);
                 }
             }
         }
