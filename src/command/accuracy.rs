@@ -5,7 +5,7 @@ use crate::base::log::report;
 use crate::base::text::seconds_text;
 use crate::base::{checksum, disk};
 use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
-use crate::command::loading::load;
+use crate::command::loading::{key_of, load};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
@@ -175,7 +175,7 @@ fn refuse_chosen_keys(set: &[String]) -> Result<()> {
             ]
             .contains(&key)
     };
-    let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
+    let given = set.iter().map(|set| key_of(set));
     match given.into_iter().find(|key| is_chosen(key)) {
         Some(key) => Err(Error::Input(format!(
             "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \

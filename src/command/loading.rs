@@ -38,6 +38,11 @@ fn overrides(changes: &Changes) -> Vec<String> {
     changes.set.iter().cloned().chain(mode).collect()
 }
 
+/// The key that a `--set` option changes.
+pub fn key_of(set: &str) -> &str {
+    set.split('=').next().unwrap_or_default().trim()
+}
+
 /// The case of a run that continues from the results in a directory.
 #[derive(Serialize, Deserialize)]
 struct Continuation {
@@ -109,22 +114,20 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         return Err(wrong(&what));
     }
     let own = overrides(changes);
-    let key_of = |set: &String| set.split('=').next().unwrap_or_default().trim().to_owned();
-    let keys: Vec<String> = own.iter().map(key_of).collect();
-    if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(&key.as_str())) {
+    let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
+    if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(key)) {
         return Err(wrong(&format!(
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
     }
     let path = std::fs::canonicalize(directory.join(RESULT)).map_err(|e| wrong(&e))?;
     let path = path.to_str().ok_or_else(|| wrong(&"its path is no UTF-8 text"))?;
-    let is_given = |key: &&str| {
-        case.settings.keys().any(|k| k.starts_with(*key)) && !keys.iter().any(|k| k == key)
-    };
+    let is_given =
+        |key: &&str| case.settings.keys().any(|k| k.starts_with(*key)) && !keys.contains(key);
     let left_out: Vec<String> =
         KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
-    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set).as_str()));
+    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
     // The stored path replaces that of the case file, which is relative to another directory.
     let mut files = Vec::new();
     let mut tables = BTreeMap::new();

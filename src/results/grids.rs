@@ -21,11 +21,10 @@ use crate::problem::case::Case;
 use crate::results::dataset::RESULT;
 use crate::results::views::{Grid, Step, View};
 use crate::results::writer::Hdf5Result;
-use crate::results::xdmf::item;
+use crate::results::xdmf::{attribute, item};
 use hdf5::filters::deflate_available;
 use hdf5::{File, Group, H5Type};
 use ndarray::ArrayView2;
-use std::fmt::Write;
 use std::path::Path;
 
 /// The file with points, cells and values.
@@ -272,17 +271,9 @@ fn grid_text(k: usize, time: f64, grid: &Grid) -> String {
         item(&format!("{} 3", grid.point_count()), "Float", "HDF", &place("points")),
     );
     for view in &grid.fields {
-        let (kind, lengths) = match view.vector {
-            true => ("Vector", format!("{cells} 3")),
-            false => ("Scalar", cells.to_string()),
-        };
-        let _ = write!(
-            text,
-            "<Attribute Name=\"{0}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{1}\
-             </Attribute>\n",
-            view.name,
-            item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name))),
-        );
+        let lengths = if view.vector { format!("{cells} 3") } else { cells.to_string() };
+        let numbers = item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name)));
+        text += &attribute(view, &numbers);
     }
     text + "</Grid>\n"
 }

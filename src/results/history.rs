@@ -30,7 +30,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
     results.early.iter().filter(|e| !e.fields.is_empty())
 }
 
-/// Writes the axes of times, if there are any. Ranks must agree on the outcome afterwards.
+/// Writes the axes of times, if there are any.
 pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     if results.early.is_empty() {
         return Ok(());

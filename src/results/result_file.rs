@@ -176,8 +176,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         + 2 * case.text.len()) as u64
 }
 
-/// Writes attributes of the file, `/case`, `/plan` and `/timings`. Ranks must agree on the outcome
-/// afterwards.
+/// Writes attributes of the file, `/case`, `/plan` and `/timings`.
 pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
@@ -206,7 +205,7 @@ pub(crate) fn attributes(
     Ok(())
 }
 
-/// Writes the dimension scales of phase space. Ranks must agree on the outcome afterwards.
+/// Writes the dimension scales of phase space.
 pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
@@ -226,7 +225,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()>
     Ok(())
 }
 
-/// Writes all dimension scales. Ranks must agree on the outcome afterwards.
+/// Writes all dimension scales.
 fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
@@ -242,7 +241,7 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     history::axes(writer, results)
 }
 
-/// Writes the plateau, which is the same on all ranks. Ranks must agree on the outcome afterwards.
+/// Writes the plateau, which is the same on all ranks.
 fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     if points.is_empty() {
         return Ok(());
@@ -259,8 +258,7 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     Ok(())
 }
 
-/// Writes the emulated readout of a quantum computer, which is the same on all ranks. Ranks must
-/// agree on the outcome afterwards.
+/// Writes the emulated readout of a quantum computer, which is the same on all ranks.
 fn write_readout(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;

@@ -80,18 +80,22 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
             counts(1),
         );
         for view in &grid.fields {
-            let (kind, components) = if view.vector { ("Vector", " 3") } else { ("Scalar", "") };
-            let _ = write!(
-                text,
-                "<Attribute Name=\"{}\" AttributeType=\"{kind}\" \
-                 Center=\"Cell\">\n{}</Attribute>\n",
-                view.name,
-                values(view, &(counts(0) + components)),
-            );
+            let components = if view.vector { " 3" } else { "" };
+            text += &attribute(view, &values(view, &(counts(0) + components)));
         }
         text += "</Grid>\n";
     }
     text
+}
+
+/// The element of a view, with the one that refers to its numbers.
+pub(crate) fn attribute(view: &View, numbers: &str) -> String {
+    let kind = if view.vector { "Vector" } else { "Scalar" };
+    format!(
+        "<Attribute Name=\"{}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{numbers}\
+         </Attribute>\n",
+        view.name
+    )
 }
 
 /// The element that refers to the numbers of a view, of which there are `counts` along the axes.

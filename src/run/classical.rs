@@ -11,8 +11,8 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::fields::history;
 use crate::run::files::SolvedFields;
+use crate::run::history::history;
 use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.

@@ -20,8 +20,8 @@ use crate::results::warped;
 use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::fields::history;
 use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
+use crate::run::history::history;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
@@ -96,8 +96,9 @@ pub(crate) fn by_modes(
     });
     let schedule = system.schedule.as_ref();
     let mode_run = ModeRun { case, plan, spread: &spread, rank_cells, schedule, initial: &initial };
-    let kept = start.kept.as_mut().map(|modes| KeptForRun { modes, files: warped });
-    let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
+    let kept = start.kept.as_mut();
+    let recovered =
+        mode_run.run(&mut evolution, &mut progress, kept, warped, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     set_counts(summary, &recovered, communicator);
@@ -153,12 +154,6 @@ impl ModeStart {
     }
 }
 
-/// The modes that a run keeps, and their files if it writes any.
-struct KeptForRun<'a, 'f> {
-    modes: &'a mut RankModes,
-    files: Option<&'a mut WarpedOutput<'f>>,
-}
-
 /// The propagation of all modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
     case: &'a Case,
@@ -171,7 +166,7 @@ struct ModeRun<'a> {
 
 impl ModeRun<'_> {
     /// Propagates the modes and recovers the fields. A run that keeps its modes (`kept`) also
-    /// writes their files. Collective.
+    /// writes their `files`, if it has any. Collective.
     ///
     /// # Errors
     /// As [`crate::solve::modes::run`]; a propagator without room for its scratch.
@@ -179,7 +174,8 @@ impl ModeRun<'_> {
         &self,
         evolution: &mut Evolution<'_>,
         progress: &mut Progress,
-        kept: Option<KeptForRun<'_, '_>>,
+        kept: Option<&mut RankModes>,
+        mut files: Option<&mut WarpedOutput<'_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<RecoveredFields> {
         let Self { plan, spread, rank_cells, .. } = self;
@@ -202,10 +198,6 @@ impl ModeRun<'_> {
             initial: self.initial,
             shares: &rank_cells.ranges,
             moments: Some(&moments),
-        };
-        let (kept, mut files) = match kept {
-            Some(KeptForRun { modes, files }) => (Some(modes), files),
-            None => (None, None),
         };
         let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
             Some(files) => self.write(files, field, leg, kept),
