@@ -121,6 +121,13 @@ impl DatasetBox {
         Self { start: vec![0; shape.len()], count: shape.to_vec() }
     }
 
+    /// This box in a dataset with one more axis, the first, of which it has the range `first`.
+    pub fn after(mut self, first: std::ops::Range<usize>) -> Self {
+        self.start.insert(0, first.start);
+        self.count.insert(0, first.len());
+        self
+    }
+
     /// Number of elements.
     pub fn size(&self) -> usize {
         self.count.iter().product()

@@ -18,7 +18,6 @@ use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, Results};
 use crate::results::fields::{self, DatasetLayout, Field};
 use crate::results::writer::{Hdf5Result, Writer};
-use std::ops::Range;
 
 /// Name of the axis of output times.
 pub const TIME: &str = "time";
@@ -68,11 +67,10 @@ fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -
         let kind = field.kind;
         let values: Vec<f64> =
             (times.iter()).flat_map(|moments| moments[k].components.concat()).collect();
-        let mut ranges: Vec<Range<usize>> = std::iter::once(0..times.len()).collect();
-        ranges.extend(layout.ranges(kind, 0..field.components.len()));
+        let slab = DatasetBox::of(&layout.ranges(kind, 0..field.components.len()));
         let axes = with_time(TIME, layout.axes(kind));
         let name = format!("history/{}", kind.name);
-        writer.field(&name, &axes, &[(DatasetBox::of(&ranges), &values)], kind.what)?;
+        writer.field(&name, &axes, &[(slab.after(0..times.len()), &values)], kind.what)?;
     }
     Ok(())
 }
@@ -104,15 +102,10 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) ->
     let Some(first) = times.first() else { return Ok(()) };
     for (k, field) in first.iter().enumerate() {
         let kind = field.kind;
-        let at = |time: usize, component: usize| {
-            let mut ranges: Vec<Range<usize>> = std::iter::once(time..time + 1).collect();
-            ranges.extend(layout.ranges(kind, component..component + 1));
-            DatasetBox::of(&ranges)
-        };
         let slabs: Vec<(DatasetBox, &[f64])> = (times.iter().enumerate())
             .flat_map(|(time, fields)| {
-                let components = fields[k].components.iter().enumerate();
-                components.map(move |(component, values)| (at(time, component), *values))
+                let slabs = layout.slabs(&fields[k]).into_iter();
+                slabs.map(move |(slab, values)| (slab.after(time..time + 1), values))
             })
             .collect();
         let axes = with_time(FIELD_TIME, layout.axes(kind));
