@@ -21,7 +21,7 @@ pub mod memory;
 
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
-use crate::base::text::{bytes_text, counted, rounded, short};
+use crate::base::text::{bytes_text, counted, joined, rounded, short};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::parallel::partition::ProcessMesh;
@@ -338,8 +338,7 @@ impl Plan {
         match self.elements == self.shape {
             true => counted(self.cells, "cell", "cells"),
             false => {
-                let elements: Vec<String> = self.elements.iter().map(usize::to_string).collect();
-                format!("{} unknowns on {} elements", self.cells, elements.join(" x "))
+                format!("{} unknowns on {} elements", self.cells, joined(&self.elements, " x "))
             }
         }
     }
@@ -384,8 +383,7 @@ impl fmt::Display for Plan {
 impl Plan {
     /// The grid, and what its matrix contains.
     fn write_scene(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
-        writeln!(f, "grid            {} = {}", shape.join(" x "), self.grid_size())?;
+        writeln!(f, "grid            {} = {}", joined(&self.shape, " x "), self.grid_size())?;
         for line in &self.reductions {
             writeln!(f, "reduced         {line}")?;
         }
@@ -464,13 +462,12 @@ impl Plan {
     /// How the work is divided among the ranks, and the memory it takes.
     fn write_ranks(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let l = &self.layout;
-        let blocks: Vec<String> = l.mesh.space.iter().map(usize::to_string).collect();
         writeln!(
             f,
             "ranks           {} = {} ({}) x {}, imbalance {:.3}",
             l.mesh.ranks(),
             counted(l.mesh.blocks(), "space block", "space blocks"),
-            blocks.join(" x "),
+            joined(&l.mesh.space, " x "),
             counted(l.mesh.groups, "mode group", "mode groups"),
             l.imbalance
         )?;

@@ -36,7 +36,8 @@ use crate::base::error::{Error, Result};
 use crate::base::lock::{self, DirectoryLock};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use std::path::Path;
+use crate::results::dataset::RESULT;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// The contents of a file, or a sentence that says why it cannot be used.
@@ -48,8 +49,25 @@ const LATE: Duration = Duration::from_secs(10);
 
 /// Names of the files that a run may write before `summary.json`.
 pub(crate) fn file_names(case: &Case) -> Vec<String> {
-    let texts = ["result.h5", xdmf::NAME, "readout.csv"].map(str::to_owned);
+    let texts = [RESULT, xdmf::NAME, "readout.csv"].map(str::to_owned);
     texts.into_iter().chain(grids::names()).chain(warped::names(case)).collect()
+}
+
+/// Names of the files that a run of `case` writes before `summary.json`.
+pub(crate) fn written_names(case: &Case) -> impl Iterator<Item = String> {
+    let files =
+        [(RESULT, true), (xdmf::NAME, case.storage.xdmf), ("readout.csv", case.readout.is_some())];
+    let written = files.into_iter().filter(|(_, written)| *written);
+    let written = written.map(|(name, _)| name.to_owned());
+    written.chain(grids::names_of(case)).chain(warped::names(case))
+}
+
+/// The files that `case` reads, with the keys that name them.
+pub(crate) fn given_files(case: &Case) -> impl Iterator<Item = (String, &Path)> {
+    let modes = case.start.iter().map(|start| ("initial.warped".to_owned(), &*start.path));
+    let field = case.start_field.iter().map(|start| ("initial.field".to_owned(), &*start.path));
+    let tables = case.tables.iter().map(|file| (file.of.key(), &*file.path));
+    modes.chain(field).chain(tables)
 }
 
 /// Makes the output directory, and checks before anything is computed that only this run writes
@@ -59,39 +77,6 @@ pub(crate) fn file_names(case: &Case) -> Vec<String> {
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<DirectoryLock>> {
-    let clear_way = || -> std::io::Result<()> {
-        let given = [
-            case.start.as_ref().map(|start| ("initial.warped".to_owned(), &start.path)),
-            case.start_field.as_ref().map(|start| ("initial.field".to_owned(), &start.path)),
-        ];
-        let given = given
-            .into_iter()
-            .flatten()
-            .chain(case.tables.iter().map(|file| (file.of.key(), &file.path)))
-            .filter_map(|(key, path)| std::fs::canonicalize(path).ok().map(|path| (key, path)));
-        let given: Vec<(String, std::path::PathBuf)> = given.collect();
-        let names = file_names(case);
-        for name in names.iter().map(String::as_str).chain([summary::NAME]) {
-            let path = directory.join(name);
-            if path.is_dir() {
-                return Err(std::io::Error::other(format!("{name} in it is a directory")));
-            }
-            let same =
-                |(_, file): &&(String, _)| std::fs::canonicalize(&path).ok().as_ref() == Some(file);
-            if let Some((key, _)) = given.iter().find(same) {
-                let what = format!(
-                    "the run would overwrite {name}, from which it starts ({key}); give another \
-                     directory (-o)"
-                );
-                return Err(std::io::Error::other(what));
-            }
-            // Partial files of a killed run would take room.
-            disk::clear(&disk::partial(&path)).map_err(|e| {
-                std::io::Error::other(format!("{name}.partial in it cannot be removed: {e}"))
-            })?;
-        }
-        Ok(())
-    };
     if directory.to_str().is_none() {
         let why = std::io::Error::other("its path is no UTF-8 text, which HDF5 requires");
         return world.agree(Err(refused(directory, &why)));
@@ -99,10 +84,38 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
     let lock = world.on_first_rank(|| DirectoryLock::take(directory).map(Some))?;
     require_shared(world, directory, lock.as_ref())?;
     world.on_first_rank(|| {
-        clear_way().map_err(|e| refused(directory, &e))?;
-        crate::results::result_file::enough_room(directory, case)
+        clear_way(directory, case)
+            .map_err(|reason| Error::Directory { path: directory.to_owned(), reason })?;
+        result_file::enough_room(directory, case)
     })?;
     Ok(lock)
+}
+
+/// Removes partial files of a killed run, which would take room. Only one rank calls it.
+///
+/// # Errors
+/// A sentence, where a directory is in the place of a file of the run, or the run would overwrite
+/// a file that it reads.
+fn clear_way(directory: &Path, case: &Case) -> FileResult<()> {
+    let resolved = |path: &Path| std::fs::canonicalize(path).ok();
+    let given = given_files(case).filter_map(|(key, path)| Some((key, resolved(path)?)));
+    let given: Vec<(String, PathBuf)> = given.collect();
+    for name in file_names(case).into_iter().chain([summary::NAME.to_owned()]) {
+        let path = directory.join(&name);
+        if path.is_dir() {
+            return Err(format!("{name} in it is a directory"));
+        }
+        let there = resolved(&path);
+        if let Some((key, _)) = given.iter().find(|(_, file)| there.as_ref() == Some(file)) {
+            return Err(format!(
+                "the run would overwrite {name}, from which it starts ({key}); give another \
+                 directory (-o)"
+            ));
+        }
+        disk::clear(&disk::partial(&path))
+            .map_err(|e| format!("{name}.partial in it cannot be removed: {e}"))?;
+    }
+    Ok(())
 }
 
 /// Checks that every rank sees the directory that the first one locked. Collective.

@@ -19,6 +19,7 @@ pub mod exact;
 pub mod expand;
 pub mod fields;
 mod files;
+mod history;
 pub mod ledger;
 mod log;
 mod modes;

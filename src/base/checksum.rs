@@ -116,6 +116,18 @@ impl DatasetBox {
         }
     }
 
+    /// All of a dataset of this shape.
+    pub fn whole(shape: &[usize]) -> Self {
+        Self { start: vec![0; shape.len()], count: shape.to_vec() }
+    }
+
+    /// This box in a dataset with one more axis, the first, of which it has the range `first`.
+    pub fn after(mut self, first: std::ops::Range<usize>) -> Self {
+        self.start.insert(0, first.start);
+        self.count.insert(0, first.len());
+        self
+    }
+
     /// Number of elements.
     pub fn size(&self) -> usize {
         self.count.iter().product()
@@ -138,7 +150,7 @@ impl DatasetBox {
         let shape = shape.to_vec();
         (0..before * parts).map(move |piece| {
             let part = piece % parts;
-            let mut slab = Self { start: vec![0; shape.len()], count: shape.clone() };
+            let mut slab = Self::whole(&shape);
             slab.start[..axis].copy_from_slice(&indices(piece / parts, &shape[..axis]));
             slab.count[..axis].fill(1);
             if let Some(n) = shape.get(axis) {
@@ -159,8 +171,7 @@ mod tests {
     }
 
     fn whole(shape: &[usize], values: &[f64]) -> u64 {
-        let ranges: Vec<_> = shape.iter().map(|&n| 0..n).collect();
-        of_slab(shape, &DatasetBox::of(&ranges), values)
+        of_slab(shape, &DatasetBox::whole(shape), values)
     }
 
     /// SplitMix64 seeded with 0 gives these: the terms of elements that are 0.

@@ -37,8 +37,7 @@ pub(crate) fn clear(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes the file `path` under another name, flushes it to disk and renames it: an older file
-/// stays intact until then, and a failed write leaves no file.
+/// Writes the file `path` and flushes it to disk; an older file stays intact until then.
 ///
 /// # Errors
 /// [`Error::Output`].
@@ -51,20 +50,32 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 /// # Errors
 /// [`Error::Output`].
 pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
+    put_in_place(path, |partial| {
+        // `create_new` neither follows nor overwrites what someone else puts there.
+        let mut file = File::create_new(partial)?;
+        fill(&mut file)?;
+        file.sync_all()
+    })
+}
+
+/// Lets `write` make the file `path` under another name, and renames it: an older file stays intact
+/// until then, and a failed write leaves no file.
+///
+/// # Errors
+/// [`Error::Output`].
+pub(crate) fn put_in_place<E: std::fmt::Display>(
+    path: &Path,
+    write: impl FnOnce(&Path) -> std::result::Result<(), E>,
+) -> Result<()> {
     let partial = partial(path);
     clear(&partial).map_err(|e| failure(&partial, &e))?;
-    let write = || {
-        // `create_new` neither follows nor overwrites what someone else puts there.
-        let mut file = File::create_new(&partial)?;
-        fill(&mut file)?;
-        file.sync_all()?;
-        std::fs::rename(&partial, path)
-    };
-    let written = write();
-    if written.is_err() {
+    let written = write(&partial).map_err(|e| failure(path, &e));
+    let placed =
+        written.and_then(|()| std::fs::rename(&partial, path).map_err(|e| failure(path, &e)));
+    if placed.is_err() {
         let _ = clear(&partial);
     }
-    written.map_err(|e| failure(path, &e))
+    placed
 }
 
 /// Writes a text as [`write`] does. Its control characters are escaped.

@@ -5,7 +5,7 @@ use crate::base::log::report;
 use crate::base::text::seconds_text;
 use crate::base::{checksum, disk};
 use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
-use crate::command::loading::load;
+use crate::command::loading::{key_of, load};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
@@ -62,9 +62,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
         let same = found.accuracy == accuracy && found.case == checksum_of(case);
         same.then_some(found)
     };
-    let mine = if world.group().rank() == 0 { of_file() } else { None };
-    let text = world.group().broadcast_text(&serde_json::json!(mine).to_string());
-    let choice = serde_json::from_str::<Option<ChosenSetup>>(&text).ok()??;
+    let choice = world.group().of_first_rank(|| Ok(of_file())).ok()??;
     let set: Vec<String> = case.overrides.iter().cloned().chain(choice.settings).collect();
     let found = Case::parse(&case.name, &case.text, &set).ok()?.with_tables_of(case);
     let expected_error = choice.expected_error;
@@ -177,7 +175,7 @@ fn refuse_chosen_keys(set: &[String]) -> Result<()> {
             ]
             .contains(&key)
     };
-    let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
+    let given = set.iter().map(|set| key_of(set));
     match given.into_iter().find(|key| is_chosen(key)) {
         Some(key) => Err(Error::Input(format!(
             "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \

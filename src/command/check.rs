@@ -5,7 +5,6 @@ use crate::base::refusal::Refusal;
 use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
-use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
@@ -16,7 +15,8 @@ use crate::problem::grid::axis_names;
 use crate::results::ledger::Ledger;
 use crate::results::result_grid::ResultGrid;
 use crate::results::untrusted;
-use crate::run::{ledger, planning, warnings};
+use crate::run::planning::{MeasuredCase, reduced_with_start};
+use crate::run::{ledger, warnings};
 use serde::Serialize;
 
 /// The JSON of `check`.
@@ -74,7 +74,7 @@ struct CheckedAxis {
 /// Collective.
 ///
 /// # Errors
-/// As [`planning::plan`].
+/// As [`MeasuredCase::new`] and [`MeasuredCase::plan`].
 pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     let outcome = check(world, args);
     if let (true, Err(error)) = (args.json, &outcome) {
@@ -86,17 +86,19 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
 }
 
 fn check(world: &World, args: &CheckArgs) -> Result<()> {
-    let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
+    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = reduced_with_start(&world.group(), &case)?;
     refuse_too_large_here(world, &case)?;
     announce_slow_steps(world, &case);
     let bounds = Bounds::new(&case)?;
-    let resources = Resources { ranks: world.group().size(), ..Resources::default() };
+    let resources = Resources::unlimited(world);
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances
     // that cannot be met.
-    let preview = planning::preview(world, &case, &resources)?;
+    let measured = MeasuredCase::new(world, &case, &resources)?;
+    let plan = measured.plan(&resources)?.plan;
     let mut ledger = ledger::before_run(&world.group(), &ResultGrid::new(&case).case)?;
-    ledger.mass.initial = preview.at_start.map(|totals| totals.mass);
-    let planned = preview.plan.warp.map_or(Vec::new(), |w| w.warnings);
+    ledger.mass.initial = measured.at_start.map(|totals| totals.mass);
+    let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
     let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();
     if args.json {
         print_json(world, &checked(&case, &bounds, &ledger, &found));

@@ -8,7 +8,6 @@ use crate::problem::case::{self, Case};
 use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
-use crate::run::planning;
 use crate::solve::checkpoint::store;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,8 +29,7 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 /// # Errors
 /// [`Error::Input`] for a file that cannot be read, the same on all ranks.
 pub fn load_text(world: &World, path: &Path) -> Result<String> {
-    let text = world.group().on_first_rank(|| case::read_text(path))?;
-    Ok(world.group().broadcast_text(&text))
+    world.group().of_first_rank(|| case::read_text(path))
 }
 
 /// The `--set` options that make these changes.
@@ -40,8 +38,13 @@ fn overrides(changes: &Changes) -> Vec<String> {
     changes.set.iter().cloned().chain(mode).collect()
 }
 
+/// The key that a `--set` option changes.
+pub fn key_of(set: &str) -> &str {
+    set.split('=').next().unwrap_or_default().trim()
+}
+
 /// The case of a run that continues from the results in a directory.
-#[derive(Default, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
 struct Continuation {
     /// The name of its case file.
     name: String,
@@ -73,10 +76,7 @@ pub fn load_continued(
     changes: &Changes,
 ) -> Result<Case> {
     let group = world.group();
-    let found = group.on_first_rank(|| continuation(directory, until, changes))?;
-    let text = group.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
-    let found: Continuation = serde_json::from_str(&text)
-        .map_err(|e| Error::Input(format!("--continue {}: {e}", directory.display())))?;
+    let found = group.of_first_rank(|| continuation(directory, until, changes))?;
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.rank() == 0 && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
@@ -114,22 +114,20 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
         return Err(wrong(&what));
     }
     let own = overrides(changes);
-    let key_of = |set: &String| set.split('=').next().unwrap_or_default().trim().to_owned();
-    let keys: Vec<String> = own.iter().map(key_of).collect();
-    if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(&key.as_str())) {
+    let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
+    if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(key)) {
         return Err(wrong(&format!(
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
     }
     let path = std::fs::canonicalize(directory.join(RESULT)).map_err(|e| wrong(&e))?;
     let path = path.to_str().ok_or_else(|| wrong(&"its path is no UTF-8 text"))?;
-    let is_given = |key: &&str| {
-        case.settings.keys().any(|k| k.starts_with(*key)) && !keys.iter().any(|k| k == key)
-    };
+    let is_given =
+        |key: &&str| case.settings.keys().any(|k| k.starts_with(*key)) && !keys.contains(key);
     let left_out: Vec<String> =
         KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
-    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set).as_str()));
+    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
     // The stored path replaces that of the case file, which is relative to another directory.
     let mut files = Vec::new();
     let mut tables = BTreeMap::new();
@@ -167,16 +165,6 @@ pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
     let mut name = path.into_os_string();
     name.push(format!("-until-{until}"));
     name.into()
-}
-
-/// The case as it is solved: its start field is read, and it is reduced to what its solution
-/// depends on. Collective.
-///
-/// # Errors
-/// As [`planning::reduced_with_start`].
-pub fn reduced_case(world: &World, case: &Case) -> Result<Case> {
-    let all = world.group();
-    planning::reduced_with_start(&all, case)
 }
 
 /// `results/NAME` of the case file.

@@ -4,7 +4,6 @@ use crate::base::error::Result;
 use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::PlanArgs;
 use crate::command::describe::errors;
-use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
@@ -36,21 +35,18 @@ struct PlanJson<'a> {
 /// As [`planning::plan`], [`calibrate`], `load_for_accuracy` and [`sbatch::write`].
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
-    let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
+    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = planning::reduced_with_start(&world.group(), &case)?;
     if refuse_long_transport(&case).is_ok() {
         announce_slow_steps(world, &case);
     }
-    let ranks = match &args.ranks {
-        Some(RankNumbers::Many(numbers)) => {
-            let needs = on_many(world, args, &case, numbers)?;
-            return sbatch::write(world, args, &case, needs);
-        }
-        Some(RankNumbers::One(ranks)) => *ranks,
-        None if args.calibrate => world.group().size(),
-        None => 1,
+    let needs = match &args.ranks {
+        Some(RankNumbers::Many(numbers)) => on_many(world, args, &case, numbers),
+        Some(RankNumbers::One(ranks)) => on_one(world, args, &case, *ranks),
+        None if args.calibrate => on_one(world, args, &case, world.group().size()),
+        None => on_one(world, args, &case, 1),
     };
-    let needs = on_one(world, args, &case, ranks)?;
-    sbatch::write(world, args, &case, needs)
+    sbatch::write(world, args, &case, needs?)
 }
 
 /// The node that the options describe, if they do.
@@ -95,12 +91,8 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
             print(world, &calibration.to_string());
         }
     }
-    Ok(JobResources {
-        ranks,
-        ranks_per_node: args.ranks_per_node.map(|n| n as usize),
-        memory: plan.memory(),
-        seconds: calibration.map(|found| found.wall_seconds),
-    })
+    let seconds = calibration.map(|found| found.wall_seconds);
+    Ok(JobResources { ranks, memory: plan.memory(), seconds })
 }
 
 /// Prints a table for these ascending numbers of ranks. Returns what the last number that is worth
@@ -138,7 +130,6 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
     let best = table.recommended();
     Ok(JobResources {
         ranks: best.map_or(1, |best| best.ranks),
-        ranks_per_node: args.ranks_per_node.map(|n| n as usize),
         memory: best.map_or(0, |best| best.memory),
         seconds: best.and_then(|best| best.seconds),
     })

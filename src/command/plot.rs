@@ -200,17 +200,16 @@ fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<St
     /// Name, text and overrides of a case; or why it is not described.
     type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
     let group = world.group();
-    let source: Option<DescribedCase> = run.map(|run| match &run.case {
+    let source = |run: &StoredRun| match &run.case {
         Ok(case) if case.space.space_cells() > MOST_POINTS => {
             Err(format!("more than {MOST_POINTS} cells of space"))
         }
         Ok(case) => Ok((case.name.clone(), run.text.clone(), run.overrides.clone())),
         Err(why) => Err(why.clone()),
-    });
-    let text = source.and_then(|source| serde_json::to_string(&source).ok());
-    let text = group.broadcast_text(&text.unwrap_or_default());
-    let source: DescribedCase = serde_json::from_str(&text).map_err(|e| e.to_string())?;
-    let (name, text, overrides) = source?;
+    };
+    let found: Option<DescribedCase> =
+        group.of_first_rank(|| Ok(run.map(source))).map_err(|e| e.to_string())?;
+    let (name, text, overrides) = found.unwrap_or_else(|| Err("no run is open".to_owned()))?;
     let described = || -> Result<String> {
         let case = Case::parse(&name, &text, &overrides)?;
         let case = reduced_with_start(&group, &case)?;

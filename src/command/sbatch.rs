@@ -5,12 +5,11 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::quoted;
+use crate::base::text::{joined, quoted};
 use crate::base::version::VERSION;
 use crate::command::cli::PlanArgs;
 use crate::command::loading::{default_directory, load};
 use crate::parallel::communicator::World;
-use crate::plan::advice::joined;
 use crate::problem::case::Case;
 use std::fmt;
 use std::path::Path;
@@ -45,8 +44,6 @@ const NO_TIME: &str = "\
 pub struct JobResources {
     /// Number of ranks.
     pub ranks: usize,
-    /// Ranks on a node, if given.
-    pub ranks_per_node: Option<usize>,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
     /// Expected seconds, if they were measured.
@@ -58,6 +55,8 @@ struct JobScript {
     /// Name of the job: letters, digits and `._-` only.
     name: String,
     needs: JobResources,
+    /// Ranks on a node, if given.
+    ranks_per_node: Option<u64>,
     /// Settings of the site.
     site: String,
     /// Absolute paths of the program and of the script.
@@ -113,7 +112,7 @@ impl JobScript {
             words.extend(["--set".to_owned(), set.clone()]);
         }
         if let Some(blocks) = &args.ranks_x {
-            words.push(format!("--ranks-x={}", joined(blocks)));
+            words.push(format!("--ranks-x={}", joined(blocks, ",")));
         }
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let plain = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' };
@@ -125,7 +124,7 @@ impl JobScript {
         let program = std::env::current_exe()
             .map_err(|e| Error::Input(format!("--sbatch: the program's own path: {e}")))?;
         let [program, script] = [absolute(&program)?, absolute(script)?];
-        Ok(Self { name, needs, site, program, script, words })
+        Ok(Self { name, needs, ranks_per_node: args.ranks_per_node, site, program, script, words })
     }
 }
 
@@ -139,12 +138,12 @@ fn absolute(path: &Path) -> Result<String> {
 
 impl fmt::Display for JobScript {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let JobResources { ranks, ranks_per_node, memory, seconds } = self.needs;
+        let JobResources { ranks, memory, seconds } = self.needs;
         writeln!(f, "#!/bin/bash\n# Written by phasewarp {VERSION}.\n{HEAD}")?;
         writeln!(f, "#SBATCH --job-name={}", self.name)?;
         writeln!(f, "#SBATCH --ntasks={ranks}")?;
-        if let Some(each) = ranks_per_node {
-            writeln!(f, "#SBATCH --ntasks-per-node={}", each.min(ranks))?;
+        if let Some(each) = self.ranks_per_node {
+            writeln!(f, "#SBATCH --ntasks-per-node={}", each.min(ranks as u64))?;
         }
         writeln!(f, "#SBATCH --cpus-per-task=1")?;
         let bytes = (MEMORY_MARGIN * memory as f64).max(memory as f64 + LEAST_EXTRA_MEMORY);

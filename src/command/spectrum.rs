@@ -3,7 +3,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
-use crate::base::text::{bytes_text, rounded, seconds_text};
+use crate::base::text::{bytes_text, joined, rounded, seconds_text};
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json};
@@ -219,10 +219,9 @@ fn table(list: &[GridSpectrum]) -> String {
     for found in list {
         if found.refinement != last {
             last = found.refinement;
-            let shape: Vec<String> = found.shape.iter().map(usize::to_string).collect();
             text += &format!(
                 "cells x {last}: {}, interface {}\n",
-                shape.join(" x "),
+                joined(&found.shape, " x "),
                 format!("{:?}", found.interface).to_lowercase()
             );
         }

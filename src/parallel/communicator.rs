@@ -18,6 +18,8 @@ use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::*;
 use mpi::traits::{Communicator as _, CommunicatorCollectives};
 use num_complex::Complex64;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -310,15 +312,26 @@ impl Group {
         if !bound.is_finite() {
             return f64::NAN;
         }
-        let fixed = FixedPoint::new(bound, count);
-        let mut total = [0i64; 2];
+        let [sum] = self.fixed_sums([FixedPoint::new(bound, count)], terms.map(|term| [term]));
+        sum
+    }
+
+    /// Sums `N` lists of terms at once, each by its own representation. Allocates nothing.
+    fn fixed_sums<const N: usize>(
+        &self,
+        fixed: [FixedPoint; N],
+        terms: impl Iterator<Item = [f64; N]>,
+    ) -> [f64; N] {
+        let mut totals = [[0i64; 2]; N];
         for term in terms {
-            let parts = fixed.split(term);
-            total[0] += parts[0];
-            total[1] += parts[1];
+            for l in 0..N {
+                let parts = fixed[l].split(term[l]);
+                totals[l][0] += parts[0];
+                totals[l][1] += parts[1];
+            }
         }
-        self.sum_integers(&mut total);
-        fixed.join(total)
+        self.sum_integers(totals.as_flattened_mut());
+        std::array::from_fn(|l| fixed[l].join(totals[l]))
     }
 
     /// Sums `N` lists of terms at once, as [`sum`](Self::sum) does each. Their bounds are found
@@ -338,31 +351,15 @@ impl Group {
         }
         self.max_into(&mut bounds);
         let fixed = bounds.map(|b| FixedPoint::new(if b.is_finite() { b } else { 0.0 }, count));
-        let mut totals = [[0i64; 2]; N];
-        for term in terms {
-            for l in 0..N {
-                let parts = fixed[l].split(term[l]);
-                totals[l][0] += parts[0];
-                totals[l][1] += parts[1];
-            }
-        }
-        self.sum_integers(totals.as_flattened_mut());
-        std::array::from_fn(
-            |l| {
-                if bounds[l].is_finite() { fixed[l].join(totals[l]) } else { f64::NAN }
-            },
-        )
+        let sums = self.fixed_sums(fixed, terms);
+        std::array::from_fn(|l| if bounds[l].is_finite() { sums[l] } else { f64::NAN })
     }
 
     /// Sum over the ranks of terms whose bound is not known beforehand: the largest is found first.
     pub fn sum_terms(&self, terms: &[f64]) -> f64 {
-        let largest = terms.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
-        let bound = self.max(if terms.iter().any(|t| t.is_nan()) { f64::NAN } else { largest });
         let count = self.sum_count(terms.len());
-        if !bound.is_finite() {
-            return f64::NAN;
-        }
-        self.sum(bound, count, terms.iter().copied())
+        let [sum] = self.sum_lanes(count, terms.iter().map(|term| [*term]));
+        sum
     }
 
     /// Does `work` on the first rank; the others get the default value, or its error. Collective.
@@ -371,6 +368,20 @@ impl Group {
     /// As `work`, the same on all ranks.
     pub fn on_first_rank<T: Default>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
+    }
+
+    /// What `work` finds on the first rank, on every rank. Collective.
+    ///
+    /// # Errors
+    /// As `work`, the same on all ranks.
+    pub fn of_first_rank<T: Serialize + DeserializeOwned>(
+        &self,
+        work: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        let text = self.on_first_rank(|| {
+            serde_json::to_string(&work()?).map_err(|e| Error::Input(e.to_string()))
+        })?;
+        serde_json::from_str(&self.broadcast_text(&text)).map_err(|e| Error::Input(e.to_string()))
     }
 
     /// Makes all ranks agree: `Ok` if all ranks have `Ok`, otherwise the lowest failing rank's
@@ -559,23 +570,14 @@ impl GhostExchange {
         for neighbour in &mut self.neighbours {
             let length = neighbour.ghosts.len() * R::WIDTH;
             for piece in neighbour.receive[..length].chunks_mut(MOST_AT_ONCE) {
-                let mut request = std::mem::MaybeUninit::uninit();
+                let (buffer, count) = (piece.as_mut_ptr().cast(), piece.len() as i32);
                 // SAFETY: the buffer is on the heap and has so many numbers. Nobody touches it
                 // until `finish` has waited for the request: `start` refuses to run twice, and
-                // `drop` leaves the buffer to MPI. The call sets the request, as a failure would
-                // end the job.
-                unsafe {
-                    ffi::MPI_Irecv(
-                        piece.as_mut_ptr().cast(),
-                        piece.len() as i32,
-                        ffi::RSMPI_DOUBLE,
-                        neighbour.rank,
-                        0,
-                        communicator,
-                        request.as_mut_ptr(),
-                    );
-                    self.requests.push(request.assume_init());
-                }
+                // `drop` leaves the buffer to MPI.
+                self.requests.push(posted(|request| unsafe {
+                    let (kind, from) = (ffi::RSMPI_DOUBLE, neighbour.rank);
+                    ffi::MPI_Irecv(buffer, count, kind, from, 0, communicator, request)
+                }));
             }
         }
         for neighbour in &mut self.neighbours {
@@ -586,20 +588,12 @@ impl GhostExchange {
                 vector[row as usize].write_to(out);
             }
             for piece in neighbour.send[..length].chunks(MOST_AT_ONCE) {
-                let mut request = std::mem::MaybeUninit::uninit();
+                let (buffer, count) = (piece.as_ptr().cast(), piece.len() as i32);
                 // SAFETY: as above.
-                unsafe {
-                    ffi::MPI_Isend(
-                        piece.as_ptr().cast(),
-                        piece.len() as i32,
-                        ffi::RSMPI_DOUBLE,
-                        neighbour.rank,
-                        0,
-                        communicator,
-                        request.as_mut_ptr(),
-                    );
-                    self.requests.push(request.assume_init());
-                }
+                self.requests.push(posted(|request| unsafe {
+                    let (kind, to) = (ffi::RSMPI_DOUBLE, neighbour.rank);
+                    ffi::MPI_Isend(buffer, count, kind, to, 0, communicator, request)
+                }));
             }
         }
     }
@@ -625,6 +619,15 @@ impl GhostExchange {
             }
         }
     }
+}
+
+/// The request that `post` makes.
+fn posted(post: impl FnOnce(&mut ffi::MPI_Request) -> i32) -> ffi::MPI_Request {
+    // SAFETY: a constant of the library, which is never written.
+    let mut request = unsafe { ffi::RSMPI_REQUEST_NULL };
+    // A failure ends the job.
+    post(&mut request);
+    request
 }
 
 impl Drop for GhostExchange {

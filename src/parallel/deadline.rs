@@ -9,32 +9,24 @@ use mpi::traits::*;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::Builder;
 
-/// Ends the job unless dropped in time.
-struct Deadline {
-    /// Dropping it ends the thread.
-    _open: Sender<()>,
-}
-
-impl Deadline {
-    /// After as many seconds as a rank may be stopped, `error` is reported, and the job ends with
-    /// exit code 1. The time in which the whole job is suspended does not count. None where the
-    /// user wants none.
-    fn new(error: &Error) -> Option<Self> {
-        let message = format!("error: {error}");
-        let looks = looks().unwrap_or(USUAL_LOOKS);
-        let (open, closed) = channel::<()>();
-        let wait = move || {
-            for _ in 0..looks {
-                if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
-                    return;
-                }
+/// Reports `error` and ends the job with exit code 1, after as many seconds as a rank may be
+/// stopped, unless what is returned is dropped before. The time in which the whole job is suspended
+/// does not count. None where the user wants none.
+fn deadline(error: &Error) -> Option<Sender<()>> {
+    let message = format!("error: {error}");
+    let looks = looks().unwrap_or(USUAL_LOOKS);
+    let (open, closed) = channel::<()>();
+    let wait = move || {
+        for _ in 0..looks {
+            if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
+                return;
             }
-            report(&message);
-            SimpleCommunicator::world().abort(1);
-        };
-        let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
-        (looks > 0 && thread.spawn(wait).is_ok()).then_some(Self { _open: open })
-    }
+        }
+        report(&message);
+        SimpleCommunicator::world().abort(1);
+    };
+    let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
+    (looks > 0 && thread.spawn(wait).is_ok()).then_some(open)
 }
 
 impl Group {
@@ -45,9 +37,9 @@ impl Group {
     /// # Errors
     /// As [`agree`](Self::agree).
     pub fn agree_in_time<T>(&self, outcome: Result<T>) -> Result<T> {
-        let deadline = outcome.as_ref().err().map(Deadline::new);
+        let open = outcome.as_ref().err().map(deadline);
         let agreed = self.agree(outcome);
-        drop(deadline);
+        drop(open);
         agreed
     }
 
@@ -58,9 +50,9 @@ impl Group {
     /// # Errors
     /// As [`agree`](Self::agree).
     pub fn in_time<T>(&self, late: &Error, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let deadline = (self.rank() == 0).then(|| Deadline::new(late));
+        let open = (self.rank() == 0).then(|| deadline(late));
         let agreed = self.agree_in_time(work());
-        drop(deadline);
+        drop(open);
         agreed
     }
 }

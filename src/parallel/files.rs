@@ -95,14 +95,17 @@ impl<'a> SharedFile<'a> {
 /// # Errors
 /// The error of HDF5.
 pub fn read_slab(dataset: &Dataset, slab: &DatasetBox) -> hdf5::Result<Vec<f64>> {
-    let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
-        .map(|(&start, &count)| SliceOrIndex::SliceTo {
-            start,
-            step: 1,
-            end: start + count,
-            block: 1,
-        })
-        .collect();
-    let values = dataset.read_slice::<f64, _, IxDyn>(Hyperslab::from(selection))?;
+    let values = dataset.read_slice::<f64, _, IxDyn>(selection(slab))?;
     Ok(values.into_raw_vec_and_offset().0)
+}
+
+/// A slab as HDF5 takes it.
+pub(crate) fn selection(slab: &DatasetBox) -> Hyperslab {
+    let along = |(&start, &count): (&usize, &usize)| SliceOrIndex::SliceTo {
+        start,
+        step: 1,
+        end: start + count,
+        block: 1,
+    };
+    Hyperslab::from(slab.start.iter().zip(&slab.count).map(along).collect::<Vec<_>>())
 }

@@ -4,6 +4,7 @@
 //! neighbouring space cells (ghosts) carries the flux rows of their common faces; a periodic axis
 //! is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
+use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use std::ops::Range;
@@ -93,25 +94,18 @@ impl ProcessMesh {
         Ok(())
     }
 
-    /// Position of space block `block` in the mesh of blocks (row-major).
-    fn position(&self, mut block: usize) -> [usize; MAX_DIMENSION] {
-        let mut position = [0; MAX_DIMENSION];
-        for (a, &parts) in self.space.iter().enumerate().rev() {
-            position[a] = block % parts;
-            block /= parts;
-        }
-        position
+    /// Position of space block `block` in the mesh of blocks.
+    fn position(&self, block: usize) -> Vec<usize> {
+        indices(block, &self.space)
     }
 
     /// Space cells of block `block`, one range an x-axis.
     pub fn ranges(&self, space: &PhaseSpace, block: usize) -> Vec<Range<usize>> {
         let position = self.position(block);
-        space
-            .x
-            .iter()
-            .enumerate()
-            .map(|(a, axis)| split_elements(axis, &(0..axis.cells), self.space[a], position[a]))
-            .collect()
+        let split = |(a, axis): (usize, &Axis)| {
+            split_elements(axis, &(0..axis.cells), self.space[a], position[a])
+        };
+        space.x.iter().enumerate().map(split).collect()
     }
 
     /// The part of block `block` that rank `group` of its mode groups writes out: a piece along the
@@ -220,33 +214,23 @@ impl Block {
         let velocity_cells = space.velocity_cells();
         let mut slabs = Vec::new();
         let mut start = 0;
-        for a in 0..ranges.len() {
+        for (a, range) in ranges.iter().enumerate() {
             let stride: usize = mesh.space[a + 1..].iter().product();
-            for (exists, neighbour, ghost, edge) in [
-                (
-                    position[a] > 0,
-                    block.wrapping_sub(stride),
-                    ranges[a].start.wrapping_sub(1),
-                    ranges[a].start,
-                ),
-                (
-                    position[a] + 1 < mesh.space[a],
-                    block + stride,
-                    ranges[a].end,
-                    ranges[a].end.wrapping_sub(1),
-                ),
-            ] {
-                if !exists {
-                    continue;
-                }
-                let layer = |i: usize| {
-                    let mut layer = ranges.clone();
-                    layer[a] = i..i + 1;
-                    layer
-                };
+            let layer = |i: usize| {
+                let mut layer = ranges.clone();
+                layer[a] = i..i + 1;
+                layer
+            };
+            let mut add = |neighbour: usize, ghost: usize, edge: usize| {
                 let slab = GhostLayer { neighbour, ghost: layer(ghost), edge: layer(edge), start };
                 start += volume(&slab.ghost) * velocity_cells;
                 slabs.push(slab);
+            };
+            if position[a] > 0 {
+                add(block - stride, range.start - 1, range.start);
+            }
+            if position[a] + 1 < mesh.space[a] {
+                add(block + stride, range.end, range.end - 1);
             }
         }
         Self {

@@ -1,7 +1,6 @@
 //! Resources to request from a batch system: the process mesh, and the memory of a node.
 
-use crate::base::text::{bytes_text, counted};
-use crate::matrix::bounds::Bounds;
+use crate::base::text::{bytes_text, counted, joined};
 use crate::plan::Plan;
 use crate::plan::layout::{LARGEST_POINTS, Layout, Resources};
 use crate::problem::case::Case;
@@ -98,44 +97,17 @@ impl Advice {
     ) -> Self {
         let limit = resources.memory_per_rank;
         let (warp, ranks) = (plan.warp.as_ref(), plan.layout.mesh.ranks());
-        let bounds: &Bounds = &plan.bounds;
-        let mut meshes: Vec<MeshCandidate> = Layout::every(case, bounds, warp, ranks)
-            .map(|layout| {
-                let (rows, split) = layout.rows(case, warp);
-                let memory = layout.memory();
-                MeshCandidate {
-                    cost: layout.cost(case, warp),
-                    imbalance: layout.imbalance,
-                    split: split / (rows + split),
-                    memory,
-                    fits: limit.is_none_or(|limit| memory <= limit),
-                    groups: layout.mesh.groups,
-                    space: layout.mesh.space,
-                }
-            })
-            .collect();
-        // The mesh of the run comes first; a cheaper mesh is chosen only if it saves enough.
-        let chosen = |mesh: &MeshCandidate| {
-            resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space
-        };
-        meshes.sort_by(|a, b| {
-            let fits = chosen(b).cmp(&chosen(a)).then(b.fits.cmp(&a.fits));
-            fits.then(a.cost.total_cmp(&b.cost))
-        });
-        let first = meshes.first().map_or(1.0, |first| first.cost);
-        if first > 0.0 {
-            meshes.iter_mut().for_each(|mesh| mesh.cost /= first);
-        }
         let nodes = node.map(|node| node.count(ranks));
         let full = node.map(|node| node.filled(ranks, plan.memory()));
         let memory = limit.unwrap_or(here);
         let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
-        let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
+        let largest =
+            warp.and_then(|warp| Layout::largest_points(case, &plan.bounds, warp, &known));
         let (largest_points, largest_points_mesh) =
             largest.map(|(n, mesh)| (n, mesh.space)).unzip();
         let cells_of_fields = (case.space.cells() * case.fields.len()) as f64;
         Self {
-            meshes,
+            meshes: mesh_candidates(case, plan, resources),
             row_applications: plan.layout.cost(case, warp) * cells_of_fields,
             node,
             nodes,
@@ -147,6 +119,38 @@ impl Advice {
             takes_points: warp.is_some_and(WarpPlan::takes_points),
         }
     }
+}
+
+/// The meshes of the ranks of `plan`: that of the run first, then the cheapest that fits.
+fn mesh_candidates(case: &Case, plan: &Plan, resources: &Resources) -> Vec<MeshCandidate> {
+    let (warp, limit) = (plan.warp.as_ref(), resources.memory_per_rank);
+    let candidate = |layout: Layout| {
+        let (rows, split) = layout.rows(case, warp);
+        let memory = layout.memory();
+        MeshCandidate {
+            cost: layout.cost(case, warp),
+            imbalance: layout.imbalance,
+            split: split / (rows + split),
+            memory,
+            fits: limit.is_none_or(|limit| memory <= limit),
+            groups: layout.mesh.groups,
+            space: layout.mesh.space,
+        }
+    };
+    let layouts = Layout::every(case, &plan.bounds, warp, plan.layout.mesh.ranks());
+    let mut meshes: Vec<MeshCandidate> = layouts.map(candidate).collect();
+    // A mesh cheaper than that of the run is chosen only if it saves enough.
+    let chosen =
+        |mesh: &MeshCandidate| resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space;
+    meshes.sort_by(|a, b| {
+        let fits = chosen(b).cmp(&chosen(a)).then(b.fits.cmp(&a.fits));
+        fits.then(a.cost.total_cmp(&b.cost))
+    });
+    let first = meshes.first().map_or(1.0, |first| first.cost);
+    if first > 0.0 {
+        meshes.iter_mut().for_each(|mesh| mesh.cost /= first);
+    }
+    meshes
 }
 
 impl fmt::Display for Advice {
@@ -173,7 +177,7 @@ impl fmt::Display for Advice {
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
                 },
-                joined(space),
+                joined(space, ","),
                 bytes_text(self.largest_points_memory),
                 match self.memory_given {
                     true => "",
@@ -192,7 +196,7 @@ impl fmt::Display for Advice {
                 f,
                 "{:<16}--ranks-x {:<7} time {:.2}: imbalance {:.3}, exchange {:.0} %, {} a rank{}",
                 if k == 0 { "suggested mesh" } else { "" },
-                joined(&mesh.space),
+                joined(&mesh.space, ","),
                 mesh.cost,
                 mesh.imbalance,
                 100.0 * mesh.split,
@@ -202,12 +206,6 @@ impl fmt::Display for Advice {
         }
         Ok(())
     }
-}
-
-/// `blocks` as text for `--ranks-x`.
-pub(crate) fn joined(blocks: &[usize]) -> String {
-    let blocks: Vec<String> = blocks.iter().map(usize::to_string).collect();
-    blocks.join(",")
 }
 
 #[cfg(test)]

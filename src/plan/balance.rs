@@ -26,14 +26,6 @@ pub struct Batch {
     pub cost: usize,
 }
 
-impl Batch {
-    fn new(modes: Vec<usize>, work: &[usize], coupling: BatchCoupling) -> Self {
-        let works = modes.iter().map(|&l| work[l]);
-        let cost = coupling.cost(works);
-        Self { modes, cost }
-    }
-}
-
 /// Modelled cost of a group.
 pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()
@@ -59,7 +51,10 @@ pub fn share_out(
         }
         BatchCoupling::Sequential => falling.chunks(1).collect(),
     };
-    let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, coupling);
+    let batch = |modes: &[usize]| Batch {
+        modes: modes.to_vec(),
+        cost: coupling.cost(modes.iter().map(|&l| work[l])),
+    };
     let costs: Vec<usize> = pieces.iter().map(|piece| batch(piece).cost).collect();
     let mut shares: Vec<Vec<Batch>> = vec![Vec::new(); groups];
     for (piece, group) in pieces.iter().zip(assign_groups(&costs, groups)) {

@@ -102,17 +102,27 @@ impl Layout {
         warp: Option<&WarpPlan>,
         resources: &Resources,
     ) -> Result<Self> {
-        let ranks = resources.ranks;
+        let layout = match &resources.ranks_x {
+            Some(space) => {
+                let mesh = mesh_of(&case.space, space, resources.ranks)?;
+                Self::of_mesh(case, bounds, warp, mesh)
+            }
+            None => Self::cheapest(case, bounds, warp, resources)?,
+        };
+        layout.within(case, bounds, warp, resources)?.require_column_numbers(&case.space)
+    }
+
+    /// The layout on the cheapest mesh that fits, or else on that of least memory.
+    fn cheapest(
+        case: &Case,
+        bounds: &Bounds,
+        warp: Option<&WarpPlan>,
+        resources: &Resources,
+    ) -> Result<Self> {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
-        if let Some(space) = &resources.ranks_x {
-            let layout = Self::of_mesh(case, bounds, warp, mesh_of(&case.space, space, ranks)?);
-            return layout
-                .within(case, bounds, warp, resources)?
-                .require_column_numbers(&case.space);
-        }
-        // The cheapest mesh that fits. Fewest blocks come first; more must be faster by a factor.
         let mut best: Option<(bool, f64, Self)> = None;
-        for layout in Self::every(case, bounds, warp, ranks) {
+        // Fewest blocks come first; more must be faster by a factor.
+        for layout in Self::every(case, bounds, warp, resources.ranks) {
             let fits = layout.memory() <= limit;
             let cost = if fits { layout.cost(case, warp) } else { layout.memory() as f64 };
             let worth = if fits { WORTH_A_SPLIT } else { 1.0 };
@@ -123,12 +133,8 @@ impl Layout {
                 best = Some((fits, cost, layout));
             }
         }
-        match best {
-            Some((_, _, layout)) => {
-                layout.within(case, bounds, warp, resources)?.require_column_numbers(&case.space)
-            }
-            None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
-        }
+        let none = || Error::Ranks(format!("{} ranks do not fit the grid", resources.ranks));
+        best.map(|(_, _, layout)| layout).ok_or_else(none)
     }
 
     /// This layout. Refuses more cells on a rank than 32-bit column numbers can address.
@@ -334,41 +340,29 @@ fn mesh_of(grid: &PhaseSpace, space: &[usize], ranks: usize) -> Result<ProcessMe
 
 /// `blocks` split over the x-axes with the fewest ghosts; `None` if no axis has that many cells.
 fn split_axes(grid: &PhaseSpace, blocks: usize) -> Option<Vec<usize>> {
-    fn visit(
-        grid: &PhaseSpace,
-        axis: usize,
-        left: usize,
-        parts: &mut Vec<usize>,
-        best: &mut Option<(usize, Vec<usize>)>,
-    ) {
-        let axes = &grid.x;
-        if axis == axes.len() {
-            if left == 1 {
-                // Ghost cells of an inner block.
-                let size: Vec<usize> =
-                    axes.iter().zip(&*parts).map(|(a, p)| a.cells.div_ceil(*p)).collect();
-                let volume: usize = size.iter().product();
-                let ghosts = size
-                    .iter()
-                    .zip(&*parts)
-                    .filter(|(_, p)| **p > 1)
-                    .map(|(s, _)| 2 * volume / s)
-                    .sum();
-                if best.as_ref().is_none_or(|(least, _)| ghosts < *least) {
-                    *best = Some((ghosts, parts.clone()));
-                }
-            }
-            return;
-        }
-        for p in (1..=left.min(grid.most_blocks(axis))).filter(|p| left.is_multiple_of(*p)) {
-            parts.push(p);
-            visit(grid, axis + 1, left / p, parts, best);
-            parts.pop();
-        }
+    let product = |parts: &Vec<usize>| parts.iter().product::<usize>();
+    // Every split of the first axes, whose product divides `blocks`.
+    let mut splits = vec![Vec::new()];
+    for axis in 0..grid.dimension() {
+        let longer = |parts: Vec<usize>| {
+            let left = blocks / product(&parts);
+            let divisors =
+                (1..=left.min(grid.most_blocks(axis))).filter(move |p| left.is_multiple_of(*p));
+            divisors.map(move |p| [&parts[..], &[p]].concat())
+        };
+        splits = splits.into_iter().flat_map(longer).collect();
     }
-    let mut best = None;
-    visit(grid, 0, blocks, &mut Vec::new(), &mut best);
-    best.map(|(_, parts)| parts)
+    splits.retain(|parts| product(parts) == blocks);
+    splits.into_iter().min_by_key(|parts| ghosts_within(grid, parts))
+}
+
+/// Ghost cells of space of a block with neighbours on all sides, for `parts` blocks along each
+/// x-axis.
+fn ghosts_within(grid: &PhaseSpace, parts: &[usize]) -> usize {
+    let size: Vec<usize> = grid.x.iter().zip(parts).map(|(a, p)| a.cells.div_ceil(*p)).collect();
+    let volume: usize = size.iter().product();
+    let split = size.iter().zip(parts).filter(|(_, p)| **p > 1);
+    split.map(|(s, _)| 2 * volume / s).sum()
 }
 
 #[cfg(test)]

@@ -31,7 +31,7 @@ pub fn numbers(space: &PhaseSpace) -> usize {
     product(&space.x) * (1 + product(&space.v)) + nodes
 }
 
-/// Writes the axes of the elements. Ranks must agree on the outcome afterwards.
+/// Writes the axes of the elements.
 pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     if case.space.degree() == 0 {
         return Ok(());

@@ -18,14 +18,15 @@ use std::path::Path;
 /// # Errors
 /// [`Error::Output`], the same on all ranks.
 pub fn of_files(world: &Group, directory: &Path, names: &[String]) -> Result<FileChecksums> {
-    let there = |name: &&String| directory.join(name).is_file();
-    let there: Vec<&str> = names.iter().filter(there).map(String::as_str).collect();
+    let exists = |name: &&String| directory.join(name).is_file();
     // One rank decides which files exist, as ranks may see different states of the directory.
-    let there = world.broadcast_text(&there.join("\n"));
-    let named = |name: &str| -> Result<(String, FileChecksum)> {
-        Ok((name.to_owned(), of_file(world, &directory.join(name))?))
+    let there: Vec<String> =
+        world.of_first_rank(|| Ok(names.iter().filter(exists).cloned().collect()))?;
+    let checksum = |name: String| -> Result<(String, FileChecksum)> {
+        let found = of_file(world, &directory.join(&name))?;
+        Ok((name, found))
     };
-    there.lines().map(named).collect()
+    there.into_iter().map(checksum).collect()
 }
 
 /// The checksum of a file, read by all ranks. Collective.
@@ -43,9 +44,7 @@ fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
 /// # Errors
 /// [`Error::Output`], the same on all ranks, which names the first file that has changed.
 pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
-    let expected = world.on_first_rank(|| of_all(directory))?;
-    let expected = world.broadcast_text(&serde_json::to_string(&expected).unwrap_or_default());
-    let expected: FileChecksums = serde_json::from_str(&expected).unwrap_or_default();
+    let expected = world.of_first_rank(|| of_all(directory))?;
     compare(directory, &expected, |path| of_file(world, path))?;
     Ok(expected)
 }

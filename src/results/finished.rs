@@ -10,7 +10,10 @@ use crate::results::dataset::RESULT;
 use crate::results::readback::{self, read_text, text_attribute};
 use crate::results::untrusted::{self, Inspection};
 use crate::results::writer::Hdf5Result;
-use crate::results::{file_checksums, file_names, grids, pictures, report, summary, warped, xdmf};
+use crate::results::{
+    file_checksums, file_names, given_files, grids, pictures, report, summary, warped,
+    written_names, xdmf,
+};
 use crate::solve::checkpoint::store;
 use hdf5::File;
 use std::path::Path;
@@ -33,27 +36,14 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     if world.max_count(usize::from(looks_finished)) == 0 {
         return Ok(false);
     }
-    let fields = warped::names(case);
-    for name in [RESULT].into_iter().chain(fields.iter().map(String::as_str)) {
+    for name in [RESULT.to_owned()].into_iter().chain(warped::names(case)) {
         untrusted::check(world, &directory.join(name))?;
     }
     // Only files that the run would write; others may be in the directory.
     let listed = file_checksums::check(world, directory)?;
-    let written = |name: &&str| case_writes(case, name);
-    let texts = [RESULT, xdmf::NAME, "readout.csv"].into_iter().filter(written);
-    let mut names = texts.map(str::to_owned).chain(grids::names_of(case)).chain(fields);
-    match names.find(|name| !listed.contains_key(name)) {
+    match written_names(case).find(|name| !listed.contains_key(name)) {
         Some(name) => Err(file_checksums::not_listed(directory, &name)),
         None => Ok(true),
-    }
-}
-
-/// Whether a run of `case` writes the file `name`.
-fn case_writes(case: &Case, name: &str) -> bool {
-    match name {
-        xdmf::NAME => case.storage.xdmf,
-        RESULT => true,
-        _ => case.readout.is_some(),
     }
 }
 
@@ -70,21 +60,15 @@ fn looks_finished(directory: &Path, case: &Case) -> Result<bool> {
     }
     match StoredResult::new(directory, case) {
         StoredResult::Same => Ok(true),
-        StoredResult::Damaged(ResultDamage { error, of_this_case: true }) => Err(error),
-        StoredResult::Damaged(_) | StoredResult::Other(_) | StoredResult::Foreign => Ok(false),
+        StoredResult::Damaged { error, of_this_case: true } => Err(error),
+        StoredResult::Damaged { .. } | StoredResult::Other(_) | StoredResult::Foreign => Ok(false),
     }
 }
 
 /// Whether `result.h5` is there and was written after all files that the case reads.
 fn is_later_than_given(directory: &Path, case: &Case) -> bool {
     let Some(result) = modified(&directory.join(RESULT)) else { return false };
-    let given = [
-        case.start.as_ref().map(|start| &start.path),
-        case.start_field.as_ref().map(|start| &start.path),
-    ];
-    let tables = case.tables.iter().map(|file| &file.path);
-    let mut given = given.into_iter().flatten().chain(tables);
-    given.all(|path| modified(path).is_some_and(|start| start < result))
+    given_files(case).all(|(_, path)| modified(path).is_some_and(|start| start < result))
 }
 
 /// Whether there is a checkpoint to continue from.
@@ -115,16 +99,13 @@ enum StoredResult {
     /// Another result; the text says how it differs.
     Other(String),
     /// A file that is not as this program wrote it.
-    Damaged(ResultDamage),
+    Damaged {
+        error: Error,
+        /// Whether it was the result of the case, as far as its summary says.
+        of_this_case: bool,
+    },
     /// A file of others.
     Foreign,
-}
-
-/// How a result is damaged.
-struct ResultDamage {
-    error: Error,
-    /// Whether it was the result of the case, as far as its summary says.
-    of_this_case: bool,
 }
 
 impl StoredResult {
@@ -134,9 +115,7 @@ impl StoredResult {
             Ok(Some(what)) => Self::Other(what),
             // A file that cannot be read is ours if its checksum is known.
             Err(_) => match file_checksums::damage(directory, RESULT) {
-                Some(error) => {
-                    Self::Damaged(ResultDamage { error, of_this_case: is_of(directory, case) })
-                }
+                Some(error) => Self::Damaged { error, of_this_case: is_of(directory, case) },
                 None => Self::Foreign,
             },
         }
@@ -201,20 +180,16 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
         let goes_on = resume && !matches!(found, StoredResult::Foreign) && is_begun(directory);
         return match found {
             _ if goes_on => None,
-            StoredResult::Same | StoredResult::Damaged(ResultDamage { of_this_case: true, .. })
-                if resume =>
-            {
-                None
-            }
+            StoredResult::Same | StoredResult::Damaged { of_this_case: true, .. } if resume => None,
             StoredResult::Same => Some(format!(
                 "it holds the result of this case; --resume keeps it if it is finished and \
                  undamaged, {instead}"
             )),
-            StoredResult::Damaged(ResultDamage { error, of_this_case: true }) => {
+            StoredResult::Damaged { error, of_this_case: true } => {
                 let again = "--resume computes it anew";
                 Some(format!("it holds a damaged result: {error}; {again}, {instead}"))
             }
-            StoredResult::Damaged(ResultDamage { error, .. }) => {
+            StoredResult::Damaged { error, .. } => {
                 Some(format!("it holds a damaged result of another case: {error}; {instead}"))
             }
             StoredResult::Other(what) => {

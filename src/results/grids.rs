@@ -13,18 +13,18 @@
 //! `result.h5` or to one time of it, as a list in the same order. So `grids.h5` needs `result.h5`
 //! beside it.
 
+use crate::base::checksum::DatasetBox;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::parallel::files::selection;
 use crate::problem::case::Case;
 use crate::results::dataset::RESULT;
 use crate::results::views::{Grid, Step, View};
 use crate::results::writer::Hdf5Result;
-use crate::results::xdmf::item;
+use crate::results::xdmf::{attribute, item};
 use hdf5::filters::deflate_available;
-use hdf5::{File, Group, H5Type, Hyperslab, SliceOrIndex};
+use hdf5::{File, Group, H5Type};
 use ndarray::ArrayView2;
-use std::fmt::Write;
-use std::ops::Range;
 use std::path::Path;
 
 /// The file with points, cells and values.
@@ -85,14 +85,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
         return Ok(());
     }
     let path = directory.join(HEAVY);
-    let partial = disk::partial(&path);
-    disk::clear(&partial).map_err(|e| failure(&partial, &e))?;
-    let written = heavy(&partial, &directory.join(RESULT), steps);
-    if written.is_err() {
-        let _ = std::fs::remove_file(&partial);
-    }
-    written.map_err(|e| failure(&path, &e))?;
-    std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))?;
+    disk::put_in_place(&path, |partial| heavy(partial, &directory.join(RESULT), steps))?;
     for name in GRIDS {
         let times = times(steps, name);
         if !times.is_empty() {
@@ -118,17 +111,17 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
     for name in GRIDS {
         let times = times(steps, name);
         let Some((_, first)) = times.first() else { continue };
-        let mesh = UnstructuredGrid::new(first);
+        let (points, cells) = (first.point_count(), first.cell_count());
         with_file(path, |file| {
             let group = file.create_group(name)?;
-            table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
-            table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))
+            table(&group, "points", [points, 3], |k, row| row.extend(first.point(k)))?;
+            table(&group, "cells", [cells, first.corners()], |k, row| first.corners_of(k, row))
         })?;
         for (first, times) in (0..).step_by(TIMES_AT_ONCE).zip(times.chunks(TIMES_AT_ONCE)) {
             with_file(path, |file| {
                 for (k, (_, grid)) in (first..).zip(times) {
                     let group = file.create_group(&format!("{name}/{k}"))?;
-                    let of_view = |view| values(&group, &result, view, mesh.cells());
+                    let of_view = |view| values(&group, &result, view, cells);
                     grid.fields.iter().try_for_each(of_view)?;
                 }
                 Ok(())
@@ -146,38 +139,30 @@ fn with_file(path: &Path, write: impl FnOnce(&File) -> Hdf5Result<()>) -> Hdf5Re
 }
 
 /// A grid as a list of points and a list of cells, both x fastest.
-struct UnstructuredGrid<'a> {
-    grid: &'a Grid,
-}
-
-impl<'a> UnstructuredGrid<'a> {
-    fn new(grid: &'a Grid) -> Self {
-        Self { grid }
-    }
-
+impl Grid {
     /// Number of cells along each axis of the grid.
     fn lengths(&self) -> &[usize] {
-        &self.grid.cells[..self.grid.dimension]
+        &self.cells[..self.dimension]
     }
 
-    fn cells(&self) -> usize {
+    fn cell_count(&self) -> usize {
         self.lengths().iter().product()
     }
 
-    fn points(&self) -> usize {
+    fn point_count(&self) -> usize {
         self.lengths().iter().map(|n| n + 1).product()
     }
 
     /// Number of corners of a cell.
     fn corners(&self) -> usize {
-        1 << self.grid.dimension
+        1 << self.dimension
     }
 
     /// Face number `k` along an axis.
     fn face(&self, axis: usize, k: usize) -> f64 {
-        match &self.grid.faces {
+        match &self.faces {
             Some(faces) => faces[axis][k],
-            None => self.grid.origin[axis] + k as f64 * self.grid.spacing[axis],
+            None => self.origin[axis] + k as f64 * self.spacing[axis],
         }
     }
 
@@ -193,7 +178,7 @@ impl<'a> UnstructuredGrid<'a> {
 
     /// Appends the numbers of the corners of cell number `k`: around a quadrilateral; for a
     /// hexahedron around its lower face, then around its upper face.
-    fn cell(&self, mut k: usize, corners: &mut Vec<i64>) {
+    fn corners_of(&self, mut k: usize, corners: &mut Vec<i64>) {
         const AROUND: [[usize; 3]; 8] = [
             [0, 0, 0],
             [1, 0, 0],
@@ -237,35 +222,24 @@ fn table<T: H5Type>(
         here.clone().for_each(|k| fill(k, &mut values));
         let values = ArrayView2::from_shape((here.len(), width), &values)
             .map_err(|e| hdf5::Error::from(e.to_string()))?;
-        dataset.write_slice(values, selection(&[here, 0..width]))?;
+        dataset.write_slice(values, selection(&DatasetBox::of(&[here, 0..width])))?;
     }
     Ok(())
-}
-
-/// The selection of HDF5 for a box with these ranges.
-fn selection(ranges: &[Range<usize>]) -> Hyperslab {
-    let along = |range: &Range<usize>| SliceOrIndex::SliceTo {
-        start: range.start,
-        step: 1,
-        end: range.end,
-        block: 1,
-    };
-    Hyperslab::from(ranges.iter().map(along).collect::<Vec<_>>())
 }
 
 /// Writes a view as a virtual dataset: a list over the cells.
 fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result<()> {
     let there = result.dataset(&view.dataset)?.shape();
-    let mut from: Vec<Range<usize>> = there.iter().map(|n| 0..*n).collect();
+    let mut from = DatasetBox::whole(&there);
     if let Some(slice) = &view.time_slice {
-        from[0] = slice.index..slice.index + 1;
+        (from.start[0], from.count[0]) = (slice.index, 1);
     }
     let mut shape = vec![cells];
     shape.extend(view.vector.then_some(3));
-    let to: Vec<Range<usize>> = shape.iter().map(|n| 0..*n).collect();
+    let (from, to) = (selection(&from), selection(&DatasetBox::whole(&shape)));
     group
         .new_dataset::<f64>()
-        .virtual_map(RESULT, &view.dataset, &there, selection(&from), &shape, selection(&to))
+        .virtual_map(RESULT, &view.dataset, &there, from, &shape, to)
         .shape(&shape)
         .create(view.name)?;
     Ok(())
@@ -285,8 +259,7 @@ fn pieces(name: &str, times: &[(f64, &Grid)]) -> impl Iterator<Item = String> {
 /// The text of a grid at time number `k`.
 fn grid_text(k: usize, time: f64, grid: &Grid) -> String {
     let name = &grid.name;
-    let mesh = UnstructuredGrid::new(grid);
-    let (cells, corners) = (mesh.cells(), mesh.corners());
+    let (cells, corners) = (grid.cell_count(), grid.corners());
     let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
     let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
     let mut text = format!(
@@ -295,20 +268,12 @@ fn grid_text(k: usize, time: f64, grid: &Grid) -> String {
          <Topology TopologyType=\"{kind}\" NumberOfElements=\"{cells}\">\n{}</Topology>\n\
          <Geometry GeometryType=\"XYZ\">\n{}</Geometry>\n",
         item(&format!("{cells} {corners}"), "Int", "HDF", &place("cells")),
-        item(&format!("{} 3", mesh.points()), "Float", "HDF", &place("points")),
+        item(&format!("{} 3", grid.point_count()), "Float", "HDF", &place("points")),
     );
     for view in &grid.fields {
-        let (kind, lengths) = match view.vector {
-            true => ("Vector", format!("{cells} 3")),
-            false => ("Scalar", cells.to_string()),
-        };
-        let _ = write!(
-            text,
-            "<Attribute Name=\"{0}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{1}\
-             </Attribute>\n",
-            view.name,
-            item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name))),
-        );
+        let lengths = if view.vector { format!("{cells} 3") } else { cells.to_string() };
+        let numbers = item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name)));
+        text += &attribute(view, &numbers);
     }
     text + "</Grid>\n"
 }
@@ -334,20 +299,19 @@ mod tests {
     fn corners_are_those_of_the_cells() {
         for dimension in [2, 3] {
             let grid = grid(dimension);
-            let mesh = UnstructuredGrid::new(&grid);
             let mut seen = std::collections::BTreeSet::new();
-            for k in 0..mesh.cells() {
+            for k in 0..grid.cell_count() {
                 let mut corners = Vec::new();
-                mesh.cell(k, &mut corners);
-                assert_eq!(corners.len(), mesh.corners());
+                grid.corners_of(k, &mut corners);
+                assert_eq!(corners.len(), grid.corners());
                 let at = [k % 4, k / 4 % 3, k / 12];
                 let points: Vec<[f64; 3]> =
-                    corners.iter().map(|c| mesh.point(*c as usize)).collect();
+                    corners.iter().map(|c| grid.point(*c as usize)).collect();
                 for axis in 0..dimension {
                     let lower = grid.origin[axis] + at[axis] as f64 * grid.spacing[axis];
                     let ends = [lower, lower + grid.spacing[axis]];
                     let on = |end: f64| points.iter().filter(|p| p[axis] == end).count();
-                    assert_eq!(ends.map(on), [mesh.corners() / 2; 2], "{k} {axis}");
+                    assert_eq!(ends.map(on), [grid.corners() / 2; 2], "{k} {axis}");
                 }
                 // Neighbours in the list share an edge: they go around.
                 for ends in points[..4].windows(2) {
@@ -356,7 +320,7 @@ mod tests {
                 }
                 assert!(seen.insert(corners));
             }
-            assert_eq!(mesh.points(), if dimension == 2 { 20 } else { 60 });
+            assert_eq!(grid.point_count(), if dimension == 2 { 20 } else { 60 });
         }
     }
 }

@@ -18,7 +18,6 @@ use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, Results};
 use crate::results::fields::{self, DatasetLayout, Field};
 use crate::results::writer::{Hdf5Result, Writer};
-use std::ops::Range;
 
 /// Name of the axis of output times.
 pub const TIME: &str = "time";
@@ -30,7 +29,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
     results.early.iter().filter(|e| !e.fields.is_empty())
 }
 
-/// Writes the axes of times, if there are any. Ranks must agree on the outcome afterwards.
+/// Writes the axes of times, if there are any.
 pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     if results.early.is_empty() {
         return Ok(());
@@ -68,11 +67,10 @@ fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) -
         let kind = field.kind;
         let values: Vec<f64> =
             (times.iter()).flat_map(|moments| moments[k].components.concat()).collect();
-        let mut ranges: Vec<Range<usize>> = std::iter::once(0..times.len()).collect();
-        ranges.extend(layout.ranges(kind, 0..field.components.len()));
+        let slab = DatasetBox::of(&layout.ranges(kind, 0..field.components.len()));
         let axes = with_time(TIME, layout.axes(kind));
         let name = format!("history/{}", kind.name);
-        writer.field(&name, &axes, &[(DatasetBox::of(&ranges), &values)], kind.what)?;
+        writer.field(&name, &axes, &[(slab.after(0..times.len()), &values)], kind.what)?;
     }
     Ok(())
 }
@@ -85,14 +83,12 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
     let totals: Vec<Totals> = early.chain([results.totals]).collect();
-    type TotalsColumn = (&'static str, fn(&Totals) -> f64, &'static str);
-    let columns: [TotalsColumn; 3] = [
-        ("mass", |t| t.mass, "integral of f"),
-        ("kinetic_energy", |t| t.kinetic, "integral of |v|^2 f / 2"),
-        ("potential_energy", |t| t.potential, "integral of V f"),
-    ];
-    for (name, of, what) in columns {
-        let values: Vec<f64> = totals.iter().map(of).collect();
+    let column = |of: fn(&Totals) -> f64| totals.iter().map(of).collect::<Vec<f64>>();
+    for (name, values, what) in [
+        ("mass", column(|t| t.mass), "integral of f"),
+        ("kinetic_energy", column(|t| t.kinetic), "integral of |v|^2 f / 2"),
+        ("potential_energy", column(|t| t.potential), "integral of V f"),
+    ] {
         writer.replicated(&format!("history/{name}"), TIME, &values, what)?;
     }
     Ok(())
@@ -106,15 +102,10 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &DatasetLayout) ->
     let Some(first) = times.first() else { return Ok(()) };
     for (k, field) in first.iter().enumerate() {
         let kind = field.kind;
-        let at = |time: usize, component: usize| {
-            let mut ranges: Vec<Range<usize>> = std::iter::once(time..time + 1).collect();
-            ranges.extend(layout.ranges(kind, component..component + 1));
-            DatasetBox::of(&ranges)
-        };
         let slabs: Vec<(DatasetBox, &[f64])> = (times.iter().enumerate())
             .flat_map(|(time, fields)| {
-                let components = fields[k].components.iter().enumerate();
-                components.map(move |(component, values)| (at(time, component), *values))
+                let slabs = layout.slabs(&fields[k]).into_iter();
+                slabs.map(move |(slab, values)| (slab.after(time..time + 1), values))
             })
             .collect();
         let axes = with_time(FIELD_TIME, layout.axes(kind));

@@ -14,6 +14,9 @@
 //! A picture that does not apply to a run, such as the profile of a classical run, is not drawn. If
 //! the files lack the data of a picture, it is left out with a message. A second run on the same
 //! grid can be drawn beside the first.
+//!
+//! Functions that read a run or draw it fail with a sentence that names the data that the files
+//! lack ([`FileResult`]).
 
 pub mod cut;
 pub mod film;

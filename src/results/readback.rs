@@ -79,6 +79,11 @@ pub struct FileShare {
     pub ranks: usize,
 }
 
+impl FileShare {
+    /// The share of a process that reads alone.
+    pub const WHOLE: Self = Self { rank: 0, ranks: 1 };
+}
+
 fn error(what: String) -> hdf5::Error {
     hdf5::Error::from(what)
 }
@@ -212,8 +217,7 @@ pub(crate) fn sum_of(
 /// Checks that the text of a dataset has the checksum that is stored with it.
 pub(crate) fn check_text(name: &str, dataset: &Dataset) -> Hdf5Result<()> {
     let expected: u64 = dataset.attr(CHECKSUM)?.read_scalar()?;
-    let whole = FileShare { rank: 0, ranks: 1 };
-    match sum_of(whole, dataset, |_| Ok(()))? == expected {
+    match sum_of(FileShare::WHOLE, dataset, |_| Ok(()))? == expected {
         true => Ok(()),
         false => Err(error(differs(name))),
     }

@@ -176,8 +176,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         + 2 * case.text.len()) as u64
 }
 
-/// Writes attributes of the file, `/case`, `/plan` and `/timings`. Ranks must agree on the outcome
-/// afterwards.
+/// Writes attributes of the file, `/case`, `/plan` and `/timings`.
 pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
@@ -206,7 +205,7 @@ pub(crate) fn attributes(
     Ok(())
 }
 
-/// Writes the dimension scales of phase space. Ranks must agree on the outcome afterwards.
+/// Writes the dimension scales of phase space.
 pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
@@ -226,7 +225,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()>
     Ok(())
 }
 
-/// Writes all dimension scales. Ranks must agree on the outcome afterwards.
+/// Writes all dimension scales.
 fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
@@ -242,27 +241,24 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     history::axes(writer, results)
 }
 
-/// Writes the plateau, which is the same on all ranks. Ranks must agree on the outcome afterwards.
+/// Writes the plateau, which is the same on all ranks.
 fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
     if points.is_empty() {
         return Ok(());
     }
     writer.file().create_group("plateau")?;
-    type PlateauColumn = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
-    let columns: [PlateauColumn; 3] = [
-        ("p", |k| k.p, "recovery point"),
-        ("distance", |k| k.distance, "relative l2 distance of f read at p to f"),
-        ("norm", |k| k.norm, "l2 norm of f read at p"),
-    ];
-    for (name, of, what) in columns {
-        let values: Vec<f64> = points.iter().map(of).collect();
+    let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect::<Vec<f64>>();
+    for (name, values, what) in [
+        ("p", column(|k| k.p), "recovery point"),
+        ("distance", column(|k| k.distance), "relative l2 distance of f read at p to f"),
+        ("norm", column(|k| k.norm), "l2 norm of f read at p"),
+    ] {
         writer.list(&format!("plateau/{name}"), &values, Some(what))?;
     }
     Ok(())
 }
 
-/// Writes the emulated readout of a quantum computer, which is the same on all ranks. Ranks must
-/// agree on the outcome afterwards.
+/// Writes the emulated readout of a quantum computer, which is the same on all ranks.
 fn write_readout(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;

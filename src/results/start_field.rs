@@ -25,15 +25,11 @@ const SAME: f64 = 1e-12;
 /// [`Error::Input`], the same on all ranks, that says what is wrong with the file.
 pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<ResultOrigin> {
     // One rank reads the file without MPI.
-    let found = world.on_first_rank(|| {
-        let found = checked_origin(&start.path, case);
-        found.map(Some).map_err(|what| {
+    world.of_first_rank(|| {
+        checked_origin(&start.path, case).map_err(|what| {
             Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
         })
-    })?;
-    let text = found.and_then(|found| serde_json::to_string(&found).ok()).unwrap_or_default();
-    let text = world.broadcast_text(&text);
-    serde_json::from_str(&text).map_err(|e| Error::Input(format!("{}: {e}", start.place)))
+    })
 }
 
 fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {

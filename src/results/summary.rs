@@ -47,6 +47,11 @@ pub struct ErrorNorms {
 }
 
 impl ErrorNorms {
+    /// The norms whose sums are `∫ |a − a_exact|`, `∫ |a − a_exact|²`, `∫ |a_exact|`, `∫ a_exact²`.
+    pub fn of_sums([l1, l2, exact_l1, exact_l2]: [f64; 4]) -> Self {
+        Self { l1, l2: l2.sqrt(), exact_l1, exact_l2: exact_l2.sqrt() }
+    }
+
     /// `∫ |a − a_exact| / ∫ |a_exact|`; `None` if the exact solution is zero.
     pub fn relative_l1(&self) -> Option<f64> {
         Some(self.l1 / self.exact_l1).filter(|e| e.is_finite())

@@ -9,7 +9,6 @@ use crate::problem::table::{Table, TableAxis, check_size};
 use crate::results::FileResult;
 use crate::results::readback::numbers;
 use crate::results::untrusted::{self, Inspection};
-use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -87,27 +86,23 @@ fn attribute(of: TableOf) -> String {
     }
 }
 
-/// The axes of a table, for other ranks: name, position among the coordinates, number of points.
-#[derive(Default, Serialize, Deserialize)]
-struct TableHeader {
-    axes: Vec<(String, usize, usize)>,
-}
+/// The name of an axis of a table, its position among the coordinates, its number of points.
+type AxisHead = (String, usize, usize);
 
 /// Sends the table of the first rank to all ranks. Collective over `world`.
 fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let axes = found.as_ref().map_or(&[][..], Table::axes);
     let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
-    let text = serde_json::to_string(&TableHeader { axes: axes.collect() }).unwrap_or_default();
-    let head: TableHeader =
-        serde_json::from_str(&world.broadcast_text(&text)).map_err(|e| e.to_string())?;
-    let shape: Vec<usize> = head.axes.iter().map(|(_, _, points)| *points).collect();
+    let heads: Vec<AxisHead> =
+        world.of_first_rank(|| Ok(axes.collect())).map_err(|e| e.to_string())?;
+    let shape: Vec<usize> = heads.iter().map(|(_, _, points)| *points).collect();
     // All ranks take the largest value, and all but the first have −∞.
     let numbers = |own: Option<&[f64]>, count: usize| {
         let mut numbers = own.map_or_else(|| vec![f64::NEG_INFINITY; count], <[f64]>::to_vec);
         world.max_into(&mut numbers);
         numbers
     };
-    let axes = head.axes.into_iter().enumerate().map(|(a, (name, position, count))| {
+    let axes = heads.into_iter().enumerate().map(|(a, (name, position, count))| {
         let own = found.as_ref().map(|table| &table.axes()[a].points[..]);
         TableAxis { name, position, points: numbers(own, count) }
     });

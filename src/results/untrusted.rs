@@ -25,7 +25,7 @@ use crate::results::{FileResult, file_checksums};
 use crate::solve::checkpoint::store;
 use hdf5::{Dataset, File};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -84,14 +84,13 @@ type InspectionResult = FileResult<ChecksumParts>;
 /// anything else, and before MPI starts.
 pub fn serve() -> Option<i32> {
     let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
-    let [call, inspection, path] = &arguments[..] else {
-        let _ = ROLE.set(ProcessRole::Parent);
-        return None;
+    let (inspection, path) = match &arguments[..] {
+        [call, inspection, path] if call == CALL => (inspection, path),
+        _ => {
+            let _ = ROLE.set(ProcessRole::Parent);
+            return None;
+        }
     };
-    if call != CALL {
-        let _ = ROLE.set(ProcessRole::Parent);
-        return None;
-    }
     let _ = ROLE.set(ProcessRole::Child);
     machine::end_with_parent();
     machine::limit_memory(MEMORY);
@@ -191,27 +190,20 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
     let reason = |e: hdf5::Error| e.to_string();
     let file = inspected(path, &inspection);
     let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
-    let open_file = || -> FileResult<File> {
-        let file = File::open(&file);
-        file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
-    };
+    let opened =
+        File::open(&file).map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))?;
     match inspection {
-        Inspection::Description => {
-            description(&open_file()?, bytes).map_err(reason)?;
-            Ok(ChecksumParts::new())
-        }
-        Inspection::Values(share) => values(&open_file()?, bytes, share).map_err(reason),
+        Inspection::Description => description(&opened, bytes).map_err(reason)?,
+        Inspection::Values(share) => return values(&opened, bytes, share).map_err(reason),
         Inspection::Directory => {
-            let sums =
-                values(&open_file()?, bytes, FileShare { rank: 0, ranks: 1 }).map_err(reason)?;
+            let sums = values(&opened, bytes, FileShare::WHOLE).map_err(reason)?;
             // Where this process is the one that asks, it reads them next.
             if ROLE.get() == Some(&ProcessRole::Child) {
                 StoredRun::read(path)?;
             }
-            Ok(sums)
+            return Ok(sums);
         }
         Inspection::Table(names) => {
-            let opened = open_file()?;
             for name in &names {
                 if let Some(chunk) = check_dataset(&opened, bytes, name)? {
                     allow_memory(chunk);
@@ -220,19 +212,14 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
                     numbers(name, &dataset)?;
                 }
             }
-            Ok(ChecksumParts::new())
         }
         Inspection::Field => {
-            let opened = open_file()?;
             description(&opened, bytes).map_err(reason)?;
             start(&opened, bytes, "f")?;
-            Ok(ChecksumParts::new())
         }
-        Inspection::Warped => {
-            start(&open_file()?, bytes, "w")?;
-            Ok(ChecksumParts::new())
-        }
+        Inspection::Warped => start(&opened, bytes, "w")?,
     }
+    Ok(ChecksumParts::new())
 }
 
 /// Checks that all datasets can be read; returns the bytes of the largest chunk.
@@ -318,7 +305,7 @@ fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
     if chunk == 0 {
         return Ok(());
     }
-    let read = sum_of(FileShare { rank: 0, ranks: 1 }, &dataset, |_| {
+    let read = sum_of(FileShare::WHOLE, &dataset, |_| {
         progress(chunk);
         Ok(())
     });
@@ -385,16 +372,14 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
     world.agree(disk::require_file(&path).map_err(|e| fail(&e)))?;
     // One rank lists the files, as ranks may see different states of the directory.
-    let mut names = Vec::new();
-    if world.rank() == 0
-        && let Ok(entries) = std::fs::read_dir(directory)
-    {
+    let names = world.of_first_rank(|| {
+        let entries = std::fs::read_dir(directory).into_iter().flatten();
         let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        names.extend(all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5")));
-        names.sort_unstable();
-    }
-    let names = world.broadcast_text(&names.join("\n"));
-    let files = [RESULT].into_iter().chain(names.lines()).map(|name| directory.join(name));
+        let warped = all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5"));
+        Ok(warped.collect::<BTreeSet<String>>())
+    })?;
+    let names = [RESULT].into_iter().chain(names.iter().map(String::as_str));
+    let files = names.map(|name| directory.join(name));
     let checked = files.map(|path| check(world, &path).map(|datasets| (path, datasets)));
     let checked: Vec<_> = checked.collect::<Result<_>>()?;
     file_checksums::check(world, directory)?;

@@ -101,22 +101,18 @@ impl Grid {
     }
 }
 
-/// The views of a dataset whose first index counts times. They share its path and its lengths.
-struct SlicedViews {
-    view: View,
-    shape: Rc<[usize]>,
-}
-
-impl SlicedViews {
-    fn new(name: &'static str, dataset: &str, vector: bool, shape: &[usize]) -> Self {
-        let view = View { name, dataset: dataset.into(), vector, time_slice: None };
-        Self { view, shape: shape.into() }
-    }
-
-    /// The view of time number `index`.
-    fn at(&self, index: usize) -> View {
-        let time_slice = Some(TimeSlice { index, shape: self.shape.clone() });
-        View { time_slice, ..self.view.clone() }
+/// Shows a dataset of this shape, whose first index counts times, on the grids of these times.
+fn show_by_time(
+    grids: &mut [Grid],
+    name: &'static str,
+    dataset: &str,
+    vector: bool,
+    shape: &[usize],
+) {
+    let (dataset, shape): (Rc<str>, Rc<[usize]>) = (dataset.into(), shape.into());
+    for (index, grid) in grids.iter_mut().enumerate() {
+        let time_slice = Some(TimeSlice { index, shape: shape.clone() });
+        grid.fields.push(View { name, dataset: dataset.clone(), vector, time_slice });
     }
 }
 
@@ -151,12 +147,11 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
     let (case, space) = (results.case, &results.case.space);
     let n = space.dimension();
     let names = axis_names(n);
-    let middle: Vec<usize> = space.axes().map(|a| a.cells / 2).collect();
     let count = with_fields(results).count();
     for a in (0..n).filter(|_| count > 0) {
         let name = format!("plane_{}", names[a]);
         writer.group(&format!("xdmf/history/{name}"))?;
-        let part = PlanePart::new(results, a, &middle);
+        let part = PlanePart::new(results, a);
         let shape = [count, space.v[a].cells, space.x[a].cells];
         let mut grids = vec![Grid::new(&name, &[&space.x[a], &space.v[a]]); count];
         for (k, field) in case.fields.iter().enumerate() {
@@ -168,10 +163,7 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
             let path = format!("/xdmf/history/{name}/{}", field.name);
             let what = format!("{} on this plane at the field times", field.name);
             writer.field(&path, &[FIELD_TIME, names[n + a], names[a]], &slabs, &what)?;
-            let views = SlicedViews::new(field.name, &path, false, &shape);
-            for (time, grid) in grids.iter_mut().enumerate() {
-                grid.fields.push(views.at(time));
-            }
+            show_by_time(&mut grids, field.name, &path, false, &shape);
         }
         let with = steps.iter_mut().zip(results.early).filter(|(_, e)| !e.fields.is_empty());
         for ((step, _), grid) in with.zip(grids) {
@@ -198,19 +190,13 @@ fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step])
             let copies: Vec<ReversedShare<'_>> =
                 times.iter().map(|fields| ReversedShare::new(results, &fields[k])).collect();
             let axes: Vec<&str> = [TIME].into_iter().chain(copies[0].axes.clone()).collect();
-            let slab = |time: usize| {
-                let time = std::iter::once(time..time + 1);
-                DatasetBox::of(&time.chain(copies[0].ranges.clone()).collect::<Vec<_>>())
-            };
+            let slab = |time| DatasetBox::of(&copies[0].ranges).after(time..time + 1);
             let slabs: Vec<(DatasetBox, &[f64])> =
                 copies.iter().enumerate().map(|(t, copy)| (slab(t), &copy.values[..])).collect();
             let what = format!("copy of /history/{}, axes reversed", kind.name);
             writer.field(&path, &axes, &slabs, &what)?;
         }
-        let views = SlicedViews::new(kind.name, &path, vector, &shape);
-        for (time, grid) in grids.iter_mut().enumerate() {
-            grid.fields.push(views.at(time));
-        }
+        show_by_time(&mut grids, kind.name, &path, vector, &shape);
     }
     // V does not change, and is stored once.
     let dataset: Rc<str> = if n > 1 { "/xdmf/space/potential" } else { "/potential" }.into();
@@ -314,13 +300,11 @@ fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &st
     writer.field(path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)
 }
 
-/// Writes the fields on the planes (x_a, v_a) through the middle cells of the other axes; of two
-/// middle cells, the upper one.
+/// Writes the fields on the planes (x_a, v_a) through the middle cells of the other axes.
 fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     let (case, space) = (results.case, &results.case.space);
     let n = space.dimension();
     let names = axis_names(n);
-    let middle: Vec<usize> = space.axes().map(|a| a.cells / 2).collect();
     let mut fields: Vec<(&'static str, &[f64])> = (case.fields.iter().zip(results.fields))
         .map(|(field, values)| (field.name, *values))
         .collect();
@@ -331,7 +315,7 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     for a in 0..n {
         let mut grid = Grid::new(&format!("plane_{}", names[a]), &[&space.x[a], &space.v[a]]);
         writer.group(&format!("xdmf/{}", grid.name))?;
-        let part = PlanePart::new(results, a, &middle);
+        let part = PlanePart::new(results, a);
         let ranges = [0..space.v[a].cells, part.cells.clone()];
         for &(name, field) in &fields {
             let values = part.values(field, ranges[0].len());
@@ -357,9 +341,10 @@ struct PlanePart {
 }
 
 impl PlanePart {
-    /// The plane through the cells `middle` of the other axes.
-    fn new(results: &Results<'_>, a: usize, middle: &[usize]) -> Self {
+    /// The plane through the middle cells of the other axes; of two middle cells, the upper one.
+    fn new(results: &Results<'_>, a: usize) -> Self {
         let n = results.share.len();
+        let middle: Vec<usize> = results.case.space.axes().map(|axis| axis.cells / 2).collect();
         let crossed = (0..n).all(|b| b == a || results.share[b].contains(&middle[b]));
         let share = results.share.iter().map(|r| (r.start, r.len()));
         let velocities = results.case.space.v.iter().map(|v| (0, v.cells));

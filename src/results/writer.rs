@@ -5,6 +5,10 @@
 //! none waits for a rank that failed. Each rank writes contiguous datasets on its own. Chunked
 //! datasets are written by all ranks together, even those that have nothing to write, as HDF5 sends
 //! the pieces of a chunk to the one rank that compresses it.
+//!
+//! Functions with the result [`Result`] are collective and fail with
+//! [`crate::base::error::Error::Output`], the same on all ranks. After those with [`Hdf5Result`]
+//! the ranks must [`agree`](Writer::agree) on the outcome.
 
 use crate::base::checksum::DatasetBox;
 use crate::base::disk::failure;
@@ -52,22 +56,16 @@ pub fn text(s: &str) -> VarLenUnicode {
 }
 
 /// Writes a new attribute.
-///
-/// # Errors
-/// The error of HDF5.
 pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Hdf5Result<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }
 
 impl<'a> Writer<'a> {
-    /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.
+    /// Creates the file, of at most `bytes` bytes. Collective over `world`.
     ///
     /// If the file system can, space is reserved before anything is written. Then a full disk is an
     /// error of one call on one rank, and not of a collective call, in which HDF5 would leave the
     /// other ranks waiting.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`] here and in all other methods, the same on all ranks.
     pub fn create(
         world: &'a Group,
         path: &'a Path,
@@ -92,18 +90,12 @@ impl<'a> Writer<'a> {
     }
 
     /// Creates a group. Collective.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn group(&self, name: &str) -> Result<()> {
         self.agree(self.file.create_group(name).map(drop))
     }
 
     /// Makes all ranks agree on the outcome of a step of all ranks, and of the steps that rank 0
     /// wrote alone.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks, where any of them failed.
     pub fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
         let outcome = match self.trouble.take() {
             Some(trouble) => Err(trouble),
@@ -122,7 +114,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes a scalar text dataset of fixed length, as parallel HDF5 does not write texts of
-    /// variable length. Ranks must [`agree`](Self::agree) on the outcome afterwards.
+    /// variable length.
     pub fn text(&self, name: &str, value: &str) -> Hdf5Result<Dataset> {
         let bytes = value.as_bytes();
         let dataset = self
@@ -137,15 +129,14 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    /// Writes, by rank 0, a list of numbers that all ranks know. Ranks must [`agree`](Self::agree)
-    /// on the outcome afterwards.
+    /// Writes, by rank 0, a list of numbers that all ranks know.
     pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Hdf5Result<Dataset> {
         let dataset = self.file.new_dataset::<f64>().shape(values.len()).create(name)?;
         if let Some(what) = what {
             attribute(&dataset, "long_name", &text(what))?;
         }
         attribute(&dataset, "units", &text("1"))?;
-        let slab = DatasetBox::of(std::slice::from_ref(&(0..values.len())));
+        let slab = DatasetBox::whole(&[values.len()]);
         let sum = checksum::of_slab(&[values.len()], &slab, values);
         attribute(&dataset, CHECKSUM, &sum)?;
         self.by_first_rank(|| dataset.write(values));
@@ -153,8 +144,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes a dimension scale in the root, where netCDF readers look for it, and links it from
-    /// `/axis`. `chunk` is the number of cells of a chunk along it, if the user gives one. Ranks
-    /// must [`agree`](Self::agree) on the outcome afterwards.
+    /// `/axis`. `chunk` is the number of cells of a chunk along it, if the user gives one.
     pub fn scale(
         &mut self,
         name: &'static str,
@@ -201,9 +191,6 @@ impl<'a> Writer<'a> {
 
     /// Writes a dataset over `axes` of which each rank has `slabs`. Every rank has the same number
     /// of slabs, some of which may be empty.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn field(
         &self,
         name: &str,
@@ -220,22 +207,16 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes, by the first rank, a dataset over one axis that is the same on all ranks.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn replicated(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
         let count = match self.world.rank() {
             0 => values.len(),
             _ => 0,
         };
-        let slab = DatasetBox::of(std::slice::from_ref(&(0..count)));
+        let slab = DatasetBox::whole(&[count]);
         self.field(name, &[axis], &[(slab, &values[..count])], what)
     }
 
     /// Creates a dataset over `axes`, which the caller writes slab by slab.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
         let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
         Ok(Slabs {
@@ -248,9 +229,6 @@ impl<'a> Writer<'a> {
     }
 
     /// Closes the file.
-    ///
-    /// # Errors
-    /// As [`create`](Self::create).
     pub fn close(self) -> Result<()> {
         // With everything on the disk, closing takes little time.
         self.agree(self.file.flush())?;
@@ -275,9 +253,6 @@ pub struct Slabs<'a> {
 impl Slabs<'_> {
     /// Writes this rank's next slab. Every rank writes the same number of slabs, some of which may
     /// be empty. No two slabs overlap.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn write(&mut self, slab: &DatasetBox, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
@@ -285,9 +260,6 @@ impl Slabs<'_> {
     }
 
     /// Writes the checksum of the complete dataset.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], the same on all ranks.
     pub fn finish(self) -> Result<()> {
         let sum = self.writer.world.sum_modulo(self.sum);
         self.writer.agree(attribute(&self.dataset, CHECKSUM, &sum))?;

@@ -2,6 +2,7 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::base::text::joined;
 use crate::results::views::{Grid, Step, View};
 use std::fmt::Write;
 use std::path::Path;
@@ -79,26 +80,28 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
             counts(1),
         );
         for view in &grid.fields {
-            let (kind, components) = if view.vector { ("Vector", " 3") } else { ("Scalar", "") };
-            let _ = write!(
-                text,
-                "<Attribute Name=\"{}\" AttributeType=\"{kind}\" \
-                 Center=\"Cell\">\n{}</Attribute>\n",
-                view.name,
-                values(view, &(counts(0) + components)),
-            );
+            let components = if view.vector { " 3" } else { "" };
+            text += &attribute(view, &values(view, &(counts(0) + components)));
         }
         text += "</Grid>\n";
     }
     text
 }
 
+/// The element of a view, with the one that refers to its numbers.
+pub(crate) fn attribute(view: &View, numbers: &str) -> String {
+    let kind = if view.vector { "Vector" } else { "Scalar" };
+    format!(
+        "<Attribute Name=\"{}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{numbers}\
+         </Attribute>\n",
+        view.name
+    )
+}
+
 /// The element that refers to the numbers of a view, of which there are `counts` along the axes.
 fn values(view: &View, counts: &str) -> String {
     let place = format!("result.h5:{}", view.dataset);
     let Some(slice) = &view.time_slice else { return item(counts, "Float", "HDF", &place) };
-    let list =
-        |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
     let rank = slice.shape.len();
     let (mut start, mut count) = (vec![0; rank], slice.shape.to_vec());
     (start[0], count[0]) = (slice.index, 1);
@@ -107,10 +110,10 @@ fn values(view: &View, counts: &str) -> String {
          Precision=\"8\">\n\
          <DataItem Dimensions=\"3 {rank}\" NumberType=\"Int\" Format=\"XML\">{} {} {}</DataItem>\n\
          {}</DataItem>\n",
-        list(&start),
-        list(&vec![1; rank]),
-        list(&count),
-        item(&list(&slice.shape), "Float", "HDF", &place)
+        joined(&start, " "),
+        joined(&vec![1; rank], " "),
+        joined(&count, " "),
+        item(&joined(&slice.shape, " "), "Float", "HDF", &place)
     )
 }
 

@@ -9,7 +9,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The checkpoints that a run by modes makes.
 pub(crate) struct Checkpointing {
@@ -56,11 +56,12 @@ impl Checkpointing {
             }
             None
         };
-        Ok(Some(Self {
-            store,
-            generation,
-            times: times(case.checkpoint_every, output, program_start),
-        }))
+        let times = CheckpointTimes {
+            every: case.checkpoint_every,
+            wall: options.walltime.map(|wall| (program_start, wall)),
+            stop: Arc::clone(&options.stop),
+        };
+        Ok(Some(Self { store, generation, times }))
     }
 
     /// Deletes the checkpoints of a finished run. On rank 0.
@@ -82,15 +83,6 @@ fn refuse_link(folder: &Path) -> Result<()> {
                 .to_owned(),
         }),
         _ => Ok(()),
-    }
-}
-
-fn times(every: Option<Duration>, output: &Output<'_>, program_start: Instant) -> CheckpointTimes {
-    let wall = output.options.walltime;
-    CheckpointTimes {
-        every,
-        wall: wall.map(|wall| (program_start, wall)),
-        stop: Arc::clone(&output.options.stop),
     }
 }
 

@@ -11,7 +11,8 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::{EarlyStates, FieldsWithHistory};
+use crate::run::files::SolvedFields;
+use crate::run::history::history;
 use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.
@@ -51,7 +52,7 @@ pub(crate) fn integrate_fields(
     prepared: &mut Prepared,
     prints: bool,
     summary: &mut Summary,
-) -> Result<FieldsWithHistory<EarlyStates>> {
+) -> Result<SolvedFields> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
@@ -87,5 +88,6 @@ pub(crate) fn integrate_fields(
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(FieldsWithHistory { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
+    let early = history(prepared, early);
+    Ok(SolvedFields { fields, plateau: Vec::new(), early, warning: None })
 }

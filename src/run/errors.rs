@@ -35,8 +35,7 @@ pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> E
         };
         pairs.iter().map(of).sum()
     };
-    let [l1, l2, exact_l1, exact_l2] = std::array::from_fn(sum);
-    ErrorNorms { l1, l2: l2.sqrt(), exact_l1, exact_l2: exact_l2.sqrt() }
+    ErrorNorms::of_sums(std::array::from_fn(sum))
 }
 
 /// Errors of a field of degree 0 whose distance to the exact one is `field`, on the cells of
@@ -214,8 +213,7 @@ impl<'a> ElementSums<'a> {
     fn finish(mut self, world: &Group) -> GridErrors {
         self.flush();
         let norms = |terms: &[Vec<f64>; 4]| {
-            let [l1, l2, exact_l1, exact_l2] = terms.each_ref().map(|t| world.sum_terms(t));
-            ErrorNorms { l1, l2: l2.sqrt(), exact_l1, exact_l2: exact_l2.sqrt() }
+            ErrorNorms::of_sums(terms.each_ref().map(|t| world.sum_terms(t)))
         };
         let [field, density, momentum] = self.terms.each_ref().map(norms);
         GridErrors { field: Some(field), density, momentum: Some(momentum) }

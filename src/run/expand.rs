@@ -147,12 +147,7 @@ impl ResultOnShare<'_> {
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself. Collective.
 fn field_errors(found: &FieldNorms<'_>, exact: &FieldNorms<'_>, volume: f64) -> ErrorNorms {
     let zero = vec![0.0; exact.f.len()];
-    let l1 = |of: &FieldNorms<'_>, other: &[f64]| of.difference(other, 1) * volume;
-    let l2 = |of: &FieldNorms<'_>, other: &[f64]| (of.difference(other, 2) * volume).sqrt();
-    ErrorNorms {
-        l1: l1(found, exact.f),
-        l2: l2(found, exact.f),
-        exact_l1: l1(exact, &zero),
-        exact_l2: l2(exact, &zero),
-    }
+    let error = |power: i32| volume * found.difference(exact.f, power);
+    let size = |power: i32| volume * exact.difference(&zero, power);
+    ErrorNorms::of_sums([error(1), error(2), size(1), size(2)])
 }

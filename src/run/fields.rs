@@ -2,12 +2,8 @@
 //! output times before.
 
 use crate::base::error::Result;
-use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
-use crate::problem::legs::Leg;
-use crate::problem::potential::nodal_values;
-use crate::results::dataset::{EarlyResult, slices};
 use crate::results::summary::Summary;
-use crate::run::files::{EarlyStates, RunFiles, SolvedFields};
+use crate::run::files::{RunFiles, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 
@@ -18,63 +14,11 @@ use crate::solve::prepared::Prepared;
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.
 pub(crate) fn solve(
     prepared: &mut Prepared,
-    files: Option<RunFiles<'_>>,
+    files: Option<&mut RunFiles<'_>>,
     summary: &mut Summary,
 ) -> Result<SolvedFields> {
-    let found = match prepared.plan.warp {
+    match prepared.plan.warp {
         Some(_) => modes::by_modes(prepared, files, summary),
         None => classical::integrate_fields(prepared, files.is_some(), summary),
-    }?;
-    Ok(SolvedFields {
-        early: history(prepared, found.early),
-        fields: found.fields,
-        plateau: found.plateau,
-        warped_seconds: found.warped_seconds,
-        warning: found.warning,
-    })
-}
-
-/// Moments and fields at the output times, from the states or sums recovered there,
-/// `[field][time]`. Collective.
-fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
-    let case = &prepared.case;
-    let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
-    let potential = nodal_values(case, &prepared.rank_cells.share);
-    let legs = Leg::all(case);
-    let at_time = |t: usize| {
-        let found = (recovered.iter_mut()).map(|times| std::mem::take(&mut times[t])).collect();
-        let time = &case.times[t];
-        let (moments, fields) = match legs[t].moments_only {
-            true => (moments_of_sums(prepared, found), Vec::new()),
-            false => moments_of_fields(prepared, found, time.fields),
-        };
-        EarlyResult {
-            time: time.time,
-            totals: volumes.totals(&prepared.communicator.world, &moments, &potential),
-            moments,
-            fields,
-        }
-    };
-    (0..case.times.len()).map(at_time).collect()
-}
-
-fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {
-    let space = &prepared.case.space;
-    let sums = found.concat();
-    let (sums, _) = sums.as_chunks::<MOMENTS>();
-    let factors = VelocityFactors::new(space);
-    let world = &prepared.communicator.world;
-    Moments::of_sums(world, space.dimension(), &factors, sums.iter().copied())
-}
-
-/// Moments of `found`, and the fields themselves if `keep` is set.
-fn moments_of_fields(
-    prepared: &Prepared,
-    found: Vec<Vec<f64>>,
-    keep: bool,
-) -> (Moments, Vec<Vec<f64>>) {
-    let fields: Vec<Vec<f64>> = (found.into_iter()).map(|u| prepared.unweighted(u)).collect();
-    let world = &prepared.communicator.world;
-    let moments = moments(world, &prepared.case, &prepared.rank_cells.share, &slices(&fields));
-    (moments, if keep { fields } else { Vec::new() })
+    }
 }

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The directory of the files of warped fields, and the attributes of these files.
-#[derive(Clone, Copy)]
 pub(crate) struct WarpedOutput<'a> {
     /// The directory of the results.
     pub directory: &'a Path,
@@ -14,6 +13,8 @@ pub(crate) struct WarpedOutput<'a> {
     pub seconds: &'a BTreeMap<String, f64>,
     /// Program, commit, libraries.
     pub provenance: &'a [(String, String)],
+    /// Seconds spent writing these files.
+    pub writing_seconds: f64,
 }
 
 /// The files that a run writes while it solves.
@@ -24,17 +25,14 @@ pub(crate) struct RunFiles<'a> {
     pub checkpointing: Option<&'a mut Checkpointing>,
 }
 
-/// The fields that either method solves for, on this rank's share. The `History` of the output
-/// times before the end is [`EarlyStates`] at first, then a list of [`EarlyResult`].
-pub(crate) struct FieldsWithHistory<History> {
+/// The fields that either method solves for, on this rank's share.
+pub(crate) struct SolvedFields {
     /// The fields at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
     pub plateau: Vec<Vec<f64>>,
-    /// States or results at the output times before the end.
-    pub early: History,
-    /// Seconds to write the files of warped fields.
-    pub warped_seconds: f64,
+    /// Moments and fields at the output times before the end.
+    pub early: Vec<EarlyResult>,
     /// A warning about the modes that the run started from.
     pub warning: Option<String>,
 }
@@ -42,6 +40,3 @@ pub(crate) struct FieldsWithHistory<History> {
 /// The state `ũ` at the end of each leg but the last, or its sums over velocities if only moments
 /// are wanted: `[field][leg]`.
 pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;
-
-/// The fields that were solved for, with moments and fields at the output times before the end.
-pub(crate) type SolvedFields = FieldsWithHistory<Vec<EarlyResult>>;

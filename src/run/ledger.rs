@@ -22,7 +22,8 @@ use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{
-    AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, resampled,
+    AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, coordinate,
+    resampled,
 };
 use crate::run::ledger::flight::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
@@ -330,7 +331,6 @@ impl DataSupport {
             let sizes = values.map(|f| if f.is_finite() { f.abs() } else { 0.0 });
             found.extend(points.into_iter().zip(sizes).filter(|(_, size)| *size > 0.0));
         };
-        let slot = |a: usize| if a < n { a } else { 3 + a - n };
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
         let drawer = ParticleSampler { case, within: wide.clone(), force: &|_, _| 0.0 };
@@ -350,8 +350,9 @@ impl DataSupport {
         let mut ends = vec![f64::NEG_INFINITY; 4 * n];
         for (point, _) in found.iter().filter(|(_, value)| *value > NEGLIGIBLE * largest) {
             for a in 0..2 * n {
-                ends[a] = ends[a].max(-point[slot(a)]);
-                ends[2 * n + a] = ends[2 * n + a].max(point[slot(a)]);
+                let x = point[coordinate(n, a)];
+                ends[a] = ends[a].max(-x);
+                ends[2 * n + a] = ends[2 * n + a].max(x);
             }
         }
         world.max_into(&mut ends);

@@ -20,7 +20,8 @@ use crate::results::warped;
 use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{EarlyStates, FieldsWithHistory, RunFiles, WarpedOutput};
+use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
+use crate::run::history::history;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
@@ -45,14 +46,16 @@ use std::time::Instant;
 /// If the plan has no modes.
 pub(crate) fn by_modes(
     prepared: &mut Prepared,
-    files: Option<RunFiles<'_>>,
+    files: Option<&mut RunFiles<'_>>,
     summary: &mut Summary,
-) -> Result<FieldsWithHistory<EarlyStates>> {
+) -> Result<SolvedFields> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let prints = communicator.world.rank() == 0 && files.is_some();
-    let mut warped = files.as_ref().map(|f| WarpedFiles { output: f.warped, seconds: 0.0 });
-    let mut checkpointing = files.and_then(|files| files.checkpointing);
+    let (warped, mut checkpointing) = match files {
+        Some(RunFiles { warped, checkpointing }) => (Some(warped), checkpointing.as_deref_mut()),
+        None => (None, None),
+    };
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resume_point(found, plan, communicator, rank_cells));
     summary.resumed = resumed.is_some();
@@ -70,9 +73,9 @@ pub(crate) fn by_modes(
         buffers: BUFFERS,
     };
     let mut start = ModeStart::new(case, plan, &spread, system)?;
-    if let (Some(checksum), Some(checkpointing)) = (start.checksum, &mut checkpointing) {
+    if let (Some(begun), Some(checkpointing)) = (&start.begun, &mut checkpointing) {
         let generation = resumed.as_ref().map(|r| &r.generation);
-        checkpointing.store.begins_with(checksum, generation)?;
+        checkpointing.store.begins_with(begun.checksum, generation)?;
     }
     let rows = system.matrix.rows();
     let initial = start.states(&system.states, rows);
@@ -93,18 +96,15 @@ pub(crate) fn by_modes(
     });
     let schedule = system.schedule.as_ref();
     let mode_run = ModeRun { case, plan, spread: &spread, rank_cells, schedule, initial: &initial };
-    let kept = start.kept.as_mut().map(|modes| KeptForRun { modes, files: warped.as_mut() });
-    let recovered = mode_run.run(&mut evolution, &mut progress, kept, checkpoints.as_mut())?;
+    let kept = start.kept.as_mut();
+    let recovered =
+        mode_run.run(&mut evolution, &mut progress, kept, warped, checkpoints.as_mut())?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     set_counts(summary, &recovered, communicator);
-    let warped_seconds = warped.map_or(0.0, |w| w.seconds);
     drop(start.kept);
-    Ok(FieldsWithHistory {
-        warped_seconds,
-        warning: start.warning,
-        ..unweighted(prepared, recovered, summary)
-    })
+    let warning = start.begun.and_then(|begun| begun.warning);
+    Ok(SolvedFields { warning, ..unweighted(prepared, recovered, summary) })
 }
 
 /// Cost of this rank's `batches` over all `stages` that is left. In a resumed run the stages before
@@ -122,10 +122,8 @@ struct ModeStart {
     norms: Vec<f64>,
     /// The modes of this rank, if the run keeps them; already read if they start from a file.
     kept: Option<RankModes>,
-    /// Checksum of the dataset `/w` of that file.
-    checksum: Option<u64>,
-    /// A warning of the error of `f`, if it may exceed the tolerance.
-    warning: Option<String>,
+    /// Properties of the modes of that file.
+    begun: Option<StartModes>,
 }
 
 impl ModeStart {
@@ -146,12 +144,7 @@ impl ModeStart {
             Some(begun) => begun.largest_norm,
             None => system.norm(communicator, state, false),
         };
-        Ok(Self {
-            norms: system.states.iter().map(norm).collect(),
-            kept,
-            checksum: begun.as_ref().map(|begun| begun.checksum),
-            warning: begun.and_then(|begun| begun.warning),
-        })
+        Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
     }
 
     /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
@@ -159,12 +152,6 @@ impl ModeStart {
         let modes = states.iter().zip(&self.norms);
         modes.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect()
     }
-}
-
-/// The modes that a run keeps, and their files if it writes any.
-struct KeptForRun<'a, 'f> {
-    modes: &'a mut RankModes,
-    files: Option<&'a mut WarpedFiles<'f>>,
 }
 
 /// The propagation of all modes of a run, from their start to the recovered fields.
@@ -179,7 +166,7 @@ struct ModeRun<'a> {
 
 impl ModeRun<'_> {
     /// Propagates the modes and recovers the fields. A run that keeps its modes (`kept`) also
-    /// writes their files. Collective.
+    /// writes their `files`, if it has any. Collective.
     ///
     /// # Errors
     /// As [`crate::solve::modes::run`]; a propagator without room for its scratch.
@@ -187,7 +174,8 @@ impl ModeRun<'_> {
         &self,
         evolution: &mut Evolution<'_>,
         progress: &mut Progress,
-        kept: Option<KeptForRun<'_, '_>>,
+        kept: Option<&mut RankModes>,
+        mut files: Option<&mut WarpedOutput<'_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<RecoveredFields> {
         let Self { plan, spread, rank_cells, .. } = self;
@@ -211,10 +199,6 @@ impl ModeRun<'_> {
             shares: &rank_cells.ranges,
             moments: Some(&moments),
         };
-        let (kept, mut files) = match kept {
-            Some(KeptForRun { modes, files }) => (Some(modes), files),
-            None => (None, None),
-        };
         let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
             Some(files) => self.write(files, field, leg, kept),
             None => Ok(()),
@@ -236,7 +220,7 @@ impl ModeRun<'_> {
     /// Writes the modes of a field at the end of a leg, if the case asks for them. Collective.
     fn write(
         &self,
-        files: &mut WarpedFiles<'_>,
+        files: &mut WarpedOutput<'_>,
         field: usize,
         leg: usize,
         kept: &RankModes,
@@ -256,13 +240,13 @@ impl ModeRun<'_> {
             case,
             plan,
             time: times.get(time).map_or(case.end, |t| t.time),
-            seconds: files.output.seconds,
-            provenance: files.output.provenance,
+            seconds: files.seconds,
+            provenance: files.provenance,
         };
         let name = warped::file_name(case.fields[field].name, number);
-        let path = files.output.directory.join(name);
+        let path = files.directory.join(name);
         warped::write(&path, &about, self.spread, series, interval[0], kept)?;
-        files.seconds += started.elapsed().as_secs_f64();
+        files.writing_seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
 }
@@ -300,7 +284,7 @@ fn unweighted(
     prepared: &Prepared,
     recovered: RecoveredFields,
     summary: &mut Summary,
-) -> FieldsWithHistory<EarlyStates> {
+) -> SolvedFields {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
@@ -316,20 +300,12 @@ fn unweighted(
     summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
         .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
         .fold(0.0, f64::max);
-    FieldsWithHistory {
+    SolvedFields {
         fields,
         plateau: (recovered.plateau.into_iter()).map(|u| prepared.unweighted(u)).collect(),
-        early: recovered.early,
-        warped_seconds: 0.0,
+        early: history(prepared, recovered.early),
         warning: None,
     }
-}
-
-/// The files of the whole warped field, `DIR/warped….h5`.
-struct WarpedFiles<'a> {
-    output: WarpedOutput<'a>,
-    /// Seconds spent writing.
-    seconds: f64,
 }
 
 /// Properties of modes that were read from a file.

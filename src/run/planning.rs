@@ -25,24 +25,7 @@ const CHEAP_UPDATES: f64 = 1e8;
 /// # Errors
 /// As [`Plan::new`] and [`Prepared::new`].
 pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
-    Ok(preview(world, case, resources)?.plan)
-}
-
-/// A plan, and the totals of the initial data.
-pub struct Preview {
-    /// The plan.
-    pub plan: Plan,
-    /// Totals of the data on the grid at time zero, if the grid was assembled for the plan.
-    pub at_start: Option<Totals>,
-}
-
-/// The plan as [`plan`] makes it, with the totals of the initial data. Collective.
-///
-/// # Errors
-/// As [`plan`].
-pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Preview> {
-    let measured = MeasuredCase::new(world, case, resources)?;
-    Ok(Preview { plan: measured.plan(resources)?.plan, at_start: measured.at_start })
+    Ok(MeasuredCase::new(world, case, resources)?.plan(resources)?.plan)
 }
 
 /// A reduced case with its measured growth and norms. Plans for any number of ranks follow from it.

@@ -182,12 +182,18 @@ impl<'a> Driver<'a> {
         let prepared = &mut planned.prepared;
         let seconds = self.log.watch.seconds.clone();
         let provenance = provenance(self.world, &prepared.case);
-        let files = self.output.map(|Output { directory, .. }| RunFiles {
-            warped: WarpedOutput { directory, seconds: &seconds, provenance: &provenance },
+        let mut files = self.output.map(|Output { directory, .. }| RunFiles {
+            warped: WarpedOutput {
+                directory,
+                seconds: &seconds,
+                provenance: &provenance,
+                writing_seconds: 0.0,
+            },
             checkpointing,
         });
-        let mut solution = fields::solve(prepared, files, &mut self.summary)?;
-        self.log.watch.part("write", solution.warped_seconds);
+        let mut solution = fields::solve(prepared, files.as_mut(), &mut self.summary)?;
+        let writing_seconds = files.map_or(0.0, |files| files.warped.writing_seconds);
+        self.log.watch.part("write", writing_seconds);
         self.log.watch.lap("solve");
         solution.warning.iter().for_each(|warning| self.log.warn_later(warning.clone()));
         solution.early.splice(0..0, start.early.take());

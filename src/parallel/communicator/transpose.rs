@@ -90,9 +90,9 @@ impl<'a> Transpose<'a> {
                 let line = &by_mode[k * stride..][cells[to].clone()];
                 self.send[k * length..][..length].copy_from_slice(line);
             }
-            let outgoing = self.modes[rank].len() * length;
-            let incoming = self.modes[from].len() * own;
-            self.swap(Message::new(to, outgoing), Message::new(from, incoming));
+            let outgoing = Message { rank: to, length: self.modes[rank].len() * length };
+            let incoming = Message { rank: from, length: self.modes[from].len() * own };
+            self.swap(outgoing, incoming);
             for (k, &l) in self.modes[from].iter().enumerate() {
                 scatter(&self.receive[k * own..][..own], all, l, count);
             }
@@ -117,9 +117,9 @@ impl<'a> Transpose<'a> {
                 gather(&mut self.send[k * own..][..own], all, l, count);
             }
             let length = cells[from].len();
-            let incoming = self.modes[rank].len() * length;
-            let outgoing = self.modes[to].len() * own;
-            self.swap(Message::new(to, outgoing), Message::new(from, incoming));
+            let outgoing = Message { rank: to, length: self.modes[to].len() * own };
+            let incoming = Message { rank: from, length: self.modes[rank].len() * length };
+            self.swap(outgoing, incoming);
             for k in 0..self.modes[rank].len() {
                 let line = &mut by_mode[k * stride..][cells[from].clone()];
                 line.copy_from_slice(&self.receive[k * length..][..length]);
@@ -127,19 +127,15 @@ impl<'a> Transpose<'a> {
         }
     }
 
-    /// Sends the elements packed for `to` and receives those of `from`, in as many pieces as the
-    /// longest message between any two ranks needs: equally many on every rank.
-    fn swap(&mut self, to: Message, from: Message) {
-        let (outgoing, incoming) = (to.length, from.length);
-        let communicator = &self.group.communicator;
-        let to = communicator.process_at_rank(to.rank as i32);
-        let from = communicator.process_at_rank(from.rank as i32);
-        let longest = buffer(&self.modes, self.cells);
-        let (send, receive) = (&self.send[..outgoing], &mut self.receive[..incoming]);
-        for start in (0..longest).step_by(self.most) {
+    /// Sends the packed elements and receives others, in as many pieces as the longest message
+    /// between any two ranks needs: equally many on every rank.
+    fn swap(&mut self, outgoing: Message, incoming: Message) {
+        let process = |rank: usize| self.group.communicator.process_at_rank(rank as i32);
+        let (to, from) = (process(outgoing.rank), process(incoming.rank));
+        for start in (0..buffer(&self.modes, self.cells)).step_by(self.most) {
             let piece = |length: usize| start.min(length)..(start + self.most).min(length);
-            let into = &mut receive[piece(incoming)];
-            send_receive_into(&send[piece(outgoing)], &to, into, &from);
+            let into = &mut self.receive[piece(incoming.length)];
+            send_receive_into(&self.send[piece(outgoing.length)], &to, into, &from);
         }
     }
 }
@@ -161,12 +157,6 @@ struct Message {
     rank: usize,
     /// Elements.
     length: usize,
-}
-
-impl Message {
-    fn new(rank: usize, length: usize) -> Self {
-        Self { rank, length }
-    }
 }
 
 /// Elements of the longest message: one rank's modes in another's cells.

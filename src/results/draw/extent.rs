@@ -1,6 +1,6 @@
 //! The ends of the axes of a panel.
 
-use crate::results::figure::{Layer, Map, Panel, Scale};
+use crate::results::figure::{Layer, Map, Panel, PlotAxis, Scale};
 
 /// Values that differ by less than this, relative to the largest, are equal.
 const ROUND_OFF: f64 = 1e-12;
@@ -9,21 +9,15 @@ const ROUND_OFF: f64 = 1e-12;
 pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
     let places: Vec<[f64; 2]> = panel.layers.iter().flat_map(places).collect();
     let tight = (panel.layers.iter()).any(|layer| matches!(layer, Layer::Map(_)));
-    [&panel.x, &panel.y]
-        .into_iter()
-        .enumerate()
-        .map(|(k, axis)| {
-            let usable = |v: &f64| v.is_finite() && (axis.scale == Scale::Linear || *v > 0.0);
-            let values = places.iter().map(|place| place[k]).filter(usable);
-            let found = smallest_and_largest(values);
-            axis.range.unwrap_or_else(|| match found[0] < found[1] && tight {
-                true => found,
-                false => with_margin(found, axis.scale),
-            })
+    let along = |k: usize, axis: &PlotAxis| {
+        let usable = |v: &f64| v.is_finite() && (axis.scale == Scale::Linear || *v > 0.0);
+        let found = smallest_and_largest(places.iter().map(|place| place[k]).filter(usable));
+        axis.range.unwrap_or_else(|| match found[0] < found[1] && tight {
+            true => found,
+            false => with_margin(found, axis.scale),
         })
-        .collect::<Vec<_>>()
-        .try_into()
-        .unwrap_or_default()
+    };
+    [along(0, &panel.x), along(1, &panel.y)]
 }
 
 /// Points of a layer that the axes must include; NaN along an axis that they do not determine.
@@ -86,7 +80,6 @@ pub fn map_range(map: &Map) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::figure::PlotAxis;
     use crate::results::figure::palette::Style;
 
     #[test]

@@ -46,9 +46,6 @@ struct FrameRanges {
 
 impl<'a> Film<'a> {
     /// The film of `run` at `times`, through `cut`.
-    ///
-    /// # Errors
-    /// A sentence that names the data that the files lack.
     pub fn new(run: &'a StoredRun, cut: &Cut, times: Vec<StoredTime>) -> FileResult<Self> {
         // Older versions wrote no exact density, or none before the end.
         let early = run.has("history").then_some("history/density_exact");
@@ -92,9 +89,6 @@ impl<'a> Film<'a> {
     }
 
     /// A frame: fields on the planes of phase space first, then the density.
-    ///
-    /// # Errors
-    /// A sentence that names the data that the files lack.
     pub fn frame(&self, k: usize) -> FileResult<Figure> {
         let (run, n, at) = (self.run, self.run.dimension(), self.times[k]);
         let mut panels = Vec::new();

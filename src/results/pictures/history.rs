@@ -17,9 +17,6 @@ const LEAST_CHANGE: f64 = 0.01;
 
 /// Mass and energies over time and, in one dimension, the density at some of the times; `None`
 /// without output times.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>) -> FileResult<Option<Figure>> {
     let run = runs.run;
     if !run.has("history") {
@@ -126,9 +123,6 @@ pub fn steps(run: &StoredRun) -> Vec<(&str, f64)> {
 }
 
 /// The seconds of each step as bars, one after the other.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn time(run: &StoredRun) -> FileResult<Figure> {
     let steps = steps(run);
     if steps.is_empty() {

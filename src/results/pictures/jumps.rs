@@ -7,15 +7,11 @@ use crate::results::pictures::stored::StoredRun;
 /// [`Cut`](crate::results::pictures::cut::Cut); empty if the case is unknown. The end of a periodic
 /// axis is listed twice, at both ends.
 pub fn jumps(run: &StoredRun, a: usize, cut: &[usize]) -> Vec<f64> {
-    let Ok(case) = &run.case else { return Vec::new() };
-    let n = run.dimension();
-    let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
-    ranges[a] = 0..run.axis(a).cells;
-    let Ok(potential) = Potential::new(case, &ranges) else { return Vec::new() };
-    let mut cell = cut[..n].to_vec();
+    let Some(potential) = potential_along(run, &[a], cut) else { return Vec::new() };
+    let mut cell = cut[..run.dimension()].to_vec();
     let mut found = Vec::new();
     // Below the first cell there is a jump only on a periodic axis.
-    for i in ranges[a].clone() {
+    for i in 0..run.axis(a).cells {
         cell[a] = i;
         if potential.jump_below(&cell, a) != 0.0 {
             found.push(i);
@@ -26,6 +22,15 @@ pub fn jumps(run: &StoredRun, a: usize, cut: &[usize]) -> Vec<f64> {
     }
     let axis = run.axis(a);
     found.into_iter().map(|i| axis.face(axis.split(i as i64).0)).collect()
+}
+
+/// `V` on all cells of these axes, through the cells of a cut along others.
+fn potential_along(run: &StoredRun, axes: &[usize], cut: &[usize]) -> Option<Potential> {
+    let mut ranges: Vec<_> = (0..run.dimension()).map(|b| cut[b]..cut[b] + 1).collect();
+    for &a in axes {
+        ranges[a] = 0..run.axis(a).cells;
+    }
+    Potential::new(run.case.as_ref().ok()?, &ranges).ok()
 }
 
 /// A sentence of a caption if `V` jumps at the ends of the periodic axis `a`, where the frame hides
@@ -45,39 +50,27 @@ pub fn borders(run: &StoredRun, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2
     // V jumps between elements, and jumps are stored at the first cell of each element.
     let lengths = plane.map(|a| run.axis(a).elements());
     let nodes = plane.map(|a| run.axis(a).nodes.count());
-    let Ok(case) = &run.case else { return Vec::new() };
     if lengths[0] * lengths[1] > MOST {
         return Vec::new();
     }
-    let n = run.dimension();
-    let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
-    for a in plane {
-        ranges[a] = 0..run.axis(a).cells;
-    }
-    let Ok(potential) = Potential::new(case, &ranges) else { return Vec::new() };
+    let Some(potential) = potential_along(run, &plane, cut) else { return Vec::new() };
     let mut points = Vec::new();
-    let mut cell = cut[..n].to_vec();
+    let mut cell = cut[..run.dimension()].to_vec();
     for i in 0..lengths[0] {
         for j in 0..lengths[1] {
             (cell[plane[0]], cell[plane[1]]) = (i * nodes[0], j * nodes[1]);
-            let corner = |di: usize, dj: usize| {
-                let face = |a: usize, k: usize| run.axis(a).face(k as i64);
-                [face(plane[0], i + di), face(plane[1], j + dj)]
-            };
-            // Below the first cell there is a jump only on a periodic axis; it is drawn at both
-            // ends.
-            if potential.jump_below(&cell, plane[0]) != 0.0 {
-                points.extend([corner(0, 0), corner(0, 1), [f64::NAN; 2]]);
-                if i == 0 {
-                    let end = lengths[0];
-                    points.extend([corner(end, 0), corner(end, 1), [f64::NAN; 2]]);
-                }
-            }
-            if potential.jump_below(&cell, plane[1]) != 0.0 {
-                points.extend([corner(0, 0), corner(1, 0), [f64::NAN; 2]]);
-                if j == 0 {
-                    let end = lengths[1];
-                    points.extend([corner(0, end), corner(1, end), [f64::NAN; 2]]);
+            for c in (0..2).filter(|c| potential.jump_below(&cell, plane[*c]) != 0.0) {
+                // Below the first cell there is a jump only on a periodic axis; it is drawn at both
+                // ends.
+                let below = [i, j][c];
+                for face in [below].into_iter().chain((below == 0).then_some(lengths[c])) {
+                    let end = |step: usize| {
+                        let mut corner = [i, j];
+                        corner[c] = face;
+                        corner[1 - c] += step;
+                        [0, 1].map(|c| run.axis(plane[c]).face(corner[c] as i64))
+                    };
+                    points.extend([end(0), end(1), [f64::NAN; 2]]);
                 }
             }
         }

@@ -75,9 +75,6 @@ fn moment_points(run: &StoredRun, name: &str, whose: &str) -> FileResult<Vec<[f6
 
 /// The moments in one dimension, as lines over `x`, with the exact ones and the branches of a
 /// multivalued velocity.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let run = runs.run;
     // Results of older versions, whose exact moments were others, have no momentum_exact.
@@ -221,9 +218,6 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 }
 
 /// The density in more than one dimension, on every plane of two space axes.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let shown = MomentMap { name: "density", component: None, label: "density" };
     let rows: FileResult<Vec<MapRow>> = (planes(runs.run.dimension()).into_iter())
@@ -237,9 +231,6 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
 
 /// The components of the mean velocity in more than one dimension, on every plane of two space
 /// axes.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let n = runs.run.dimension();
     let rows: FileResult<Vec<Vec<Panel>>> = planes(n)

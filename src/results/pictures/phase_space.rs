@@ -16,9 +16,6 @@ use crate::results::pictures::stored::{FINEST, Plane, StoredRun, StoredTime};
 
 /// A row of maps for every plane: the exact field, the computed ones, and their differences; for
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let run = runs.run;
     let n = run.dimension();

@@ -167,9 +167,6 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
 
 /// `g(p)` over its interval, and its difference from `e^{−p}` where the field is read; `None` for a
 /// run without modes.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let Some(kind) = &modes.kind else {
@@ -193,9 +190,6 @@ pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
 }
 
 /// Weight and applications of every mode; `None` for a run without modes.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
     let Some(modes) = PlannedModes::of(run)? else { return Ok(None) };
     let count = modes.series.modes();
@@ -226,9 +220,6 @@ pub fn modes(run: &StoredRun) -> FileResult<Option<Figure>> {
 }
 
 /// The field read at other points; `None` without `output.plateau`.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("plateau") {
         return Ok(None);

@@ -13,19 +13,15 @@ const LARGEST_BOUND: f64 = 10.0;
 
 /// Estimates and their bounds beside the recovered values, by observable; `None` without
 /// `[readout]`.
-///
-/// # Errors
-/// A sentence that names the data that the files lack.
 pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);
     }
-    let table = ReadoutColumns::read(run)?;
+    let table = StoredReadout::read(run)?;
     let mut hidden = 0;
-    let panels = numbers(&table.observable)
-        .into_iter()
-        .map(|observable| table.panel(observable, &mut hidden))
-        .collect();
+    let observables: BTreeSet<u64> = table.rows.iter().map(|row| row.observable).collect();
+    let panels =
+        observables.into_iter().map(|observable| table.panel(observable, &mut hidden)).collect();
     let left_out = match hidden {
         0 => String::new(),
         hidden => format!(
@@ -44,27 +40,35 @@ pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
     ))
 }
 
-/// The whole numbers in a column, each once.
-fn numbers(column: &[f64]) -> Vec<u64> {
-    let found: BTreeSet<u64> = column.iter().map(|c| *c as u64).collect();
-    found.into_iter().collect()
+/// A row of `/readout` of `result.h5`.
+struct StoredReadoutRow {
+    /// Number of the cell.
+    cell: u64,
+    observable: u64,
+    /// Number of the estimator in [`OverlapEstimator::ALL`].
+    estimator: usize,
+    value: f64,
+    estimate: f64,
+    bound: f64,
 }
 
-/// `/readout` of `result.h5`, by row.
-struct ReadoutColumns {
-    cell: Vec<f64>,
-    observable: Vec<f64>,
-    estimator: Vec<f64>,
-    value: Vec<f64>,
-    estimate: Vec<f64>,
-    bound: Vec<f64>,
+impl StoredReadoutRow {
+    /// Whether there is an estimate with a bound.
+    fn is_known(&self) -> bool {
+        (self.estimate + self.bound).is_finite()
+    }
+}
+
+/// `/readout` of `result.h5`.
+struct StoredReadout {
+    rows: Vec<StoredReadoutRow>,
     /// Numbers of the cells, ascending.
     cells: Vec<u64>,
     /// Largest `|v|` along each velocity axis.
     fastest: Vec<f64>,
 }
 
-impl ReadoutColumns {
+impl StoredReadout {
     fn read(run: &StoredRun) -> FileResult<Self> {
         let cell = run.list("readout/cell")?;
         let column = |name: &str| {
@@ -77,27 +81,26 @@ impl ReadoutColumns {
                 }
             }
         };
-        let fastest = |a: usize| {
-            let v = run.axis(run.dimension() + a);
-            v.lower.abs().max(v.upper.abs())
+        let (observable, estimator) = (column("observable")?, column("estimator")?);
+        let (value, estimate, bound) = (column("value")?, column("estimate")?, column("bound")?);
+        let row = |r: usize| StoredReadoutRow {
+            cell: cell[r] as u64,
+            observable: observable[r] as u64,
+            estimator: estimator[r] as usize,
+            value: value[r],
+            estimate: estimate[r],
+            bound: bound[r],
         };
-        Ok(Self {
-            observable: column("observable")?,
-            estimator: column("estimator")?,
-            value: column("value")?,
-            estimate: column("estimate")?,
-            bound: column("bound")?,
-            cells: numbers(&cell),
-            cell,
-            fastest: (0..run.dimension()).map(fastest).collect(),
-        })
+        let rows: Vec<StoredReadoutRow> = (0..cell.len()).map(row).collect();
+        let cells: BTreeSet<u64> = rows.iter().map(|row| row.cell).collect();
+        let fastest = run.space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
+        Ok(Self { rows, cells: cells.into_iter().collect(), fastest: fastest.collect() })
     }
 
     /// Values and estimates of one observable by cell. Adds the number of estimates that are left
     /// out to `hidden`.
     fn panel(&self, observable: u64, hidden: &mut usize) -> Panel {
-        let of_kind = |r: &usize| self.observable[*r] as u64 == observable;
-        let rows: Vec<usize> = (0..self.cell.len()).filter(of_kind).collect();
+        let rows = || self.rows.iter().filter(|row| row.observable == observable);
         let along =
             |first: u64| ["x", "y", "z"][(observable.saturating_sub(first) as usize).min(2)];
         let name = match observable {
@@ -112,20 +115,19 @@ impl ReadoutColumns {
         let names = self.cells.iter().map(u64::to_string).collect();
         let axis = PlotAxis::named("number of the cell", names);
         let mut panel = Panel::new(name.clone(), axis, PlotAxis::linear(name));
-        let values = rows.iter().filter_map(|&r| Some([self.position(r)?, self.value[r]]));
+        let values = rows().map(|row| [self.position(row), row.value]);
         panel = panel.points(label("of the field"), Style::of(2), values.collect());
-        let largest = self.largest(observable, &rows);
+        let largest = self.largest(observable);
         for (k, estimator) in OverlapEstimator::ALL.into_iter().enumerate() {
-            let of_estimator = rows.iter().copied().filter(|&r| self.estimator[r] as usize == k);
-            let (shown, beyond): (Vec<usize>, Vec<usize>) = of_estimator
-                .filter(|&r| self.is_known(r))
-                .partition(|&r| self.bound[r] <= LARGEST_BOUND * largest);
+            let (shown, beyond): (Vec<&StoredReadoutRow>, Vec<&StoredReadoutRow>) = rows()
+                .filter(|row| row.estimator == k && row.is_known())
+                .partition(|row| row.bound <= LARGEST_BOUND * largest);
             *hidden += beyond.len();
             if !shown.is_empty() {
                 panel = panel.with(Layer::Intervals {
                     label: label(estimator.name()),
                     style: Style::of(if k < 2 { k } else { k + 1 }),
-                    points: shown.into_iter().filter_map(|r| self.interval(r, k)).collect(),
+                    points: shown.into_iter().map(|row| self.interval(row)).collect(),
                 });
             }
         }
@@ -133,40 +135,32 @@ impl ReadoutColumns {
     }
 
     /// Position of the cell of a row on the axis.
-    fn position(&self, row: usize) -> Option<f64> {
-        let position = self.cells.iter().position(|c| *c == self.cell[row] as u64)?;
-        Some(position as f64)
-    }
-
-    /// Whether a row has an estimate and a bound.
-    fn is_known(&self, row: usize) -> bool {
-        (self.estimate[row] + self.bound[row]).is_finite()
+    fn position(&self, row: &StoredReadoutRow) -> f64 {
+        self.cells.partition_point(|cell| *cell < row.cell) as f64
     }
 
     /// The estimate of a row with its interval, estimators side by side.
-    fn interval(&self, row: usize, estimator: usize) -> Option<([f64; 2], [f64; 2])> {
-        let at = self.position(row)? + 0.1 * (estimator as f64 + 1.0);
-        let (estimate, bound) = (self.estimate[row], self.bound[row]);
-        Some(([at, estimate], [estimate - bound, estimate + bound]))
+    fn interval(&self, row: &StoredReadoutRow) -> ([f64; 2], [f64; 2]) {
+        let at = self.position(row) + 0.1 * (row.estimator as f64 + 1.0);
+        ([at, row.estimate], [row.estimate - row.bound, row.estimate + row.bound])
     }
 
-    /// The largest value in `rows`; if all are round-off, the largest that the box allows.
-    fn largest(&self, observable: u64, rows: &[usize]) -> f64 {
-        let found = rows.iter().fold(0.0f64, |most, &r| most.max(self.value[r].abs()));
-        let possible = self.possible(observable);
-        if found > 1e-10 * possible { found } else { possible }
-    }
-
-    /// Bound on density, momenta and mean velocities, by the velocities of the box.
-    fn possible(&self, observable: u64) -> f64 {
-        let densest = (self.value.iter().zip(&self.observable))
-            .filter(|(v, o)| **o == 0.0 && v.is_finite())
-            .fold(0.0f64, |most, (v, _)| most.max(v.abs()));
+    /// The largest value of an observable; if all are round-off, the largest that the box allows.
+    fn largest(&self, observable: u64) -> f64 {
+        let found = self.largest_value(observable);
+        let densest = self.largest_value(0);
         let fastest = |a: u64| self.fastest[(a as usize).min(self.fastest.len() - 1)];
-        match observable {
+        let possible = match observable {
             0 => densest,
             1..=3 => densest * fastest(observable - 1),
             _ => fastest(observable - 4),
-        }
+        };
+        if found > 1e-10 * possible { found } else { possible }
+    }
+
+    /// The largest magnitude of the finite values of an observable.
+    fn largest_value(&self, observable: u64) -> f64 {
+        (self.rows.iter().filter(|row| row.observable == observable && row.value.is_finite()))
+            .fold(0.0f64, |most, row| most.max(row.value.abs()))
     }
 }

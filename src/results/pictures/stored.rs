@@ -56,7 +56,7 @@ pub struct StoredTime {
 }
 
 impl StoredTime {
-    /// The dataset that has the field `name` at this time.
+    /// The dataset that has the field or the moment `name` at this time.
     fn dataset(&self, name: &str) -> String {
         match self.early {
             Some(_) => format!("history/{name}"),
@@ -78,9 +78,6 @@ pub struct Plane {
 impl StoredRun {
     /// Opens `directory/result.h5`, which has been inspected
     /// ([`untrusted::open`](crate::results::untrusted::open)).
-    ///
-    /// # Errors
-    /// A sentence that says what is wrong with the file.
     pub(crate) fn read(directory: &Path) -> FileResult<Self> {
         let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
         Self::of(directory, file)
@@ -202,9 +199,6 @@ impl StoredRun {
     }
 
     /// The times at which there are fields, the end last.
-    ///
-    /// # Errors
-    /// A sentence that names the data that the file lacks.
     pub fn snapshots(&self) -> FileResult<Vec<StoredTime>> {
         let times = match self.has("axis/field_time") {
             true => self.list("axis/field_time")?,
@@ -240,14 +234,10 @@ impl StoredRun {
 
     /// A scalar moment, such as `density`, at a time, over all of space.
     pub fn moment(&self, at: StoredTime, name: &str) -> FileResult<Vec<f64>> {
-        match self.moment_time(at)? {
-            None => self.list(name),
-            Some(k) => {
-                let space = self.space.x.iter().map(|axis| 0..axis.cells);
-                let ranges: Vec<_> = std::iter::once(k..k + 1).chain(space).collect();
-                self.slab(&format!("history/{name}"), &DatasetBox::of(&ranges))
-            }
-        }
+        let first = self.moment_time(at)?.map(|k| k..k + 1);
+        let space = self.space.x.iter().map(|axis| 0..axis.cells);
+        let ranges: Vec<_> = first.into_iter().chain(space).collect();
+        self.slab(&at.dataset(name), &DatasetBox::of(&ranges))
     }
 
     /// A scalar moment at a time on a plane of space, through `cells`.
@@ -258,10 +248,7 @@ impl StoredRun {
         plane: [usize; 2],
         cells: &[usize],
     ) -> FileResult<Plane> {
-        match self.moment_time(at)? {
-            None => self.plane(name, &[], plane, cells),
-            Some(k) => self.plane(&format!("history/{name}"), &[k], plane, cells),
-        }
+        self.plane(&at.dataset(name), self.moment_time(at)?.as_slice(), plane, cells)
     }
 
     /// The index of a time in `/axis/time`; `None` for the end.

@@ -37,9 +37,6 @@ struct TimePicture {
 impl Times {
     /// The pictures of a run, through `cut` or else the usual cut; `None` for a run with fields at
     /// one time only.
-    ///
-    /// # Errors
-    /// A sentence that names the data that the files lack.
     pub fn new(run: &StoredRun, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {

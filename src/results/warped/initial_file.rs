@@ -161,18 +161,12 @@ impl WarpedFile {
     /// # Errors
     /// [`Error::Input`], which says what is wrong with it.
     pub fn new(world: &Group, path: &Path, space: &PhaseSpace, key: &str) -> Result<Self> {
-        let wrong = |what: &dyn std::fmt::Display| {
-            Error::Input(format!("{key} = \"{}\": {what}", path.display()))
-        };
         // One rank reads the file without MPI.
-        let found = if world.rank() == 0 {
-            checked_points(path, space).map_err(|e| wrong(&e))
-        } else {
-            Ok(([f64::NEG_INFINITY; 2], 0))
-        };
-        let (mut interval, points) = world.agree(found)?;
-        world.max_into(&mut interval);
-        Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
+        let (interval, points) = world.of_first_rank(|| {
+            checked_points(path, space)
+                .map_err(|what| Error::Input(format!("{key} = \"{}\": {what}", path.display())))
+        })?;
+        Ok(Self { path: path.to_owned(), interval, points })
     }
 
     fn wrong(&self, what: &dyn std::fmt::Display) -> Error {

@@ -20,14 +20,9 @@ impl<'a> ExactValues<'a> {
     /// # Errors
     /// If `V` is not finite.
     pub fn new(world: &Group, case: &'a Case, exact: &'a Exact) -> Result<Self> {
-        world.agree(Self::on_one_rank(case, exact))
-    }
-
-    /// The exact solution as [`new`](Self::new) makes it, on this rank alone.
-    fn on_one_rank(case: &'a Case, exact: &'a Exact) -> Result<Self> {
-        Ok(match exact {
-            Exact::Characteristics => Self::Traced(Box::new(Tracer::new(case)?)),
-            Exact::Formula(formula) => Self::Given(formula),
+        world.agree(match exact {
+            Exact::Characteristics => Tracer::new(case).map(|tracer| Self::Traced(tracer.into())),
+            Exact::Formula(formula) => Ok(Self::Given(formula)),
         })
     }
 

@@ -23,6 +23,11 @@ pub struct AxisEnd {
     pub upper: bool,
 }
 
+/// Index in `[x, y, z, vx, vy, vz]` of axis number `axis` of the `2n`.
+pub(super) fn coordinate(n: usize, axis: usize) -> usize {
+    if axis < n { axis } else { 3 + axis - n }
+}
+
 /// The origin of particles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParticleSource {
@@ -150,8 +155,8 @@ impl ParticleSampler<'_> {
         let n = self.case.space.dimension();
         let mut point = [0.0; 6];
         for a in 0..self.dimensions() {
-            let slot = if a < n { a } else { 3 + a - n };
-            point[slot] = bounds.lower[a] + unit[a] * (bounds.upper[a] - bounds.lower[a]);
+            point[coordinate(n, a)] =
+                bounds.lower[a] + unit[a] * (bounds.upper[a] - bounds.lower[a]);
         }
         point
     }
@@ -191,9 +196,8 @@ impl ParticleSampler<'_> {
         let whole = SampleBox::whole(space, 0.0);
         let mut point = self.point_in(&whole, unit);
         let now = unit[end.axis] * self.case.end;
-        let slot = if end.axis < n { end.axis } else { 3 + end.axis - n };
         let ends = if end.upper { &whole.upper } else { &whole.lower };
-        point[slot] = ends[end.axis];
+        point[coordinate(n, end.axis)] = ends[end.axis];
         let inside = self.set_velocity(&mut point);
         let speed = match end.axis < n {
             true => point[3 + end.axis],
