@@ -203,9 +203,7 @@ impl SchemeTable {
     /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
-            Some(flux) => {
-                file.within("scheme.flux", flux, 0.0..=1.0, || "must be between 0 and 1".to_owned())
-            }
+            Some(flux) => file.between("scheme.flux", flux, [0.0, 1.0]),
             None if degree == 0 => Ok(1.0),
             None => Ok(DEFAULT_FLUX),
         }
