@@ -4,6 +4,7 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::table::{Column, ColumnValues, csv, in_pieces, tabular};
 use crate::base::text::{counted, csv_records, plain, short, shortened};
+use crate::study::sweep::value_of;
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -49,12 +50,6 @@ impl SweepRow {
     /// The error of the run, or that the run is not finished.
     pub fn problem(&self) -> Option<&str> {
         self.error.as_deref().or((!self.ended).then_some("not finished"))
-    }
-
-    /// An entry of the summary by its dotted key.
-    fn entry(&self, key: &str) -> Value {
-        let found = self.summary.pointer(&format!("/{}", key.replace('.', "/")));
-        found.cloned().unwrap_or_default()
     }
 
     /// All warnings as one text; null if there are none.
@@ -114,7 +109,7 @@ impl SweepTable {
     fn numbers(&self) -> Vec<ColumnValues> {
         let keys = self.keys.iter().enumerate();
         let keys = keys.map(|(i, key)| self.column(key, |row| row.values[i].clone()));
-        let entries = ENTRIES.iter().map(|key| self.column(key, |row| row.entry(key)));
+        let entries = ENTRIES.iter().map(|key| self.column(key, |row| value_of(&row.summary, key)));
         keys.chain(entries.filter(|column| !column.is_empty())).collect()
     }
 
