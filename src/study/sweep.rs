@@ -21,7 +21,7 @@ use crate::results::summary;
 use crate::run;
 use crate::run::options::Options;
 use crate::study::sweep::name::{run_name, with_absolute_paths};
-use crate::study::sweep::table::{SweepRow, SweepTable};
+use crate::study::sweep::table::{SweepRow, SweepTable, value_of};
 use crate::study::sweep::vary::Vary;
 use serde_json::Value;
 use std::fmt;
@@ -303,12 +303,6 @@ impl Sweep {
 /// How a run ended that took these seconds, or that an earlier process finished.
 fn completion(seconds: Option<f64>) -> String {
     seconds.map_or("finished before".to_owned(), |seconds| format!("{seconds:.2} s"))
-}
-
-/// The value of a dotted key.
-fn value_of(tree: &Value, key: &str) -> Value {
-    let parts: Vec<&str> = key.split('.').map(str::trim).collect();
-    tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
 }
 
 /// The reason why a run or the sweep stopped early, as text.

@@ -151,9 +151,9 @@ impl Window {
     }
 }
 
-/// `profile`, which is `e^{−p}` from `edge` on, and its window of least cost. The domain of dependence
-/// of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
-/// `e` times larger, and the omitted modes of a profile with a corner cancel.
+/// `profile`, which is `e^{−p}` from `edge` on, and its window of least cost. The domain of
+/// dependence of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the
+/// amplification is `e` times larger, and the omitted modes of a profile with a corner cancel.
 pub fn best_window<P: ProfileShape>(
     profile: P,
     edge: f64,

@@ -302,8 +302,8 @@ impl RankFile {
     }
 
     /// Reads arrays on the box `from` of space cells, which follow each other from word `first` on,
-    /// where that overlaps with the box `to`. Each array comes with its numbers at a point of space;
-    /// `put` adds a word to a number.
+    /// where that overlaps with the box `to`. Each array comes with the count of its numbers at a
+    /// space cell; `put` puts a word into a number.
     fn read_arrays<'v, T: 'v>(
         &self,
         mut first: usize,

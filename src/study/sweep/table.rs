@@ -4,7 +4,6 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::table::{Column, ColumnValues, csv, in_pieces, tabular};
 use crate::base::text::{counted, csv_records, plain, short, shortened};
-use crate::study::sweep::value_of;
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -30,6 +29,12 @@ const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a 
 const DIRECTORY: &str = "directory";
 /// The largest number of bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
+
+/// The value of a dotted key.
+pub fn value_of(tree: &Value, key: &str) -> Value {
+    let parts: Vec<&str> = key.split('.').map(str::trim).collect();
+    tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
+}
 
 /// A run in the table.
 #[derive(Debug)]
