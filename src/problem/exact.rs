@@ -75,6 +75,14 @@ pub struct TracedPath {
     pub segments: usize,
 }
 
+impl TracedPath {
+    /// The path that ends at its first point, with this time left.
+    fn at_start(point: [f64; 6], remaining: f64) -> Self {
+        let turns = [0; MAX_DIMENSION];
+        Self { point, remaining: Some(remaining), exit: None, history: 0, turns, segments: 0 }
+    }
+}
+
 /// An end of the phase-space box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoxExit {
@@ -403,14 +411,7 @@ impl<'a> Tracer<'a> {
     ) -> TracedPath {
         match self.start(point) {
             Some(particle) => self.follow_particle(particle, time, meet),
-            None => TracedPath {
-                point: *point,
-                remaining: Some(time.max(0.0)),
-                exit: None,
-                history: 0,
-                turns: [0; MAX_DIMENSION],
-                segments: 0,
-            },
+            None => TracedPath::at_start(*point, time.max(0.0)),
         }
     }
 

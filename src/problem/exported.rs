@@ -3,6 +3,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
+use crate::base::text::word;
 use crate::problem::case::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -26,13 +27,8 @@ pub enum ExportKind {
 
 impl ExportKind {
     /// The name of the kind in messages and directories.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Matrix => "matrix",
-            Self::Quantum => "quantum",
-            Self::Circuit => "circuit",
-            Self::Pictures => "pictures",
-        }
+    pub fn word(self) -> String {
+        word(&self)
     }
 }
 

@@ -68,6 +68,11 @@ impl PhaseSpace {
         self.axes().map(Axis::elements).collect()
     }
 
+    /// All cells of space, one range for each space axis.
+    pub fn space_ranges(&self) -> Vec<Range<usize>> {
+        self.x.iter().map(|axis| 0..axis.cells).collect()
+    }
+
     /// Number of cells of space alone.
     pub fn space_cells(&self) -> usize {
         self.x.iter().map(|a| a.cells).product()

@@ -219,8 +219,7 @@ impl Potential {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn whole(case: &Case) -> Result<Self> {
-        let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
-        Self::new(case, &ranges)
+        Self::new(case, &case.space.space_ranges())
     }
 
     /// Index of space cell `i` in the vectors.

@@ -100,10 +100,7 @@ impl<'a> SparseAccess<'a> {
 
     /// Unknowns of the system: cells and auxiliary ones.
     pub fn unknowns(&self) -> usize {
-        let auxiliary = match self.inflow.shared {
-            true => 1,
-            false => self.inflow.rows.len(),
-        };
+        let auxiliary = if self.inflow.shared { 1 } else { self.inflow.rows.len() };
         self.space.cells() + auxiliary
     }
 

@@ -102,12 +102,8 @@ fn circuit_modes(case: &Case, record: &Record, choice: &CircuitChoice) -> Circui
         // The unitary scheme: H = iK.
         None if case.flux == 0.0 => CircuitModes::One(0.0),
         None => {
-            let (qubits, period) = (record.points.trailing_zeros() as usize, record.period);
             let highest = record.setup.highest_wavenumber;
-            match choice.mode_weights {
-                ModeWeights::Sum => CircuitModes::Register { qubits, period },
-                ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
-            }
+            choice.mode_weights.of_register(record.points, record.period, highest)
         }
     }
 }

@@ -26,7 +26,9 @@ use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
-use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels, ModeWeights};
+use crate::quantum::circuit::transport::{
+    CaseTransport, CircuitModes, Levels, ModeWeights, bits_of,
+};
 use crate::quantum::cost::sequence::{SequenceCost, SequenceCounts};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::regime::gates_factor;
@@ -93,7 +95,7 @@ pub struct Cost {
 impl Cost {
     /// The access of these that takes the fewest gates until the field is measured.
     pub fn least_of(costs: &[Self]) -> Option<&Self> {
-        costs.iter().reduce(|a, b| if b.least() < a.least() { b } else { a })
+        costs.iter().min_by(|a, b| a.least().total_cmp(&b.least()))
     }
 
     /// The sequence with fewer gates.
@@ -133,7 +135,7 @@ impl ModeWeightsCost {
     pub fn of(costs: &[Cost]) -> Option<Self> {
         let least = |wanted: &dyn Fn(&Access) -> bool| {
             let all = costs.iter().filter(|cost| wanted(&cost.access));
-            all.reduce(|a, b| if b.least() < a.least() { b } else { a }).map(Cost::measured)
+            all.min_by(|a, b| a.least().total_cmp(&b.least())).map(Cost::measured)
         };
         let sum = least(&|access| matches!(access, Access::Circuit(_)))?;
         let rotations = least(&|access| matches!(access, Access::Rotated(_)))?;
@@ -194,12 +196,9 @@ struct CircuitAccess<'a> {
 impl CircuitAccess<'_> {
     /// The modes that it acts on; a single mode if the matrix is `skew`.
     fn modes(&self, demand: &EvolutionRequirements, skew: bool) -> CircuitModes {
-        let EvolutionRequirements { highest, points, period, .. } = *demand;
-        let qubits = points.trailing_zeros() as usize;
-        match self.weights {
-            _ if skew => CircuitModes::One(0.0),
-            ModeWeights::Sum => CircuitModes::Register { qubits, period },
-            ModeWeights::Rotations => CircuitModes::Rotated { qubits, period, highest },
+        match skew {
+            true => CircuitModes::One(0.0),
+            false => self.weights.of_register(demand.points, demand.period, demand.highest),
         }
     }
 }
@@ -341,7 +340,7 @@ impl Accesses {
         let tau = self.of_grid(LabelledNumber::exact(alpha * self.time));
         let evolution = WalkCost::new(&tau, &demand.tolerance);
         let queries = OracleQueries::new(&evolution, evolutions);
-        let of_p = if self.skew { 0 } else { demand.points.trailing_zeros() as usize };
+        let of_p = if self.skew { 0 } else { bits_of(demand.points) };
         let system = self.qubits + of_p;
         let bits = evolution.bits.value().unwrap_or_default();
         let gates = gates_factor(system as f64, bits);

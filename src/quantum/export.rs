@@ -47,6 +47,7 @@ use crate::quantum::export::complete::{
     CompleteCircuit, CompleteCircuitInput, CompleteDescription,
 };
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
+use crate::quantum::matrices::{MatrixMarket, Symmetry};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::prepared::Prepared;
@@ -54,7 +55,6 @@ use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
-use std::fmt::Write;
 use std::path::Path;
 
 /// Relative error that the propagation of a mode may have.
@@ -452,22 +452,16 @@ fn hamiltonian(
 ) -> Result<String> {
     let access = SparseAccess::new(case, problem, grid.points, grid.period)?;
     let mut scratch = Scratch::default();
-    let (mut entries, mut text) = (0, String::new());
+    let symmetry = Symmetry::Hermitian;
+    let mut file = MatrixMarket::new(unknowns * grid.points, symmetry);
     for j in 0..access.order() {
         for entry in 0..access.sparsity() {
             let k = access.location(&mut scratch, j, entry);
-            if k > j {
-                continue;
+            if symmetry.lists(j, k) {
+                let value = access.value(&mut scratch, j, k);
+                file.push(j, k, format_args!("{:e} {:e}", value.re, value.im));
             }
-            let value = access.value(&mut scratch, j, k);
-            let _ = writeln!(text, "{} {} {:e} {:e}", j + 1, k + 1, value.re, value.im);
-            entries += 1;
         }
     }
-    let order = unknowns * grid.points;
-    let title = case.title.replace(['\n', '\r'], " ");
-    Ok(format!(
-        "%%MatrixMarket matrix coordinate complex hermitian\n\
-         % {title}\n{order} {order} {entries}\n{text}"
-    ))
+    Ok(file.text(&case.title))
 }

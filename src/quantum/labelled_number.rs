@@ -164,12 +164,9 @@ impl fmt::Display for LabelledNumber {
             false => short(x),
         };
         let word = match self.label {
-            Trust::Exact => "exact",
             Trust::Emitted => "exact (emitted gates)",
             Trust::UpperBound => "upper bound",
-            Trust::Estimate => "estimate",
-            Trust::Model => "model",
-            Trust::Unavailable => "unavailable",
+            other => other.label().word,
         };
         write!(f, "{:>12}  {word}", self.value.map_or_else(|| "-".to_owned(), number))?;
         self.because.iter().try_for_each(|because| write!(f, ": {because}"))

@@ -24,32 +24,35 @@ use crate::quantum::export::numpy;
 use crate::scheme::rows::{Row, Scheme};
 use crate::solve::prepared::Prepared;
 use serde::Serialize;
-use std::fmt::Write;
+use std::fmt::{self, Write};
 use std::path::Path;
 
-/// The entries of a matrix that a file lists.
+/// The numbers of a matrix, and its entries that a file lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Symmetry {
+pub(super) enum Symmetry {
     General,
     Symmetric,
     SkewSymmetric,
+    /// Complex, with the lower triangle.
+    Hermitian,
 }
 
 impl Symmetry {
-    /// The word for this symmetry in the header of Matrix Market.
-    fn word(self) -> &'static str {
+    /// The words for numbers and symmetry in the header of Matrix Market.
+    fn words(self) -> &'static str {
         match self {
-            Self::General => "general",
-            Self::Symmetric => "symmetric",
-            Self::SkewSymmetric => "skew-symmetric",
+            Self::General => "real general",
+            Self::Symmetric => "real symmetric",
+            Self::SkewSymmetric => "real skew-symmetric",
+            Self::Hermitian => "complex hermitian",
         }
     }
 
     /// Whether an entry is listed.
-    fn lists(self, row: usize, column: usize) -> bool {
+    pub(super) fn lists(self, row: usize, column: usize) -> bool {
         match self {
             Self::General => true,
-            Self::Symmetric => column <= row,
+            Self::Symmetric | Self::Hermitian => column <= row,
             Self::SkewSymmetric => column < row,
         }
     }
@@ -150,8 +153,8 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
     Ok(counts)
 }
 
-/// A square real matrix in Matrix Market's coordinate format.
-struct MatrixMarket {
+/// A square matrix in Matrix Market's coordinate format.
+pub(super) struct MatrixMarket {
     order: usize,
     symmetry: Symmetry,
     entries: usize,
@@ -159,24 +162,29 @@ struct MatrixMarket {
 }
 
 impl MatrixMarket {
-    fn new(order: usize, symmetry: Symmetry) -> Self {
+    pub(super) fn new(order: usize, symmetry: Symmetry) -> Self {
         Self { order, symmetry, entries: 0, lines: String::new() }
     }
 
-    /// Adds an entry, unless it is zero or follows from the one that mirrors it.
+    /// Adds a real entry, unless it is zero or follows from the one that mirrors it.
     fn entry(&mut self, row: usize, column: usize, value: f64) {
         if value != 0.0 && self.symmetry.lists(row, column) {
-            let _ = writeln!(self.lines, "{} {} {value:e}", row + 1, column + 1);
-            self.entries += 1;
+            self.push(row, column, format_args!("{value:e}"));
         }
     }
 
+    /// Adds an entry with this text.
+    pub(super) fn push(&mut self, row: usize, column: usize, value: fmt::Arguments<'_>) {
+        let _ = writeln!(self.lines, "{} {} {value}", row + 1, column + 1);
+        self.entries += 1;
+    }
+
     /// The file, with the title of the case.
-    fn text(&self, title: &str) -> String {
+    pub(super) fn text(&self, title: &str) -> String {
         let Self { order, entries, lines, .. } = self;
-        let (word, title) = (self.symmetry.word(), title.replace(['\n', '\r'], " "));
+        let (words, title) = (self.symmetry.words(), title.replace(['\n', '\r'], " "));
         format!(
-            "%%MatrixMarket matrix coordinate real {word}\n% {title}\n\
+            "%%MatrixMarket matrix coordinate {words}\n% {title}\n\
              {order} {order} {entries}\n{lines}"
         )
     }

@@ -133,21 +133,19 @@ impl ProfileFamily {
         ]
     }
 
-    /// The candidates of the family: every value of `grid`, read at every recovery point of it.
-    fn candidates(&self, grid: &ScanGrid) -> Vec<ProfileCandidate> {
+    /// The candidates of the family: each of these values, read at each of these recovery points.
+    fn candidates(&self, values: &[f64], further: &[Option<f64>]) -> Vec<ProfileCandidate> {
         let of = |value, further| ProfileCandidate { profile: (self.of)(value), further, value };
-        let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
-        all.collect()
+        values.iter().flat_map(|&v| further.iter().map(move |&f| of(v, f))).collect()
     }
 
     /// The whole grid of the family.
     fn coarse<'a>(&self, system: &'a System<'a>) -> PricedGrid<'a> {
-        let further = match self.free_point {
+        let further: Vec<_> = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
             false => vec![None],
         };
-        let grid = ScanGrid { values: self.values.clone(), further };
-        PricedGrid::new(system, self.candidates(&grid))
+        PricedGrid::new(system, self.candidates(&self.values, &further))
     }
 
     /// The cheapest on ever finer grids about `found`.
@@ -162,19 +160,19 @@ impl ProfileFamily {
         for zoom in 1..=ZOOMS {
             let width = f64::from(STEPS).powi(-zoom);
             let ProfileCandidate { value, further, .. } = found.candidate;
-            let values = match self.continuous {
+            let values: Vec<f64> = match self.continuous {
                 true => {
                     offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
                 }
                 false => vec![value],
             };
-            let further = match further {
+            let further: Vec<_> = match further {
                 Some(point) => offsets()
                     .map(|i| Some((point + 0.25 * FURTHEST * i * width).clamp(0.0, FURTHEST)))
                     .collect(),
                 None => vec![None],
             };
-            let mut next = self.candidates(&ScanGrid { values, further });
+            let mut next = self.candidates(&values, &further);
             next.retain(|candidate| *candidate != found.candidate);
             let next = PricedGrid::new(system, next).cheapest(1, found.least_cost());
             found = next.into_iter().fold(found, CostedChoice::cheaper);
@@ -196,9 +194,8 @@ impl ProfileFamily {
         let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
         let own = found.candidate.value;
         let value = |k: i32| (own * STEP.powi(k)).clamp(least, most);
-        let values = (-VALUES..=VALUES).filter(|&k| k != 0).map(value).collect();
-        let further = vec![found.candidate.further];
-        let line = self.candidates(&ScanGrid { values, further });
+        let values: Vec<f64> = (-VALUES..=VALUES).filter(|&k| k != 0).map(value).collect();
+        let line = self.candidates(&values, &[found.candidate.further]);
         let next = PricedGrid::new(system, line).cheapest(1, found.least_cost());
         next.into_iter().fold(found, CostedChoice::cheaper)
     }
@@ -233,12 +230,6 @@ impl ProfileFamily {
         }
         found
     }
-}
-
-/// All combinations of values of a parameter with recovery points.
-struct ScanGrid {
-    values: Vec<f64>,
-    further: Vec<Option<f64>>,
 }
 
 /// Units of progress of [`choices`]: two a family, and one for the defaults.

@@ -242,34 +242,33 @@ pub fn amplification_rounds(probability: f64) -> f64 {
 }
 
 impl Chain {
-    fn new(in_p: f64, norms: &StateNorms, exact: &dyn Fn(f64) -> LabelledNumber) -> Self {
+    fn new(in_p: f64, norms: &StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let state = norms.weighted.hypot(norms.auxiliary);
         let square = |a: f64, b: f64| (a / b) * (a / b);
         let field = square(norms.weighted, state);
         let weights = square(norms.field, norms.weighted);
-        let all = in_p * field * weights;
-        let rounds = amplification_rounds(all);
-        Self {
-            in_p: exact(in_p),
-            field_given_p: exact(field),
-            weights_given_field: exact(weights),
-            all: exact(all),
-            repetitions: exact(1.0 / all),
-            amplification_rounds: exact(rounds),
-            amplified_evolutions: exact(2.0 * rounds + 1.0),
-        }
+        Self::of_conditions([in_p, field, weights], label)
     }
 
     fn unavailable(why: &str) -> Self {
-        let none = || LabelledNumber::unavailable(why);
+        Self::of_conditions([f64::NAN; 3], &|_| LabelledNumber::unavailable(why))
+    }
+
+    /// The chain of `P_p`, `P_f` and `P_π`.
+    fn of_conditions(
+        [in_p, field, weights]: [f64; 3],
+        label: &dyn Fn(f64) -> LabelledNumber,
+    ) -> Self {
+        let all = in_p * field * weights;
+        let rounds = amplification_rounds(all);
         Self {
-            in_p: none(),
-            field_given_p: none(),
-            weights_given_field: none(),
-            all: none(),
-            repetitions: none(),
-            amplification_rounds: none(),
-            amplified_evolutions: none(),
+            in_p: label(in_p),
+            field_given_p: label(field),
+            weights_given_field: label(weights),
+            all: label(all),
+            repetitions: label(1.0 / all),
+            amplification_rounds: label(rounds),
+            amplified_evolutions: label(2.0 * rounds + 1.0),
         }
     }
 }

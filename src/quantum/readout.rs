@@ -89,46 +89,7 @@ impl Readout {
         };
         Some(format!("readout: {first}{more}"))
     }
-}
 
-/// Why the moments of measure-valued data are no overlaps, and which data have the same moments.
-pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitudes: phi and psi \
-     are in separate states, and the density, the integral of phi delta(psi) over v, is not linear \
-     in them; initial.f = density * a smooth delta function of v - velocity, of a width of about \
-     2/3 of a cell, is transported linearly, and its density and mean velocity are overlaps";
-
-/// The keys of measure-valued data with a smooth delta function in its place: the normal density
-/// whose standard deviation is two thirds of a cell along each axis of velocity, the best width on
-/// most grids of docs/quantum.md. None for other data.
-pub fn smooth_delta(case: &Case) -> Option<String> {
-    const CELLS: f64 = 2.0 / 3.0;
-    let Data::Measure { density, velocity } = &case.data else { return None };
-    let one_line =
-        |formula: &Expression| formula.text().split_whitespace().collect::<Vec<_>>().join(" ");
-    let names = axis_names(case.space.dimension());
-    let names = &names[case.space.dimension()..];
-    let mut f = format!("({})", one_line(density));
-    for ((v, u), axis) in names.iter().zip(velocity).zip(&case.space.v) {
-        let width = CELLS * axis.width();
-        let (variance, scale) = (2.0 * width * width, TAU.sqrt() * width);
-        f += &format!(" * exp(-({v} - ({}))^2/{variance:.6e})/{scale:.6e}", one_line(u));
-    }
-    Some(format!("initial = {{ f = \"{f}\" }}, inflow.value = \"initial\""))
-}
-
-/// Why a case has no readout; `None` if it has one.
-pub fn refused(case: &Case) -> Option<&'static str> {
-    match (&case.data, case.method) {
-        (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
-        (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
-        _ if case.varies() => Some(
-            "what enters depends on t, and the evolution is that of a Hamiltonian that does not",
-        ),
-        _ => None,
-    }
-}
-
-impl Readout {
     /// The readout of all cells and observables of `[readout]` in `case`, with every number
     /// unavailable; `why` is the reason.
     pub fn unavailable(case: &Case, why: &str) -> Self {
@@ -181,6 +142,43 @@ impl Readout {
             basis_probability: basis,
             rows,
         }
+    }
+}
+
+/// Why the moments of measure-valued data are no overlaps, and which data have the same moments.
+pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitudes: phi and psi \
+     are in separate states, and the density, the integral of phi delta(psi) over v, is not linear \
+     in them; initial.f = density * a smooth delta function of v - velocity, of a width of about \
+     2/3 of a cell, is transported linearly, and its density and mean velocity are overlaps";
+
+/// The keys of measure-valued data with a smooth delta function in its place: the normal density
+/// whose standard deviation is two thirds of a cell along each axis of velocity, the best width on
+/// most grids of docs/quantum.md. None for other data.
+pub fn smooth_delta(case: &Case) -> Option<String> {
+    const CELLS: f64 = 2.0 / 3.0;
+    let Data::Measure { density, velocity } = &case.data else { return None };
+    let one_line =
+        |formula: &Expression| formula.text().split_whitespace().collect::<Vec<_>>().join(" ");
+    let names = axis_names(case.space.dimension());
+    let names = &names[case.space.dimension()..];
+    let mut f = format!("({})", one_line(density));
+    for ((v, u), axis) in names.iter().zip(velocity).zip(&case.space.v) {
+        let width = CELLS * axis.width();
+        let (variance, scale) = (2.0 * width * width, TAU.sqrt() * width);
+        f += &format!(" * exp(-({v} - ({}))^2/{variance:.6e})/{scale:.6e}", one_line(u));
+    }
+    Some(format!("initial = {{ f = \"{f}\" }}, inflow.value = \"initial\""))
+}
+
+/// Why a case has no readout; `None` if it has one.
+pub fn refused(case: &Case) -> Option<&'static str> {
+    match (&case.data, case.method) {
+        (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
+        (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
+        _ if case.varies() => Some(
+            "what enters depends on t, and the evolution is that of a Hamiltonian that does not",
+        ),
+        _ => None,
     }
 }
 

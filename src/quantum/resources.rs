@@ -24,6 +24,7 @@ use crate::problem::case::{Case, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::amplification::AmplifiedRegisters;
 use crate::quantum::circuit::gates::{Circuit, RegisterRole};
+use crate::quantum::circuit::transport::bits_of;
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
@@ -347,11 +348,6 @@ pub fn qubits_of(case: &Case) -> usize {
     RegisterSizes::new(case, unknowns, 1, 0.0).total
 }
 
-/// Number of qubits that number `count` things.
-fn qubits(count: usize) -> usize {
-    count.next_power_of_two().trailing_zeros() as usize
-}
-
 /// The source of the norms.
 const NORMS: &str = "norms of the classical solution, 3 digits";
 
@@ -469,7 +465,7 @@ impl GatesAround {
             };
         };
         let Probabilities { points, window, .. } = *probabilities;
-        let warped = points.trailing_zeros() as usize;
+        let warped = bits_of(points);
         let registers = AmplifiedRegisters { warped, system, block: cost.block_qubits };
         // The count depends on bits only: any window of the register.
         let end = if window.is_some() { points } else { points / 2 + 1 };
@@ -528,9 +524,9 @@ impl RegisterSizes {
     /// `bits` bits.
     fn new(case: &Case, unknowns: usize, points: usize, bits: f64) -> Self {
         const WITHOUT: &str = "dp = eps on an interval of length 1";
-        let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();
+        let phase_space: Vec<usize> = case.space.axes().map(|a| bits_of(a.cells)).collect();
         let auxiliary = usize::from(unknowns > case.space.cells());
-        let p = qubits(points);
+        let p = bits_of(points);
         let system = phase_space.iter().sum::<usize>() + auxiliary;
         let without = (1.0 / case.tolerance).log2().ceil();
         Self {

@@ -228,10 +228,7 @@ impl LineTerms<'_> {
     /// beyond the box.
     fn across(&self, a: usize, line: &CellLine<'_>, downstream: bool) -> Option<usize> {
         let up = line.up == downstream;
-        let beyond = match up {
-            true => line.first(line.element + 1),
-            false => line.first(line.element) - 1,
-        };
+        let beyond = if up { line.first(line.element + 1) } else { line.first(line.element) - 1 };
         self.space.wrap(a, beyond)
     }
 

@@ -55,7 +55,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
                 merge_axes(&mut case, &mut reductions);
             }
             if allowed.velocities {
-                crate::scheme::reduce::reached::crop(world, &mut case, &mut reductions)?;
+                reached::crop(world, &mut case, &mut reductions)?;
                 if allowed.axes {
                     // After cropping, no particle may move along an axis any more.
                     merge_axes(&mut case, &mut reductions);

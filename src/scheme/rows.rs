@@ -16,7 +16,7 @@
 //! [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Interface, LiouvilleField};
+use crate::problem::case::{Case, LiouvilleField};
 use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
 use crate::scheme::galerkin::{Elements, LineTerms};
@@ -30,7 +30,6 @@ use std::ops::Range;
 pub struct Scheme<'a> {
     case: &'a Case,
     space: &'a PhaseSpace,
-    interface: Interface,
     potential: Potential,
     no_inflow: bool,
     /// Constants of the Galerkin rows; none for the upwind scheme of degree 0.
@@ -54,14 +53,7 @@ impl<'a> Scheme<'a> {
             true => Some(Elements::new(case, &potential)?),
             false => None,
         };
-        Ok(Self {
-            case,
-            space: &case.space,
-            interface: case.interface,
-            potential,
-            no_inflow: !case.enters(),
-            elements,
-        })
+        Ok(Self { case, space: &case.space, potential, no_inflow: !case.enters(), elements })
     }
 
     /// The scheme on the whole grid.
@@ -69,8 +61,7 @@ impl<'a> Scheme<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn whole(case: &'a Case) -> Result<Self> {
-        let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
-        Self::new(case, &ranges)
+        Self::new(case, &case.space.space_ranges())
     }
 
     /// `V` on the cells of these rows.
@@ -188,7 +179,7 @@ impl<'a> Scheme<'a> {
         };
         let mut list = std::mem::take(&mut row.scratch);
         let (v, j) = (&self.space.v[a], cell[n + a] as i64);
-        sources(&mut list, v, self.interface, j, rise);
+        sources(&mut list, v, self.case.interface, j, rise);
         for source in &list {
             let i = match source.side {
                 Side::Across => cell[a] as i64 + step,

@@ -62,8 +62,11 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
     let (series, interval) = match profile.form() {
         ProfileForm::Series(series) => (series.clone(), profile.ends(&demand, &window)),
         ProfileForm::Transform(shape) => {
-            let planned = PlannedProfile { profile: &profile, shape, window: &window };
-            transformed(case, &demand, planned, &mut warnings)?
+            let (series, interval) = transformed(case, &demand, &profile, shape, &window)?;
+            if let Some(points) = warp.points {
+                warnings.extend(too_few(&demand, shape, &window, series.period, points));
+            }
+            (series, interval)
         }
     };
     if window.distance < -1e-9 && warp.recovery.is_some() {
@@ -195,12 +198,8 @@ fn one_mode() -> Placement {
 fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) -> Result<Placement> {
     let period = interval[1] - interval[0];
     if points / 2 + 1 > MOST_MODES {
-        return Err(Error::Modes {
-            profile: "that of initial.warped".to_owned(),
-            modes: (points / 2 + 1) as f64,
-            limit: MOST_MODES,
-            tolerance: case.tolerance,
-        });
+        let profile = "that of initial.warped".to_owned();
+        return Err(too_many_modes(case, profile, (points / 2 + 1) as f64));
     }
     // Information arrives from up to λ⁺T below.
     let growth = bounds.growth.max(0.0) * case.duration();
@@ -232,11 +231,9 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     })
 }
 
-/// A profile that is known on the line, and its planned window.
-struct PlannedProfile<'a> {
-    profile: &'a Profile,
-    shape: &'a dyn ProfileShape,
-    window: &'a Window,
+/// The error that a profile has more modes than a run may have.
+fn too_many_modes(case: &Case, profile: String, modes: f64) -> Error {
+    Error::Modes { profile, modes, limit: MOST_MODES, tolerance: case.tolerance }
 }
 
 /// The series of a profile that is known on the line, and its interval: both planned, unless the
@@ -244,10 +241,10 @@ struct PlannedProfile<'a> {
 fn transformed(
     case: &Case,
     demand: &ProfileRequirements,
-    planned: PlannedProfile<'_>,
-    warnings: &mut Vec<String>,
+    profile: &Profile,
+    shape: &dyn ProfileShape,
+    window: &Window,
 ) -> Result<(Series, [f64; 2])> {
-    let PlannedProfile { profile, shape, window } = planned;
     let warp = &case.warp;
     let interval = match warp.interval {
         Some(interval) => interval,
@@ -260,12 +257,7 @@ fn transformed(
         None => window.modes(period),
     };
     if modes > MOST_MODES as f64 {
-        return Err(Error::Modes {
-            profile: profile.to_string(),
-            modes,
-            limit: MOST_MODES,
-            tolerance: case.tolerance,
-        });
+        return Err(too_many_modes(case, profile.to_string(), modes));
     }
     let series = match (warp.coefficients, warp.points) {
         (Coefficients::Sampled, points) => {
@@ -279,9 +271,6 @@ fn transformed(
             Series::analytic(period, modes as usize, |mu| shape.coefficient(mu))
         }
     };
-    if let Some(points) = warp.points {
-        warnings.extend(too_few(demand, shape, window, period, points));
-    }
     Ok((series, interval))
 }
 

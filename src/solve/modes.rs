@@ -7,10 +7,10 @@
 //! of independent modes and any order.
 //!
 //! A run has *legs*, from one output time to the next, or past output times that need moments only
-//! (see [`crate::propagate::intermediate_moments`]). It consists of *stages*, each a pass over all modes of a
-//! field. In a stage of a streamed run, a batch takes all legs one after the other; in a stage of a
-//! full run, which stores the modes, it takes one leg. Both treat a mode alike, so that their
-//! results have the same bits.
+//! (see [`crate::propagate::intermediate_moments`]). It consists of *stages*, each a pass over all
+//! modes of a field. In a stage of a streamed run, a batch takes all legs one after the other; in a
+//! stage of a full run, which stores the modes, it takes one leg. Both treat a mode alike, so that
+//! their results have the same bits.
 
 use crate::base::error::Result;
 use crate::base::memory;

@@ -9,6 +9,7 @@ use crate::solve::checkpoint::file::ReadDestination;
 use crate::solve::rank_modes::RankModes;
 use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
+use crate::solve::sum::ModeSum;
 use std::ops::Range;
 
 impl Stage<'_> {
@@ -22,6 +23,7 @@ impl Stage<'_> {
         kept: Option<&'b RankModes>,
         recovered: &'b RecoveredFields,
     ) -> Snapshot<'b> {
+        let sums = self.sums.iter().flatten().chain(&self.step_sum);
         Snapshot {
             state: GroupProgress {
                 stage: batches.stage,
@@ -30,17 +32,13 @@ impl Stage<'_> {
                 step_beyond: recovered.step_beyond.clone(),
                 statistics: batches.statistics.clone(),
             },
-            sums: self.all().map(|sum| sum.numbers()).collect(),
+            sums: sums.map(ModeSum::numbers).collect(),
             results: recovered.results(task, matrix.block.velocity_cells),
             kept: kept.map(|kept| StoredModes {
                 auxiliary: matrix.auxiliary_cells(),
                 modes: kept.begun().collect(),
             }),
         }
-    }
-
-    fn all(&self) -> impl Iterator<Item = &crate::solve::sum::ModeSum<'_>> {
-        self.sums.iter().flatten().chain(&self.step_sum)
     }
 
     /// Restores this stage from the checkpoint: its modes into `kept`, the results of earlier

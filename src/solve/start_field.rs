@@ -18,8 +18,7 @@ const PIECE: usize = 1 << 19;
 /// run merged has one cell, whose value all cells get. Collective over the world.
 ///
 /// # Errors
-/// [`Error::Input`] if the file cannot be read, was changed, or contains NaN or infinity;
-/// [`Error::Magnitude`] for values whose squares overflow or vanish.
+/// [`Error::Input`] if the file cannot be read, was changed, or contains NaN or infinity.
 pub fn read(
     communicator: &Communicator,
     space: &PhaseSpace,
@@ -30,17 +29,12 @@ pub fn read(
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
     };
-    let values = SharedFile::read(world, &start.path, &wrong, |file| {
+    SharedFile::read(world, &start.path, &wrong, |file| {
         let dataset = world.agree(file.dataset("f").map_err(|e| wrong(&e)))?;
         let part = StoredPart::of(&dataset, space, block);
         let part = world.agree(part.ok_or_else(|| wrong(&"/f has another shape than the grid")))?;
         part.read(&communicator.space, world, &dataset, &wrong)
-    })?;
-    let largest = world.max(values.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
-    if largest != 0.0 && !(1e-100..=1e100).contains(&largest) {
-        return Err(Error::Magnitude { key: start.place.clone(), value: largest });
-    }
-    Ok(values)
+    })
 }
 
 /// A rank's part of the dataset `/f`.

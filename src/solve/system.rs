@@ -7,7 +7,6 @@ use crate::matrix::sampling::{SampledCells, sample};
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
-use crate::problem::formula::Expression;
 use crate::problem::grid::PhaseSpace;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
@@ -53,16 +52,12 @@ pub struct DiscreteSystem {
 ///
 /// # Errors
 /// [`Error::Magnitude`].
-fn check_magnitude(
-    world: &Group,
-    formula: &Expression,
-    values: impl Iterator<Item = f64>,
-) -> Result<()> {
+fn check_magnitude(world: &Group, key: &str, values: impl Iterator<Item = f64>) -> Result<()> {
     let value = world.max(values.fold(0.0, |m: f64, x| m.max(x.abs())));
     if value == 0.0 || (1e-100..=1e100).contains(&value) {
         return Ok(());
     }
-    Err(Error::Magnitude { key: formula.place().to_owned(), value })
+    Err(Error::Magnitude { key: key.to_owned(), value })
 }
 
 /// Limits on the use and assembly of a system.
@@ -113,8 +108,11 @@ fn initial_values(
     let is_shared = case.space.degree() > 0 && communicator.modes.size() > 1;
     let part = if is_shared { rank_cells.part() } else { SampledCells::whole(&matrix.block) };
     let values = |(k, field): (usize, &LiouvilleField)| {
-        let values = match &case.start_field {
-            Some(start) => start_field::read(communicator, &case.space, &matrix.block, start)?,
+        let (key, values) = match &case.start_field {
+            Some(start) => {
+                let values = start_field::read(communicator, &case.space, &matrix.block, start)?;
+                (&start.place[..], values)
+            }
             None => {
                 let sampled = sample(world, &case.space, &part, &field.initial, 0.0);
                 let mine = world.agree(sampled)?;
@@ -125,11 +123,12 @@ fn initial_values(
                     }
                     false => mine,
                 };
-                check_magnitude(world, &field.initial, values.iter().copied())?;
-                values
+                (field.initial.place(), values)
             }
         };
-        check_magnitude(world, field.entering(), matrix.inflow.iter().map(|aux| aux.values[k]))?;
+        check_magnitude(world, key, values.iter().copied())?;
+        let inflow = matrix.inflow.iter().map(|aux| aux.values[k]);
+        check_magnitude(world, field.entering().place(), inflow)?;
         Ok(values)
     };
     case.fields.iter().enumerate().map(values).collect()
@@ -234,10 +233,7 @@ impl DiscreteSystem {
     pub fn bounds(&self, space: &PhaseSpace, bounds: &Bounds) -> Bounds {
         let inflow = self.terms > space.space_cells();
         // An auxiliary unknown alone neither grows nor decays.
-        let growth = match inflow {
-            true => self.coupled_growth,
-            false => self.weights.certificate,
-        };
+        let growth = if inflow { self.coupled_growth } else { self.weights.certificate };
         Bounds {
             inflow,
             stages: self.schedule.as_ref().map_or(0, Schedule::stages),
@@ -312,11 +308,12 @@ impl DiscreteSystem {
         let ratio = self.probe_keeping(communicator, bounds, legs, &mut last);
         // In several legs round-off is another, and a mode group has not the fields of others.
         let is_whole = legs.len() == 1 && communicator.modes.size() == 1;
-        let norms = match last.filter(|_| is_whole) {
-            Some(state) => self.norms_at(communicator, &state),
-            None => self.rough_norms(communicator, bounds, time),
-        };
-        RoughSolution { ratio, norms }
+        let state = last.filter(|_| is_whole).unwrap_or_else(|| {
+            let mut state = self.states[0].clone();
+            propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
+            state
+        });
+        RoughSolution { ratio, norms: self.norms_at(communicator, &state) }
     }
 
     /// The ratio that [`probe`](Self::probe) gives. The first field at the end is stored in `last`,
@@ -352,18 +349,6 @@ impl DiscreteSystem {
             }
         }
         communicator.modes.max(largest)
-    }
-
-    /// Norms of the first field that determine probabilities, with a rough `f(T)`. Collective.
-    fn rough_norms(
-        &mut self,
-        communicator: &Communicator,
-        bounds: &Bounds,
-        time: f64,
-    ) -> StateNorms {
-        let mut state = self.states[0].clone();
-        propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
-        self.norms_at(communicator, &state)
     }
 
     /// The norms of the first field, which is `state` at the end. Collective.

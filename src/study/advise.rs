@@ -125,15 +125,11 @@ impl<'a> Study<'a> {
     /// As [`advise`].
     fn search(&mut self) -> Result<AdviceReport> {
         (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
-        self.left_out = match self.case.varies() && !self.case.is_galerkin() {
-            true => {
-                vec![
-                    "slopes (scheme.limiter): not possible if the inflow depends on time"
-                        .to_owned(),
-                ]
-            }
-            false => Vec::new(),
-        };
+        self.left_out.clear();
+        if self.case.varies() && !self.case.is_galerkin() {
+            let slopes = "slopes (scheme.limiter): not possible if the inflow depends on time";
+            self.left_out.push(slopes.to_owned());
+        }
         self.try_own_grid()?;
         let found = self.grids_by_scheme()?;
         for SchemeWithGrid { scheme, reached } in &found {

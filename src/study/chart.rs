@@ -57,7 +57,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     });
     let DegreeCases { cases, left_out } = DegreeCases::of(case);
     let programme = programme.with_degrees(&cases);
-    let mut attempts = Attempts::new(world, case, jumps, budget).with_degrees(&cases);
+    let mut attempts = Attempts::new(world, case, &cases, jumps, budget);
     attempts.try_all(programme.every_method());
     let given = Setting { space: case.space.clone(), setup: Setup::Given, flux: None };
     attempts.try_all(vec![given]);

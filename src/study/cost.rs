@@ -94,25 +94,30 @@ pub fn planned_updates(case: &Case, plan: &Plan) -> f64 {
     planned_work(case, plan) * plan.cells as f64
 }
 
-/// The choices that determine the matrix of a case with a given potential: grid, rows, weights and
-/// embedding.
+/// The grid of a case with a given potential, and the choices that determine what is kept by this
+/// key.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct MatrixKey {
+pub struct GridKey {
     shape: Vec<usize>,
-    rows: String,
+    /// The choices, in words.
+    pub choices: String,
 }
 
-impl MatrixKey {
-    fn of(case: &Case) -> Self {
-        let warp = &case.warp;
-        let embedding = (warp.weights, warp.inflow, warp.delta);
-        Self {
-            shape: case.space.shape(),
-            rows: format!("{} {embedding:?} {:?}", row_choices(case), warp.shift),
-        }
+impl GridKey {
+    /// The grid of `case` and these choices.
+    pub fn new(case: &Case, choices: String) -> Self {
+        Self { shape: case.space.shape(), choices }
     }
 
-    fn cells(&self) -> usize {
+    /// The key of the matrix: rows, weights and embedding.
+    fn of_matrix(case: &Case) -> Self {
+        let warp = &case.warp;
+        let embedding = (warp.weights, warp.inflow, warp.delta);
+        Self::new(case, format!("{} {embedding:?} {:?}", row_choices(case), warp.shift))
+    }
+
+    /// Number of cells of the grid.
+    pub fn cells(&self) -> usize {
         self.shape.iter().product()
     }
 }
@@ -157,9 +162,9 @@ pub struct CostModel {
     /// Least seconds of the overhead, by number of cells.
     overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
     /// Bounds without a measurement; the flag tells runs by modes from classical ones.
-    unmeasured: BTreeMap<(MatrixKey, bool), Bounds>,
+    unmeasured: BTreeMap<(GridKey, bool), Bounds>,
     /// Measured bounds, and `‖ũ(0)‖/‖f(t)‖`.
-    measured: BTreeMap<MatrixKey, (Bounds, f64)>,
+    measured: BTreeMap<GridKey, (Bounds, f64)>,
 }
 
 impl CostModel {
@@ -180,14 +185,14 @@ impl CostModel {
     /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured; or with the growth measured on
     /// the nearest grid, in proportion to the cells along an axis.
     fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
-        let own = MatrixKey::of(case);
+        let own = GridKey::of_matrix(case);
         if let Some(known) = self.measured.get(&own) {
             return Ok(known.clone());
         }
         let found = self.unmeasured(case)?;
         let cells = own.cells();
         let nearest = (self.measured.iter())
-            .filter(|(key, _)| key.rows == own.rows)
+            .filter(|(key, _)| key.choices == own.choices)
             .min_by_key(|(key, _)| key.cells().abs_diff(cells));
         let Some((key, (known, ratio))) = nearest else {
             return Ok((found.expected(), ASSUMED_RATIO));
@@ -204,7 +209,7 @@ impl CostModel {
 
     /// Bounds of the case's matrix without a measurement; each is computed once.
     fn unmeasured(&mut self, case: &Case) -> Result<Bounds> {
-        let key = (MatrixKey::of(case), case.method == Method::Schrodingerized);
+        let key = (GridKey::of_matrix(case), case.method == Method::Schrodingerized);
         if let Some(known) = self.unmeasured.get(&key) {
             return Ok(known.clone());
         }
@@ -216,7 +221,7 @@ impl CostModel {
     /// Whether the bounds of the case's matrix were measured: its predicted work is then the
     /// plan's.
     pub fn is_measured(&self, case: &Case) -> bool {
-        case.method == Method::Classical || self.measured.contains_key(&MatrixKey::of(case))
+        case.method == Method::Classical || self.measured.contains_key(&GridKey::of_matrix(case))
     }
 
     /// Seconds of a trial of `case` with this work, comparisons included.
@@ -266,7 +271,7 @@ impl CostModel {
         *least = least.min(overhead);
         if let Some(warp) = &plan.warp {
             let found = (plan.bounds.clone(), warp.ratio);
-            self.measured.insert(MatrixKey::of(case), found);
+            self.measured.insert(GridKey::of_matrix(case), found);
         }
     }
 }

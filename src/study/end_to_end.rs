@@ -168,10 +168,14 @@ fn classical_methods(
             found.map_err(|error| case.reason(&error))
         }
     };
-    baselines.push(stepped("time stepping, van Leer", &steeper, &case.space, accuracy));
+    const LIMITED: &str = "time stepping, van Leer";
+    baselines.push(match &steeper {
+        Ok(found) => stepping(LIMITED, found, &case.space, accuracy),
+        Err(why) => ClassicalMethod::unavailable(LIMITED, why),
+    });
     task.advance(UNITS_OF_TRIALS);
     baselines.extend(match case.reflects() {
-        true => [QUADRATURE, MONTE_CARLO].map(|name| no_stepping(name, BRANCHES)),
+        true => [QUADRATURE, MONTE_CARLO].map(|name| ClassicalMethod::unavailable(name, BRANCHES)),
         false => [
             by_quadrature(world, traced, accuracy),
             by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
@@ -293,29 +297,13 @@ fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> Classic
     const NAME: &str = "time stepping, exponential";
     let all = upwind.iter().map(|Candidate { degree, scheme }| match scheme {
         Ok((scheme, found)) => stepping(NAME, found, &scheme.space, accuracy),
-        Err(why) => ClassicalMethod { degree: Some(*degree), ..no_stepping(NAME, why) },
+        Err(why) => {
+            ClassicalMethod { degree: Some(*degree), ..ClassicalMethod::unavailable(NAME, why) }
+        }
     });
     let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
-    let least = all.reduce(|a, b| if seconds(&b) < seconds(&a) { b } else { a });
-    least.unwrap_or_else(|| no_stepping(NAME, title))
-}
-
-/// A grid method whose seconds grow with the cells and the steps; or why it has none.
-fn stepped(
-    name: &'static str,
-    found: &std::result::Result<MeasuredScheme, String>,
-    space: &PhaseSpace,
-    accuracy: f64,
-) -> ClassicalMethod {
-    match found {
-        Ok(found) => stepping(name, found, space, accuracy),
-        Err(why) => no_stepping(name, why),
-    }
-}
-
-/// A grid method that cannot be compared, for this reason.
-fn no_stepping(name: &'static str, why: &str) -> ClassicalMethod {
-    ClassicalMethod { name, degree: None, size: None, seconds: LabelledNumber::unavailable(why) }
+    let least = all.min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
+    least.unwrap_or_else(|| ClassicalMethod::unavailable(NAME, title))
 }
 
 /// A grid method on `space` with these errors.

@@ -187,15 +187,12 @@ impl RankTable {
         }
         let mut table = Self { lines };
         let last = worth.last.or(table.costs().next().map(|first| first.ranks));
-        table.costs_mut().for_each(|cost| cost.recommended = Some(cost.ranks) == last);
+        for line in &mut table.lines {
+            if let RankLine::Planned(cost) = line {
+                cost.recommended = Some(cost.ranks) == last;
+            }
+        }
         Ok(table)
-    }
-
-    fn costs_mut(&mut self) -> impl Iterator<Item = &mut RankCost> {
-        self.lines.iter_mut().filter_map(|line| match line {
-            RankLine::Planned(cost) => Some(cost),
-            RankLine::Refused { .. } => None,
-        })
     }
 
     fn costs(&self) -> impl DoubleEndedIterator<Item = &RankCost> {

@@ -21,7 +21,7 @@ use crate::results::summary;
 use crate::run;
 use crate::run::options::Options;
 use crate::study::sweep::name::{run_name, with_absolute_paths};
-use crate::study::sweep::table::{SweepRow, SweepTable};
+use crate::study::sweep::table::{SweepRow, SweepTable, value_of};
 use crate::study::sweep::vary::Vary;
 use serde_json::Value;
 use std::fmt;
@@ -75,26 +75,6 @@ pub struct Sweep {
     pub runs: Vec<SweepRun>,
     request: SweepRequest,
     keys: Vec<String>,
-}
-
-/// The way in which a run was completed.
-enum RunCompletion {
-    /// An earlier process completed the run.
-    Before,
-    /// This process completed the run.
-    Now {
-        /// Wall time of the run.
-        seconds: f64,
-    },
-}
-
-impl fmt::Display for RunCompletion {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Before => f.write_str("finished before"),
-            Self::Now { seconds } => write!(f, "{seconds:.2} s"),
-        }
-    }
 }
 
 /// The result of a sweep, complete or stopped.
@@ -197,7 +177,7 @@ impl Sweep {
         };
         match self.attempt(world, run, options) {
             Ok(done) => {
-                self.report_end(world, run, &done);
+                self.report_end(world, run, &completion(done));
                 run::refuse_missed(world, &run.directory, self.case(run)?.strict)
             }
             Err(error) if error.exit_code() == CAN_GO_ON => {
@@ -229,11 +209,11 @@ impl Sweep {
             let error = match found {
                 Ok(done) => {
                     finished += 1;
-                    computed += usize::from(!matches!(done, RunCompletion::Before));
+                    computed += usize::from(done.is_some());
                     let row = self.row(world, run)?;
                     match row.error.as_deref() {
                         Some(missed) => self.report_end(world, run, &missed),
-                        None => self.report_end(world, run, &done),
+                        None => self.report_end(world, run, &completion(done)),
                     }
                     table.rows.push(row);
                     continue;
@@ -270,11 +250,12 @@ impl Sweep {
         Ok(table)
     }
 
-    /// Solves a run, unless it is finished. Collective.
-    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<RunCompletion> {
+    /// Solves a run, unless it is finished: the seconds that it took; `None` if an earlier process
+    /// finished it. Collective.
+    fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Option<f64>> {
         let case = self.case(run)?;
         if run::is_done(world, &run.directory, &case) {
-            return Ok(RunCompletion::Before);
+            return Ok(None);
         }
         if world.group().rank() == 0 {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
@@ -295,7 +276,7 @@ impl Sweep {
         if world.group().rank() == 0 {
             summary.report_late_warnings();
         }
-        Ok(RunCompletion::Now { seconds: summary.wall_seconds })
+        Ok(Some(summary.wall_seconds))
     }
 
     /// Reports how a run ended.
@@ -319,10 +300,9 @@ impl Sweep {
     }
 }
 
-/// The value of a dotted key.
-fn value_of(tree: &Value, key: &str) -> Value {
-    let parts: Vec<&str> = key.split('.').map(str::trim).collect();
-    tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
+/// How a run ended that took these seconds, or that an earlier process finished.
+fn completion(seconds: Option<f64>) -> String {
+    seconds.map_or("finished before".to_owned(), |seconds| format!("{seconds:.2} s"))
 }
 
 /// The reason why a run or the sweep stopped early, as text.

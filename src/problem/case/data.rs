@@ -293,9 +293,9 @@ impl RegionTable {
 
     /// The file of `V` of region `i`.
     fn table(&self, file: &CaseFile<'_>, i: usize, n: usize) -> Result<Option<TableFile>> {
-        let found = self.table.as_ref().map(|table| table.check(file, TableOf::Potential(i), n));
+        let found = FileTable::read(&self.table, file, TableOf::Potential(i), n)?;
         let interpolation = self.interpolation.unwrap_or(Interpolation::Constant);
-        Ok(found.transpose()?.map(|table| TableFile { interpolation, ..table }))
+        Ok(found.map(|table| TableFile { interpolation, ..table }))
     }
 }
 
@@ -323,6 +323,16 @@ struct FileTable {
 }
 
 impl FileTable {
+    /// The file of a table in `n` dimensions, if the case gives one.
+    fn read(
+        table: &Option<Self>,
+        file: &CaseFile<'_>,
+        of: TableOf,
+        n: usize,
+    ) -> Result<Option<TableFile>> {
+        table.as_ref().map(|table| table.check(file, of, n)).transpose()
+    }
+
     fn check(&self, file: &CaseFile<'_>, of: TableOf, n: usize) -> Result<TableFile> {
         let key = format!("{}.file", of.key());
         let path = path_of(file, &key, self.file.as_ref(), "table.h5")?;
@@ -454,7 +464,7 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
 impl InflowTable {
     /// The inflow; `default` if the file gives none.
     fn check(&self, file: &CaseFile<'_>, n: usize, default: &str) -> Result<Inflow> {
-        if let Some(table) = self.table(file, n)? {
+        if let Some(table) = FileTable::read(&self.table, file, TableOf::Inflow, n)? {
             return match &self.value {
                 Some(_) => file.refuse("inflow.value", "give either inflow.table, or inflow.value"),
                 None => Ok(Inflow::Formula(table.unread())),
@@ -465,11 +475,6 @@ impl InflowTable {
             "initial" => Ok(Inflow::Initial),
             text => file.formula("inflow.value", text, &names_with_time(n)).map(Inflow::Formula),
         }
-    }
-
-    /// The file of `inflow.table` in `n` dimensions, if the case gives one.
-    fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
-        self.table.as_ref().map(|table| table.check(file, TableOf::Inflow, n)).transpose()
     }
 }
 
@@ -485,7 +490,9 @@ pub fn tables(
     n: usize,
 ) -> Result<Vec<TableFile>> {
     let regions = (0..).zip(potential).map(|(i, region)| region.table(file, i, n));
-    let all = [initial.table(file, n), inflow.table(file, n)].into_iter().chain(regions);
+    let initial = FileTable::read(&initial.table, file, TableOf::Initial, n);
+    let inflow = FileTable::read(&inflow.table, file, TableOf::Inflow, n);
+    let all = [initial, inflow].into_iter().chain(regions);
     all.filter_map(Result::transpose).collect()
 }
 
@@ -514,7 +521,8 @@ impl InitialTable {
             return self.measure(file, n, inflow);
         }
         let names = names_of_phase_space(n);
-        let initial = match (&self.warped, self.table(file, n)?) {
+        let table = FileTable::read(&self.table, file, TableOf::Initial, n)?;
+        let initial = match (&self.warped, table) {
             (Some(_), Some(_)) => {
                 let message = "give either initial.warped, or initial.table";
                 return file.refuse("initial.table", message);
@@ -564,11 +572,6 @@ impl InitialTable {
             });
         }
         Ok((Data::Measure { density, velocity }, fields))
-    }
-
-    /// The file of `initial.table` in `n` dimensions, if the case gives one.
-    fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
-        self.table.as_ref().map(|table| table.check(file, TableOf::Initial, n)).transpose()
     }
 
     /// The file that `initial.warped` names, if the case gives it.

@@ -235,6 +235,14 @@ impl<'t> CaseFile<'t> {
         if range.contains(&value) { Ok(value) } else { self.refuse(key, message()) }
     }
 
+    /// `value`, if it lies between these limits.
+    ///
+    /// # Errors
+    /// [`Error::Input`], which names the limits.
+    pub fn between(&self, key: &str, value: f64, [least, most]: [f64; 2]) -> Result<f64> {
+        self.within(key, value, least..=most, || format!("must be between {least} and {most}"))
+    }
+
     /// `count`, if it is at least `least`.
     ///
     /// # Errors

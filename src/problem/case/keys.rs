@@ -4,12 +4,10 @@
 //! the requested kind for every key records which keys exist and what kind each expects.
 
 use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR, SWITCHES};
-use serde::de::value::{StrDeserializer, StringDeserializer};
-use serde::de::{
-    self, DeserializeOwned, DeserializeSeed, Deserializer, IntoDeserializer, MapAccess, SeqAccess,
-    Visitor,
-};
+use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer, StringDeserializer};
+use serde::de::{self, DeserializeOwned, Deserializer, IntoDeserializer, Visitor};
 use std::cell::RefCell;
+use std::iter;
 
 /// The kind of value that a key expects.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,6 +61,32 @@ impl KindRecorder<'_> {
     }
 }
 
+impl IntoDeserializer<'_, Mistake> for KindRecorder<'_> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+/// What a visitor made of a table, and the kind of each of its entries.
+struct ReadTable<T> {
+    value: T,
+    kinds: Vec<(&'static str, ValueKind)>,
+}
+
+/// Lets `visitor` read a table with an entry for each of `names`.
+fn read_table<'de, V: Visitor<'de>>(
+    names: &[&'static str],
+    visitor: V,
+) -> Result<ReadTable<V::Value>, Mistake> {
+    let kinds: Vec<RefCell<ValueKind>> = names.iter().map(|_| RefCell::default()).collect();
+    let entries = names.iter().zip(&kinds).map(|(&name, kind)| (name, KindRecorder { kind }));
+    let value = visitor.visit_map(MapDeserializer::new(entries))?;
+    let kinds = kinds.into_iter().map(RefCell::into_inner);
+    Ok(ReadTable { value, kinds: names.iter().copied().zip(kinds).collect() })
+}
+
 impl<'de> Deserializer<'de> for KindRecorder<'_> {
     type Error = Mistake;
 
@@ -106,7 +130,8 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let item = RefCell::default();
-        let read = visitor.visit_seq(ListParts { kind: &item, left: 1 })?;
+        let read =
+            visitor.visit_seq(SeqDeserializer::new(iter::once(KindRecorder { kind: &item })))?;
         self.record(ValueKind::List(Box::new(item.into_inner())));
         Ok(read)
     }
@@ -122,11 +147,10 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
     }
 
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        let found = RefCell::default();
-        let read = visitor.visit_map(TableEntries { names: &["name"], found: &found, at: 0 })?;
-        let value = found.into_inner().pop().map(|(_, kind)| kind);
-        self.record(ValueKind::Names(Box::new(value.unwrap_or_default())));
-        Ok(read)
+        let mut read = read_table(&["name"], visitor)?;
+        let kind = read.kinds.pop().map(|(_, kind)| kind);
+        self.record(ValueKind::Names(Box::new(kind.unwrap_or_default())));
+        Ok(read.value)
     }
 
     fn deserialize_struct<V: Visitor<'de>>(
@@ -135,15 +159,12 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         known: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Mistake> {
-        let found = RefCell::default();
-        let read = visitor.visit_map(TableEntries { names: known, found: &found, at: 0 })?;
-        let found = found.into_inner();
-        self.record(if name == SWITCHES {
-            ValueKind::Switches(found)
-        } else {
-            ValueKind::Table(found)
+        let ReadTable { value, kinds } = read_table(known, visitor)?;
+        self.record(match name {
+            SWITCHES => ValueKind::Switches(kinds),
+            _ => ValueKind::Table(kinds),
         });
-        Ok(read)
+        Ok(value)
     }
 
     fn deserialize_enum<V: Visitor<'de>>(
@@ -163,54 +184,6 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
     serde::forward_to_deserialize_any! {
         i8 i16 i32 i128 u8 u16 u32 u64 u128 f32 char str bytes byte_buf unit unit_struct tuple
         identifier ignored_any
-    }
-}
-
-/// The parts of a list.
-struct ListParts<'a> {
-    kind: &'a RefCell<ValueKind>,
-    left: usize,
-}
-
-impl<'de> SeqAccess<'de> for ListParts<'_> {
-    type Error = Mistake;
-
-    fn next_element_seed<T: DeserializeSeed<'de>>(
-        &mut self,
-        seed: T,
-    ) -> Result<Option<T::Value>, Mistake> {
-        if self.left == 0 {
-            return Ok(None);
-        }
-        self.left -= 1;
-        seed.deserialize(KindRecorder { kind: self.kind }).map(Some)
-    }
-}
-
-/// The entries of a table: one for every key.
-struct TableEntries<'a> {
-    names: &'static [&'static str],
-    found: &'a RefCell<Vec<(&'static str, ValueKind)>>,
-    at: usize,
-}
-
-impl<'de> MapAccess<'de> for TableEntries<'_> {
-    type Error = Mistake;
-
-    fn next_key_seed<K: DeserializeSeed<'de>>(
-        &mut self,
-        seed: K,
-    ) -> Result<Option<K::Value>, Mistake> {
-        let name = self.names.get(self.at);
-        name.map(|name| seed.deserialize(StrDeserializer::new(name))).transpose()
-    }
-
-    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Mistake> {
-        let kind = RefCell::default();
-        let value = seed.deserialize(KindRecorder { kind: &kind })?;
-        self.found.borrow_mut().push((self.names[self.at], kind.into_inner()));
-        self.at += 1;
-        Ok(value)
     }
 }
 

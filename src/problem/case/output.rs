@@ -259,9 +259,7 @@ impl PlateauTable {
         }
         let ends = [("output.plateau.from", self.from), ("output.plateau.to", self.to)];
         for (key, value) in ends {
-            file.within(key, value.unwrap_or(0.0), -LARGEST_P..=LARGEST_P, || {
-                format!("must be between -{LARGEST_P} and {LARGEST_P}")
-            })?;
+            file.between(key, value.unwrap_or(0.0), [-LARGEST_P, LARGEST_P])?;
         }
         if let (Some(from), Some(to)) = (self.from, self.to)
             && from >= to

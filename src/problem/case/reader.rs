@@ -4,7 +4,7 @@
 //! names the key, says what is expected there, and suggests the nearest known name.
 
 use crate::problem::formula::{Constants, Expression, is_word};
-use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
+use serde::de::value::{MapDeserializer, SeqAccessDeserializer, SeqDeserializer, StrDeserializer};
 use serde::de::{
     self, Deserialize, DeserializeOwned, Deserializer, Expected, IntoDeserializer, SeqAccess,
     Unexpected, Visitor,
@@ -12,7 +12,7 @@ use serde::de::{
 use std::fmt::{self, Display, Formatter};
 use std::marker::PhantomData;
 use toml::Spanned;
-use toml::de::{DeInteger, DeValue};
+use toml::de::{DeInteger, DeTable, DeValue};
 
 /// A mistake in a case file.
 #[derive(Debug)]
@@ -136,6 +136,14 @@ impl<'t> KeyValue<'t> {
             value: value.get_ref(),
             constants: self.constants,
         }
+    }
+
+    /// The entries of its table `table`, by name.
+    fn entries(&self, table: &'t DeTable<'t>) -> impl Iterator<Item = (&'t str, Self)> {
+        table.iter().map(|(name, value)| {
+            let name = name.get_ref().as_ref();
+            (name, self.below(name, value))
+        })
     }
 
     /// The mistake of a value that is not of the kind `expected`.
@@ -262,21 +270,13 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
                 message: format!("{near}; known here: {}", known.join(", ")),
             });
         }
-        let entries = table.iter().map(|(name, value)| {
-            let name = name.get_ref().as_ref();
-            (name, self.below(name, value))
-        });
-        visitor.visit_map(MapDeserializer::new(entries))
+        visitor.visit_map(MapDeserializer::new(self.entries(table)))
     }
 
     /// Reads a table with keys of any name.
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let DeValue::Table(table) = self.value else { return self.wrong("a table") };
-        let entries = table.iter().map(|(name, value)| {
-            let name = name.get_ref().as_ref();
-            (name, self.below(name, value))
-        });
-        visitor.visit_map(MapDeserializer::new(entries))
+        visitor.visit_map(MapDeserializer::new(self.entries(table)))
     }
 
     fn deserialize_enum<V: Visitor<'de>>(
@@ -406,12 +406,8 @@ impl<'de, T: Item> Deserialize<'de> for List<T> {
                 write!(f, "a list of {}", T::PLURAL)
             }
 
-            fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Self::Value, A::Error> {
-                let mut list = Vec::new();
-                while let Some(item) = items.next_element()? {
-                    list.push(item);
-                }
-                Ok(List(list))
+            fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Self::Value, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(items)).map(List)
             }
         }
 

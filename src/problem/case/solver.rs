@@ -91,58 +91,29 @@ pub enum PropagatorMethod {
     BackwardEuler,
 }
 
-/// The properties of a propagator that decide which settings of a case it supports.
-struct PropagatorProperties {
-    /// Order in the time step; 0 for a method that meets a tolerance by itself.
-    order: usize,
-    /// Whether it takes a time step.
-    takes_step: bool,
-    /// Whether the inflow may depend on time.
-    takes_varying_inflow: bool,
-    /// Whether all inflow may share one auxiliary unknown.
-    takes_scalar_inflow: bool,
-}
-
 impl PropagatorMethod {
-    /// The table of properties; [`crate::propagate::descriptor`] has what a plan needs.
-    fn properties(self) -> PropagatorProperties {
-        let stepped = |order| PropagatorProperties {
-            order,
-            takes_step: true,
-            takes_varying_inflow: false,
-            takes_scalar_inflow: false,
-        };
-        match self {
-            Self::Chebyshev => PropagatorProperties {
-                order: 0,
-                takes_step: false,
-                takes_varying_inflow: true,
-                takes_scalar_inflow: true,
-            },
-            Self::Krylov => stepped(0),
-            Self::CrankNicolson => stepped(2),
-            Self::BackwardEuler => stepped(1),
-        }
-    }
-
     /// Order in the time step; 0 for a method that meets a tolerance by itself.
     pub fn order(self) -> usize {
-        self.properties().order
+        match self {
+            Self::Chebyshev | Self::Krylov => 0,
+            Self::CrankNicolson => 2,
+            Self::BackwardEuler => 1,
+        }
     }
 
     /// Whether `solver.propagator.step` can be given.
     pub fn takes_step(self) -> bool {
-        self.properties().takes_step
+        self != Self::Chebyshev
     }
 
     /// Whether the inflow may depend on time.
     pub fn takes_varying_inflow(self) -> bool {
-        self.properties().takes_varying_inflow
+        self == Self::Chebyshev
     }
 
     /// Whether all inflow may share one auxiliary unknown.
     pub fn takes_scalar_inflow(self) -> bool {
-        self.properties().takes_scalar_inflow
+        self == Self::Chebyshev
     }
 }
 
@@ -232,9 +203,7 @@ impl SchemeTable {
     /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
-            Some(flux) => {
-                file.within("scheme.flux", flux, 0.0..=1.0, || "must be between 0 and 1".to_owned())
-            }
+            Some(flux) => file.between("scheme.flux", flux, [0.0, 1.0]),
             None if degree == 0 => Ok(1.0),
             None => Ok(DEFAULT_FLUX),
         }

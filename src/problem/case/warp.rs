@@ -341,15 +341,14 @@ impl WarpTable {
                 return file.refuse(&key, message);
             }
         }
-        let within = |name: &str, value: f64, least: f64, most: f64| {
-            let key = format!("solver.warp.{name}");
-            file.within(&key, value, least..=most, || format!("must be between {least} and {most}"))
+        let within = |name: &str, value: f64, limits: [f64; 2]| {
+            file.between(&format!("solver.warp.{name}"), value, limits)
         };
         Ok(match self.profile {
             ProfileName::Planned => ProfileChoice::Planned,
             ProfileName::Designed => ProfileChoice::Designed,
             ProfileName::Gaussian => ProfileChoice::Gaussian {
-                sigma: self.sigma.map(|s| within("sigma", s, SIGMAS[0], SIGMAS[1])).transpose()?,
+                sigma: self.sigma.map(|s| within("sigma", s, SIGMAS)).transpose()?,
             },
             ProfileName::Exponential => {
                 ProfileChoice::Exponential { alpha: Alpha::read(file, self.alpha.as_ref())? }
@@ -358,14 +357,14 @@ impl WarpTable {
                 let order = self
                     .order
                     .map_or(Ok(DEFAULT_ORDER), |order| file.count("solver.warp.order", order, 1))?;
-                within("order", order as f64, 1.0, MOST_ORDER as f64)?;
+                within("order", order as f64, [1.0, MOST_ORDER as f64])?;
                 ProfileChoice::Smooth { order }
             }
-            ProfileName::LowSomma => ProfileChoice::LowSomma {
-                c: self.c.map(|c| within("c", c, CS[0], CS[1])).transpose()?,
-            },
+            ProfileName::LowSomma => {
+                ProfileChoice::LowSomma { c: self.c.map(|c| within("c", c, CS)).transpose()? }
+            }
             ProfileName::Acl => ProfileChoice::Acl {
-                beta: within("beta", self.beta.unwrap_or(DEFAULT_BETA), BETAS[0], BETAS[1])?,
+                beta: within("beta", self.beta.unwrap_or(DEFAULT_BETA), BETAS)?,
             },
         })
     }
@@ -412,7 +411,7 @@ impl WarpTable {
     fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
         let key = "solver.warp.recovery";
         let Some(point) = self.recovery else { return Ok(None) };
-        file.within(key, point, 0.0..=LARGEST_P, || format!("must be between 0 and {LARGEST_P}"))?;
+        file.between(key, point, [0.0, LARGEST_P])?;
         match interval {
             Some([_, upper]) if point >= upper => {
                 let message = format!("must be below the end of solver.warp.interval, {upper}");
@@ -444,9 +443,7 @@ impl WarpTable {
     fn share(&self, file: &CaseFile<'_>) -> Result<f64> {
         const LEAST: f64 = 1e-3;
         let share = self.share.unwrap_or(1.0);
-        file.within("solver.warp.share", share, LEAST..=1.0, || {
-            format!("must be between {LEAST} and 1")
-        })
+        file.between("solver.warp.share", share, [LEAST, 1.0])
     }
 
     /// Checks `solver.warp.shift`: a number or `"growth"`, by default 0.

@@ -42,7 +42,7 @@ pub(super) enum EndByAxes {
 /// independent of each other.
 pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
     let n = space.dimension();
-    let ranges: Vec<_> = space.x.iter().map(|axis| 0..axis.cells).collect();
+    let ranges = space.space_ranges();
     let mut largest = [0.0f64; MAX_DIMENSION];
     for_each_cell(&ranges, |i| {
         for (a, largest) in largest.iter_mut().enumerate().take(n) {
@@ -217,10 +217,7 @@ impl AxisLine {
             let gain = if turns { -push * behind } else { push * ahead };
             let next = square + 2.0 * gain;
             let there = next.sqrt();
-            let time = match turns {
-                true => (speed + there) / -push,
-                false => 2.0 * ahead / (speed + there),
-            };
+            let time = if turns { (speed + there) / -push } else { 2.0 * ahead / (speed + there) };
             let out = if turns { -sign } else { sign };
             if time >= left - round_off {
                 w = sign * speed;

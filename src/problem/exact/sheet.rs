@@ -364,8 +364,7 @@ impl<'a> Sheets<'a> {
         };
         let mut followed = if density == 0.0 {
             // A particle without mass need not be traced.
-            let turns = [0; MAX_DIMENSION];
-            TracedPath { point, remaining: Some(time), exit: None, history: 0, turns, segments: 1 }
+            TracedPath::at_start(point, time)
         } else {
             self.tracer.follow(&point, time)
         };

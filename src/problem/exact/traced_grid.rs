@@ -17,9 +17,8 @@ const BENT: usize = 2;
 /// slopes and jumps.
 pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
     let n = space.dimension();
-    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
     let (mut cells, mut distance) = (Vec::new(), Vec::new());
-    for_each_cell(&ranges, |i| {
+    for_each_cell(&space.space_ranges(), |i| {
         let free = (0..n).all(|a| {
             potential.slope(i, a) == 0.0
                 && potential.jump_below(i, a) == 0.0

@@ -1,5 +1,6 @@
 //! Edges of the pieces of `V` compared with the grid: edges off the faces, and narrow regions.
 
+use crate::base::bisect::bisect;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, for_each_cell};
 use crate::problem::potential::pieces::{is_one_piece, piece, region, space_point};
@@ -100,6 +101,8 @@ pub struct UnresolvedRegions {
     pub empty: Vec<usize>,
 }
 
+/// Halvings of the interval in which an edge is sought.
+const HALVINGS: usize = 60;
 /// Least number of points along each axis between which edges are searched, by dimension.
 const SCANNED: [usize; 3] = [4096, 256, 48];
 
@@ -131,15 +134,10 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
             if i[a] + 1 == axis.cells || found[a].is_none() || at(&point) == own {
                 continue;
             }
-            let (mut inside, mut outside) = (centre[a], point[a]);
-            for _ in 0..60 {
-                point[a] = 0.5 * (inside + outside);
-                if at(&point) == own {
-                    inside = point[a];
-                } else {
-                    outside = point[a];
-                }
-            }
+            let [inside, _] = bisect(centre[a], point[a], HALVINGS, |x| {
+                point[a] = x;
+                at(&point) == own
+            });
             if let Some(edges) = &mut found[a]
                 && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
             {
@@ -173,25 +171,17 @@ pub fn unresolved_regions(case: &Case) -> UnresolvedRegions {
         for (a, axis) in axes.iter().enumerate() {
             for side in [0, 1] {
                 let face = axis.face((i[a] + side) as i64);
-                let mut inside = centre[a];
                 // The search ends just inside the face, so that it does not find an edge on it.
-                let mut outside = face + (centre[a] - face) * 1e-6;
+                let end = face + (centre[a] - face) * 1e-6;
                 let probe = |x: f64| {
                     let mut point = centre;
                     point[a] = x;
                     at(&point) == own
                 };
-                if found.len() >= MOST_STRAY_EDGES || probe(outside) {
+                if found.len() >= MOST_STRAY_EDGES || probe(end) {
                     continue;
                 }
-                for _ in 0..60 {
-                    let middle = 0.5 * (inside + outside);
-                    if probe(middle) {
-                        inside = middle;
-                    } else {
-                        outside = middle;
-                    }
-                }
+                let [inside, outside] = bisect(centre[a], end, HALVINGS, probe);
                 let at = 0.5 * (inside + outside);
                 let known = |e: &StrayEdge| e.axis == a && (e.at - at).abs() < 1e-6 * axis.width();
                 if !found.iter().any(known) {

@@ -1,5 +1,6 @@
 //! Edges of regions that are oblique to the axes, where the scheme follows a staircase of faces.
 
+use crate::base::bisect::bisect;
 use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
 use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
@@ -11,6 +12,8 @@ const MOST_EDGES: usize = 1 << 13;
 /// Distances, in elements, of two more lines beside a line. Edges of boxes have at most two
 /// different positions on the three lines.
 const BESIDE: [f64; 2] = [0.21, 0.43];
+/// Halvings of the interval in which an edge is sought.
+const HALVINGS: usize = 40;
 /// Positions closer than this, in elements, are the same.
 const ONE_PLACE: f64 = 1e-2;
 /// Jumps below this part of the largest `v²/2` of the box are ignored.
@@ -104,15 +107,13 @@ impl Edge<'_> {
     /// The position of the edge on a line, if it has the same regions on its two sides there.
     fn on_line(&self, line: &[f64; 6]) -> Option<f64> {
         let at = |place: f64| region(self.regions, &self.point(line, place)).ok();
-        let [mut inside, mut outside] = self.ends;
+        let [inside, outside] = self.ends;
         if at(inside) != Some(self.sides[0]) || at(outside) != Some(self.sides[1]) {
             return None;
         }
-        for _ in 0..40 {
-            let middle = 0.5 * (inside + outside);
-            if at(middle) == Some(self.sides[0]) { inside = middle } else { outside = middle }
-        }
-        Some(inside)
+        let own_side = |place| at(place) == Some(self.sides[0]);
+        let [edge, _] = bisect(inside, outside, HALVINGS, own_side);
+        Some(edge)
     }
 
     /// Height of the jump of `V` at `point`.

@@ -5,7 +5,7 @@
 //! and that itself: there it is about the zeros of all qubits. A further qubit lowers the amplitude
 //! so that the last round reaches 1 exactly; it is among those zeros.
 
-use crate::quantum::circuit::arithmetic::Literal;
+use crate::quantum::circuit::arithmetic::{Literal, ones};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, RegisterRole};
 
 /// Sizes of the registers of an amplified state, in qubits.
@@ -57,12 +57,7 @@ fn below(c: &mut Circuit, number: &[Qubit], limit: usize, flag: Qubit) {
     let zero = c.take(1);
     let constant = c.take(number.len() + 1);
     let longer = [number, &zero].concat();
-    let ones: Vec<Qubit> = constant
-        .iter()
-        .enumerate()
-        .filter(|(bit, _)| limit >> bit & 1 == 1)
-        .map(|x| *x.1)
-        .collect();
+    let ones = ones(&constant, limit);
     c.within(|c| c.flip(&ones), |c| c.less(&longer, &constant, None, flag));
     c.give_back(&constant);
     c.give_back(&zero);

@@ -13,6 +13,11 @@ pub fn equals(number: &[Qubit], value: usize) -> impl Iterator<Item = Literal> {
     number.iter().enumerate().map(move |(bit, &q)| (q, value >> bit & 1 == 1))
 }
 
+/// The qubits of `number` at which `value` has the bit 1.
+pub fn ones(number: &[Qubit], value: usize) -> Vec<Qubit> {
+    equals(number, value).filter(|bit| bit.1).map(|bit| bit.0).collect()
+}
+
 impl Circuit {
     /// Calls `body` with a qubit that is 1 where all `literals` hold. This takes `literals − 1`
     /// Toffoli gates before `body` and as many after it. `body` leaves the qubit and the literals
@@ -36,6 +41,22 @@ impl Circuit {
         self.give_back(&chain);
     }
 
+    /// Flips `target` where all `literals` hold; everywhere if there are none.
+    pub fn flip_where(&mut self, literals: &[Literal], target: Qubit) {
+        match literals.len() {
+            0 => self.push(Gate::X(target)),
+            _ => self.where_all(literals, |c, all| c.push(Gate::Cx(all, target))),
+        }
+    }
+
+    /// Flips `target` where `from` is 1, and `control` too if there is one.
+    fn flip_given(&mut self, control: Option<Qubit>, from: Qubit, target: Qubit) {
+        self.push(match control {
+            Some(control) => Gate::Ccx(control, from, target),
+            None => Gate::Cx(from, target),
+        });
+    }
+
     /// `(carry, b, a) → (carry ⊕ a, a ⊕ b, the next carry)` (Cuccaro and others 2004).
     fn majority(&mut self, carry: Qubit, b: Qubit, a: Qubit) {
         self.push(Gate::Cx(a, b));
@@ -52,12 +73,7 @@ impl Circuit {
         let carry = self.take(1);
         let low = b.len() - 1;
         let before = |i: usize| if i == 0 { carry[0] } else { a[i - 1] };
-        let sum = |c: &mut Self, from: Qubit, to: Qubit| {
-            c.push(match control {
-                Some(control) => Gate::Ccx(control, from, to),
-                None => Gate::Cx(from, to),
-            });
-        };
+        let sum = |c: &mut Self, from: Qubit, to: Qubit| c.flip_given(control, from, to);
         for i in 0..low {
             self.majority(before(i), b[i], a[i]);
         }
@@ -94,12 +110,7 @@ impl Circuit {
             }
         };
         let last = a[a.len() - 1];
-        self.within(chain, |c| {
-            c.push(match control {
-                Some(control) => Gate::Ccx(control, last, target),
-                None => Gate::Cx(last, target),
-            });
-        });
+        self.within(chain, |c| c.flip_given(control, last, target));
         self.give_back(&carry);
     }
 
@@ -257,18 +268,16 @@ impl Circuit {
         self.within(around, |c| c.push(Gate::Cx(control, target)));
     }
 
-    /// Appends `ry(angle)` of `target`, controlled by `control`: two rotations.
-    fn controlled_ry(&mut self, angle: f64, control: Qubit, target: Qubit) {
+    /// Appends `rotation(angle)` of `target`, `Ry` or `Rz`, controlled by `control`: two rotations.
+    pub fn controlled(
+        &mut self,
+        rotation: fn(f64, Qubit) -> Gate,
+        angle: f64,
+        control: Qubit,
+        target: Qubit,
+    ) {
         for half in [0.5 * angle, -0.5 * angle] {
-            self.push(Gate::Ry(half, target));
-            self.push(Gate::Cx(control, target));
-        }
-    }
-
-    /// Appends `rz(angle)` of `target`, controlled by `control`: two rotations.
-    pub fn controlled_rz(&mut self, angle: f64, control: Qubit, target: Qubit) {
-        for half in [0.5 * angle, -0.5 * angle] {
-            self.push(Gate::Rz(half, target));
+            self.push(rotation(half, target));
             self.push(Gate::Cx(control, target));
         }
     }
@@ -294,7 +303,10 @@ impl Circuit {
                 self.push(Gate::Ry(angle, q));
             } else {
                 let control = number[pair[0]];
-                self.within(|c| c.push(Gate::X(control)), |c| c.controlled_ry(angle, control, q));
+                self.within(
+                    |c| c.push(Gate::X(control)),
+                    |c| c.controlled(Gate::Ry, angle, control, q),
+                );
             }
             self.within(
                 |c| c.push(Gate::X(q)),

@@ -16,18 +16,11 @@
 //! none if `|d_i|` is constant. `Z` acts where this term is chosen, so that the rotations need no
 //! control, and `R Z R†` is its own inverse.
 
-use crate::quantum::circuit::arithmetic::{Literal, equals};
+use crate::quantum::circuit::arithmetic::Literal;
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use crate::quantum::circuit::interface::at;
 use crate::quantum::circuit::transport::Force;
 use crate::quantum::circuit::wires::{AxisRegisters, Wires};
-
-/// Where the term of a force acts.
-pub(super) struct ForceTerm<'a> {
-    /// Where it is chosen.
-    pub chosen: &'a [Literal],
-    /// Where it is `T` or `T†`, and not `D`.
-    pub moving: Literal,
-}
 
 impl Force {
     /// Appends the term of this force, where it is chosen: `T` or `T†` where `moving` holds, else
@@ -37,7 +30,8 @@ impl Force {
         c: &mut Circuit,
         wires: &Wires,
         along: &AxisRegisters,
-        ForceTerm { chosen, moving }: ForceTerm<'_>,
+        chosen: &[Literal],
+        moving: Literal,
     ) {
         let chosen = wires.given(chosen);
         if let Some(flag) = wires.weaker.filter(|_| self.shares.iter().any(|&share| share < 1.0)) {
@@ -65,10 +59,7 @@ impl Force {
             for part in &self.down {
                 let literals: Vec<Literal> =
                     part.iter().map(|&(bit, value)| (wires.space[bit], value)).collect();
-                match literals.len() {
-                    0 => c.push(Gate::X(down)),
-                    _ => c.where_all(&literals, |c, all| c.push(Gate::Cx(all, down))),
-                }
+                c.flip_where(&literals, down);
             }
             c.flip_if(down, v);
         };
@@ -78,11 +69,7 @@ impl Force {
             let mut ends = vec![half + along.speeds - 1];
             ends.extend((along.speeds != half).then(|| half - along.speeds - 1));
             if let Some(end) = wires.end_of_velocity {
-                for place in ends {
-                    let here: Vec<Literal> =
-                        std::iter::once((moved, true)).chain(equals(v, place)).collect();
-                    c.where_all(&here, |c, here| c.push(Gate::Cx(here, end)));
-                }
+                ends.iter().for_each(|&place| c.flip_where(&at(moved, v, place), end));
             }
             c.add_bit(moved, v);
         });
@@ -95,7 +82,7 @@ mod tests {
     use super::*;
     use crate::quantum::circuit::simulate::{SparseState, block_column};
     use crate::quantum::circuit::transport::{
-        AxisTransport, CaseTransport, CircuitModes, Levels, RotationTable,
+        AxisTransport, CaseTransport, CircuitModes, Levels, RotationTable, bits_of,
     };
     use num_complex::Complex64;
     use std::collections::HashMap;
@@ -123,7 +110,7 @@ mod tests {
         /// of its own.
         fn transport(&self) -> CaseTransport {
             let cells = self.d.len();
-            let bits = cells.next_power_of_two().trailing_zeros() as usize;
+            let bits = bits_of(cells);
             let speeds = (0..1 << bits).map(|i| self.d.get(i).copied()).collect();
             let table = RotationTable { name: "ring", axis: 0, bits, speeds };
             let one = |place: &usize| (0..bits).map(|bit| (bit, place >> bit & 1 == 1)).collect();

@@ -83,10 +83,7 @@ pub fn qref(description: &CircuitDescription) -> Value {
     let call = &description.controlled;
     let system = description.counts.system_qubits;
     let EvolutionDescription { steps, toffoli, t, rotations, qubits, .. } = description.evolution;
-    let ports = json!([
-        {"name": "in_system", "size": system, "direction": "input"},
-        {"name": "out_system", "size": system, "direction": "output"},
-    ]);
+    let ports = ports("system", system);
     json!({
         "version": "v1",
         "program": {
@@ -128,6 +125,17 @@ fn of_call(counts: &GateCounts) -> Vec<Value> {
     all
 }
 
-fn resource(name: &str, value: f64, kind: &str) -> Value {
+/// The two ports of a register of `size` qubits.
+pub fn ports(register: &str, size: usize) -> [Value; 2] {
+    let port = |prefix: &str, direction: &str| {
+        let name = format!("{prefix}_{register}");
+        json!({"name": name, "size": size, "direction": direction})
+    };
+    [port("in", "input"), port("out", "output")]
+}
+
+/// A resource of a routine; unknown ones have no value.
+pub fn resource(name: &str, value: impl Into<Option<f64>>, kind: &str) -> Value {
+    let value: Option<f64> = value.into();
     json!({"name": name, "type": kind, "value": value})
 }

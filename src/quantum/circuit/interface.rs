@@ -39,8 +39,7 @@
 //!
 //! The circuit is its own inverse on the states that it starts from.
 
-use crate::quantum::circuit::arithmetic::{Literal, equals};
-use crate::quantum::circuit::force::ForceTerm;
+use crate::quantum::circuit::arithmetic::{Literal, equals, ones};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
 use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Levels, bits_of,
@@ -118,8 +117,7 @@ impl CaseTransport {
             }
             for (term, force) in (self.axes.len()..).zip(&self.forces) {
                 let chosen = wires.terms.chosen(term);
-                let term = ForceTerm { chosen: &chosen, moving };
-                force.apply(c, wires, &wires.along[force.axis], term);
+                force.apply(c, wires, &wires.along[force.axis], &chosen, moving);
             }
         });
         c.push(match wires.control {
@@ -143,11 +141,8 @@ impl AxisTransport {
         let chosen = wires.given(&along.chosen);
         let zeros = along.energy.last().into_iter().chain(&along.spare).map(|&q| (q, false));
         let is_level: Vec<Literal> = chosen.iter().copied().chain(zeros).collect();
-        match chosen.len() {
-            0 => c.push(Gate::X(wires.no_level)),
-            _ => c.where_all(&chosen, |c, q| c.push(Gate::Cx(q, wires.no_level))),
-        }
-        c.where_all(&is_level, |c, q| c.push(Gate::Cx(q, wires.no_level)));
+        c.flip_where(&chosen, wires.no_level);
+        c.flip_where(&is_level, wires.no_level);
         c.push(Gate::Cx(wires.reversed, sign));
         let moved: Vec<Literal> = std::iter::once(moving).chain(chosen).collect();
         c.where_all(&moved, |c, moved| self.move_particles(c, wires, along, moved));
@@ -175,7 +170,7 @@ impl AxisTransport {
             let mut faces = vec![last];
             faces.extend((self.cells - 1 != last).then_some(self.cells - 1));
             for face in faces {
-                c.where_all(&at(moved, x, face), |c, here| c.push(Gate::Cx(here, end)));
+                c.flip_where(&at(moved, x, face), end);
             }
         }
         if !self.jumps.is_empty() {
@@ -202,11 +197,7 @@ impl AxisTransport {
                 let part = jump.part.iter().map(|&(bit, value)| (along.others[bit], value));
                 let face = at(moved, &along.space, jump.below).into_iter().chain(part);
                 c.where_all(&face.collect::<Vec<_>>(), |c, at| {
-                    for (q, _) in
-                        equals(&height, jump.levels.unsigned_abs() as usize).filter(|bit| bit.1)
-                    {
-                        c.push(Gate::Cx(at, q));
-                    }
+                    c.flip_if(at, &ones(&height, jump.levels.unsigned_abs() as usize));
                     if jump.levels > 0 {
                         c.push(Gate::Cx(at, downhill));
                     }
@@ -242,19 +233,15 @@ impl AxisTransport {
         c.comment("energies above the velocity box");
         let e = &along.kinetic[wires.bins.len()..];
         let limit = c.take(e.len());
-        let load = |c: &mut Circuit| {
-            equals(&limit, self.speeds * self.speeds)
-                .filter(|bit| bit.1)
-                .for_each(|(q, _)| c.push(Gate::X(q)));
-        };
-        c.within(load, |c| c.less(e, &limit, None, flag));
+        let fastest = ones(&limit, self.speeds * self.speeds);
+        c.within(|c| c.flip(&fastest), |c| c.less(e, &limit, None, flag));
         c.push(Gate::X(flag));
         c.give_back(&limit);
     }
 }
 
 /// The literals of the conditions `number = value` and `control = 1`.
-fn at(control: Qubit, number: &[Qubit], value: usize) -> Vec<Literal> {
+pub(super) fn at(control: Qubit, number: &[Qubit], value: usize) -> Vec<Literal> {
     std::iter::once((control, true)).chain(equals(number, value)).collect()
 }
 
@@ -262,9 +249,9 @@ fn at(control: Qubit, number: &[Qubit], value: usize) -> Vec<Literal> {
 /// value `to` before.
 fn replace(c: &mut Circuit, control: Qubit, number: &[Qubit], [from, to]: [usize; 2]) {
     let here = c.take(1);
-    let differ: Vec<Qubit> = equals(number, from ^ to).filter(|bit| bit.1).map(|b| b.0).collect();
+    let differ = ones(number, from ^ to);
     for value in [from, to] {
-        c.where_all(&at(control, number, value), |c, all| c.push(Gate::Cx(all, here[0])));
+        c.flip_where(&at(control, number, value), here[0]);
         if value == from {
             c.flip_if(here[0], &differ);
         }

@@ -142,11 +142,6 @@ fn unknown_grid(space: &PhaseSpace) -> Option<String> {
     })
 }
 
-/// The range of all space cells, by axis.
-fn ranges(space: &PhaseSpace) -> Vec<std::ops::Range<usize>> {
-    space.x.iter().map(|x| 0..x.cells).collect()
-}
-
 impl CircuitCase {
     /// A case that [`refuse`] does not refuse, with these bins.
     ///
@@ -237,7 +232,7 @@ fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
     let mut found = Vec::new();
     for axis in 0..n {
         let mut speeds = vec![None; 1 << places.bits];
-        for_each_cell(&ranges(&case.space), |i| {
+        for_each_cell(&space.space_ranges(), |i| {
             let speed = -potential.slopes(i)[axis] / space.v[axis].width();
             speeds[number_of_others(&case.space, n, i)] = Some(speed);
         });
@@ -265,7 +260,7 @@ fn bits_of_others(space: &PhaseSpace, a: usize) -> OtherAxes {
     let axes = space.x.iter().enumerate().filter(|(b, _)| *b != a);
     let bits: usize = axes.map(|(_, x)| bits_of(x.cells)).sum();
     let mut cells = vec![false; 1 << bits];
-    for_each_cell(&ranges(space), |i| cells[number_of_others(space, a, i)] = true);
+    for_each_cell(&space.space_ranges(), |i| cells[number_of_others(space, a, i)] = true);
     OtherAxes { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
 }
 
@@ -273,7 +268,7 @@ fn bits_of_others(space: &PhaseSpace, a: usize) -> OtherAxes {
 fn faces(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<JumpFaces> {
     let width = space.v[a].width();
     let mut found: BTreeMap<(usize, u64), JumpFaces> = BTreeMap::new();
-    for_each_cell(&ranges(space), |i| {
+    for_each_cell(&space.space_ranges(), |i| {
         let mut cell: Cell = [0; 2 * MAX_DIMENSION];
         cell[..MAX_DIMENSION].copy_from_slice(i);
         let rise = potential.jump_above(&cell, a);

@@ -226,6 +226,18 @@ pub enum ModeWeights {
     Rotations,
 }
 
+impl ModeWeights {
+    /// The modes of a register of `points` points on the period `period`, of which those up to the
+    /// wavenumber `highest` carry something.
+    pub fn of_register(self, points: usize, period: f64, highest: f64) -> CircuitModes {
+        let qubits = bits_of(points);
+        match self {
+            Self::Sum => CircuitModes::Register { qubits, period },
+            Self::Rotations => CircuitModes::Rotated { qubits, period, highest },
+        }
+    }
+}
+
 /// Number of bits that number `count` things.
 pub fn bits_of(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize

@@ -281,7 +281,7 @@ impl Wires {
                     c.where_all(&self.given(&[(*moved, false)]), |c, q| c.push(Gate::Z(q)));
                 }
                 c.where_all(&self.given(&[(*moved, true)]), |c, q| {
-                    c.controlled_rz(-2.0 * 1f64.atan2(mu), q, self.reversed);
+                    c.controlled(Gate::Rz, -2.0 * 1f64.atan2(mu), q, self.reversed);
                 });
             }
             (WeightedSum::Register { unit, half, first }, _) => {

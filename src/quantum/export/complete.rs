@@ -18,7 +18,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::grid::PhaseSpace;
 use crate::propagate::chebyshev::degree;
-use crate::quantum::circuit::arithmetic::equals;
+use crate::quantum::circuit::arithmetic::{equals, ones};
 use crate::quantum::circuit::evolution::Walk;
 use crate::quantum::circuit::formats::qasm;
 use crate::quantum::circuit::gates::{Circuit, Gate, GateCounts, Qubit, RegisterRole};
@@ -152,7 +152,7 @@ impl CompleteCircuit {
             )));
         }
         let cell = densest(reading, &case.space);
-        builder.run(&StageParts { start: &start, profile: &profile, phases: &phases, grid, cell });
+        builder.run(&start, &profile, &phases, [grid.recovery_index, cell]);
         let CircuitBuilder { mut circuit, stages, .. } = builder;
         circuit.finish();
         let about = task.about(alpha, &phases, &start, cell, stages, circuit.counts());
@@ -202,12 +202,6 @@ impl CompleteCircuitInput<'_> {
         let a = (0..velocities).map(at).sum::<Complex64>() / root * probability_start.sqrt();
         let scale = grid.recovery.exp() * self.norm_of_state;
         let moment_scale = scale * root * case.space.velocity_volume();
-        let mut rest = cell;
-        let mut index: Vec<usize> = Vec::new();
-        for axis in case.space.x.iter().rev() {
-            index.insert(0, rest % axis.cells);
-            rest /= axis.cells;
-        }
         CompleteDescription {
             alpha,
             tau: phases.tau,
@@ -217,7 +211,7 @@ impl CompleteCircuitInput<'_> {
             probability_start,
             scale,
             field_bound: scale * phases.bound,
-            cell: index,
+            cell: case.space.cell(cell * velocities)[..case.space.dimension()].to_vec(),
             amplitude: [a.re, a.im],
             moment_scale,
             moment_bound: moment_scale * phases.bound,
@@ -242,10 +236,13 @@ impl StatePreparation {
     fn new(task: &CompleteCircuitInput<'_>) -> Self {
         let (f, shape) = (task.start, task.case.space.shape());
         let one = task.case.space.dimension() == 1;
-        product(f, &shape)
-            .map(Self::Product)
-            .or_else(|| Some(Self::Set(set(f, shape[1]).filter(|_| one && shape[0] > 1)?)))
-            .unwrap_or_else(|| Self::Cells(f.to_vec()))
+        if let Some(factors) = product(f, &shape) {
+            return Self::Product(factors);
+        }
+        match set(f, shape[1]) {
+            Some(intervals) if one && shape[0] > 1 => Self::Set(intervals),
+            _ => Self::Cells(f.to_vec()),
+        }
     }
 
     /// `s`.
@@ -290,16 +287,6 @@ fn set(f: &[f64], velocities: usize) -> Option<Vec<[usize; 2]>> {
         cell[first..last].iter().all(|&f| f == value).then_some([first, last])
     };
     f.chunks_exact(velocities).map(interval).collect()
-}
-
-/// The parts of the stages.
-struct StageParts<'a> {
-    start: &'a StatePreparation,
-    profile: &'a [f64],
-    phases: &'a Phases,
-    grid: &'a PointGrid,
-    /// The number of the space cell of the moment.
-    cell: usize,
 }
 
 /// The circuit while it is built.
@@ -354,19 +341,26 @@ impl CircuitBuilder {
         self.circuit.comment(name);
     }
 
-    fn run(&mut self, steps: &StageParts<'_>) {
+    /// All stages. The moment is that at a point in `p` and a space cell of these numbers.
+    fn run(
+        &mut self,
+        start: &StatePreparation,
+        profile: &[f64],
+        phases: &Phases,
+        [point, cell]: [usize; 2],
+    ) {
         self.stage("start");
-        self.prepare(steps.start);
+        self.prepare(start);
         let warped = self.warped.clone();
-        self.circuit.prepare(&warped, steps.profile);
+        self.circuit.prepare(&warped, profile);
         self.stage("modes");
         self.circuit.inverse_of(|c| phi(c, &warped));
         self.stage("evolution");
-        self.walk.evolve(&mut self.circuit, steps.phases);
+        self.walk.evolve(&mut self.circuit, phases);
         self.stage("points");
         phi(&mut self.circuit, &warped);
         self.stage("moment");
-        self.moment(steps.grid.recovery_index, steps.cell);
+        self.moment(point, cell);
         self.stage("estimation");
         self.estimate();
     }
@@ -401,11 +395,7 @@ impl CircuitBuilder {
             let load = |c: &mut Circuit| {
                 for (cell, interval) in intervals.iter().enumerate().filter(|i| i.1[end] > 0) {
                     let here: Vec<_> = equals(&space, cell).collect();
-                    c.where_all(&here, |c, here| {
-                        for (q, _) in equals(&limit, interval[end]).filter(|bit| bit.1) {
-                            c.push(Gate::Cx(here, q));
-                        }
-                    });
+                    c.where_all(&here, |c, here| c.flip_if(here, &ones(&limit, interval[end])));
                 }
             };
             c.within(load, |c| c.less(&number, &limit, None, outside));
@@ -421,9 +411,8 @@ impl CircuitBuilder {
         let (space, velocities) = self.axes.split_at(self.axes.len() / 2);
         let space: Vec<Qubit> = space.iter().rev().flatten().copied().collect();
         let c = &mut self.circuit;
-        for (q, _) in equals(&self.warped, index).chain(equals(&space, cell)).filter(|bit| bit.1) {
-            c.push(Gate::X(q));
-        }
+        c.flip(&ones(&self.warped, index));
+        c.flip(&ones(&space, cell));
         c.gates.extend(velocities.iter().flatten().map(|&q| Gate::H(q)));
     }
 

@@ -1,4 +1,4 @@
-//! What a choice is, and for which system.
+//! A choice of profile, `δ` and recovery point with its cost, and the system that it is for.
 
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
@@ -81,6 +81,26 @@ impl CostedChoice {
         }
     }
 
+    /// `candidate` at this cost. The state and the evolution are left open.
+    pub(super) fn at_cost(
+        candidate: &ProfileCandidate,
+        delta: Option<Delta>,
+        cost: &Cost,
+        queries: OracleQueries,
+    ) -> Self {
+        Self {
+            access: Some(cost.access),
+            steps: cost.evolution.steps.clone(),
+            half_calls_steps: cost.half_calls.steps.clone(),
+            walk_steps: cost.cheaper().steps.clone(),
+            half_calls: Some(cost.cheaper() == &cost.half_calls),
+            cost: cost.cheaper().gates_until_measured.clone(),
+            gates_until_measured_2k: cost.gates_until_measured_2k.clone(),
+            queries,
+            ..Self::unavailable(candidate, delta, "")
+        }
+    }
+
     /// The unitary scheme with these accesses: one mode, which is the field. `None` without access.
     pub fn unitary(costs: &[Cost]) -> Option<Self> {
         let one = || LabelledNumber::exact(1.0);
@@ -89,20 +109,13 @@ impl CostedChoice {
         if let (None, Some(why)) = (cost.measured().value(), cost.measured().because()) {
             return Some(Self { unitary_scheme: true, ..Self::unavailable(&planned, None, why) });
         }
+        let queries = costs.iter().find_map(|cost| cost.queries.clone())?;
         Some(Self {
             unitary_scheme: true,
             recovery: LabelledNumber::exact(0.0),
             points: one(),
             probability: [one(), LabelledNumber::unavailable("one mode has no register of p")],
-            access: Some(cost.access),
-            cost: cost.cheaper().gates_until_measured.clone(),
-            gates_until_measured_2k: cost.gates_until_measured_2k.clone(),
-            walk_steps: cost.cheaper().steps.clone(),
-            steps: cost.evolution.steps.clone(),
-            half_calls_steps: cost.half_calls.steps.clone(),
-            half_calls: Some(cost.cheaper() == &cost.half_calls),
-            queries: costs.iter().find_map(|cost| cost.queries.clone())?,
-            ..Self::unavailable(&planned, None, "")
+            ..Self::at_cost(&planned, None, cost, queries)
         })
     }
 
@@ -115,11 +128,6 @@ impl CostedChoice {
     /// Rounds of amplitude amplification; `None` if the probability is not known.
     pub(super) fn rounds(&self) -> Option<f64> {
         self.nearest().value().map(amplification_rounds)
-    }
-
-    /// Calls of the block encoding in an evolution, of the cheaper sequence.
-    pub fn calls(&self) -> &LabelledNumber {
-        if self.half_calls == Some(true) { &self.half_calls_steps } else { &self.steps }
     }
 
     /// Gates until the field is measured, repeated or amplified, whichever is fewer.

@@ -182,25 +182,13 @@ impl PlannedCandidate {
                 .amplitude()
                 .times(&LabelledNumber::exact(evolution_part(points > 1) * system.case.tolerance)),
         };
-        let LeastCost { cost: least, queries } =
-            system.accesses.least(&demand, &found.evolutions());
+        let LeastCost { cost, queries } = system.accesses.least(&demand, &found.evolutions());
         CostedChoice {
-            profile: candidate.profile.clone(),
-            unitary_scheme: false,
-            candidate: candidate.clone(),
-            delta,
             recovery: LabelledNumber::exact(found.recovery),
             points: LabelledNumber::exact(found.points as f64),
-            access: Some(least.access),
-            cost: least.cheaper().gates_until_measured.clone(),
-            gates_until_measured_2k: least.gates_until_measured_2k.clone(),
-            demand: Some(demand),
-            half_calls: Some(least.cheaper() == &least.half_calls),
-            walk_steps: least.cheaper().steps.clone(),
-            steps: least.evolution.steps,
-            half_calls_steps: least.half_calls.steps,
-            queries,
             probability: [found.at_slice.all, found.in_window.all],
+            demand: Some(demand),
+            ..CostedChoice::at_cost(candidate, delta, &cost, queries)
         }
     }
 }

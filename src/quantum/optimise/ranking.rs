@@ -25,9 +25,7 @@ impl Ranking {
         let own = self.0.iter().find(|choice| !choice.unitary_scheme);
         own.filter(|choice| choice.least_cost().is_finite())
     }
-}
 
-impl Ranking {
     /// The number of choices that could not be priced, and the reason of the first. `None` if all
     /// were priced.
     pub fn not_compared(&self) -> Option<String> {
@@ -118,7 +116,7 @@ impl fmt::Display for Ranking {
             plain("p", |choice| &choice.recovery, 2),
             plain("N_p", |choice| &choice.points, 0),
             words("access", |choice| choice.access.map_or(String::new(), |way| way.to_string())),
-            figures("calls", CostedChoice::calls, 2),
+            figures("calls", |choice| &choice.walk_steps, 2),
             figures("queries", |choice| &choice.queries.queries, 2),
             figures("P", CostedChoice::nearest, 1),
             figures("repeat.", |choice| &choice.cost[0], 2),

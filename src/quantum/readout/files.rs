@@ -81,10 +81,8 @@ impl Readout {
     /// A heading, then a line for every row and estimator. Numbers that are not known are empty;
     /// the last column says why.
     pub fn csv(&self) -> String {
-        let mut text = "cell,point,observable,value,estimator,overlap,shots,evaluations,estimate,\
-                        standard_error,bound,evolutions_repeated,evolutions_coherent,\
-                        evolutions_norm,unavailable\n"
-            .to_owned();
+        let figures = COLUMNS.map(|(name, _)| name)[4..].join(",");
+        let mut text = format!("cell,point,observable,value,estimator,{figures},unavailable\n");
         let number =
             |figure: &LabelledNumber| figure.value().map_or(String::new(), |x| format!("{x:?}"));
         let joined = |list: Vec<String>| list.join(" ");

@@ -153,12 +153,6 @@ pub fn evaluations(error: f64) -> f64 {
     least.log2().ceil().max(1.0).exp2()
 }
 
-/// Bound on the relative error of the root of a probability from the number of its `successes`,
-/// whatever the number of trials: `|√(k/n) − √P| ≤ √(ln 40/n)` with `n = N/P`.
-pub fn root_bound_of_successes(successes: f64) -> f64 {
-    all_zero_bound(successes)
-}
-
 /// Bound on the relative error of `√P = sin θ` by amplitude estimation, `|θ̂ − θ| ≤ π/M`.
 pub fn root_bound(probability: f64, evaluations: f64) -> f64 {
     PI / (evaluations * probability.sqrt())

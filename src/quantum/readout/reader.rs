@@ -291,7 +291,8 @@ impl ReadoutContext<'_> {
             return [0.0; 2];
         }
         if !estimator.coherent() {
-            return [measurement::root_bound_of_successes(repetitions.shots), 0.0];
+            // With n = N/P trials, |√(k/n) − √P| ≤ √(ln 40/n): that of an all-zero outcome.
+            return [measurement::all_zero_bound(repetitions.shots), 0.0];
         }
         let error = measurement::root_bound(self.probability(), repetitions.norm_evaluations);
         [error, measurement::amplification_loss(error)]

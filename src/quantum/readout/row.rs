@@ -1,8 +1,7 @@
 //! A row of the readout: an observable at a cell, and what each estimator gives of it.
 
 use crate::base::text::short;
-use crate::problem::grid::MAX_DIMENSION;
-use crate::problem::grid::PhaseSpace;
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
 

@@ -1,7 +1,6 @@
 //! The record in the formats of other programs: Azure's resource estimator and QREF.
 
-use crate::quantum::circuit;
-use crate::quantum::circuit::formats::LogicalCounts;
+use crate::quantum::circuit::formats::{LogicalCounts, NOTE, logical_counts, ports, resource};
 use crate::quantum::cost::{Access, Cost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::Record;
@@ -19,7 +18,7 @@ impl Record {
     /// whose rotations are computed.
     fn least(&self) -> Option<&Cost> {
         let gates = |cost: &Cost| cost.evolution.least();
-        self.costs.iter().reduce(|best, next| if gates(next) < gates(best) { next } else { best })
+        self.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)))
     }
 
     /// The cost with the fewest gates, if its gates are emitted.
@@ -48,8 +47,8 @@ impl Record {
             ..counts
         };
         json!({
-            "logicalCounts": circuit::formats::logical_counts(&counts),
-            "synthesizedCounts": circuit::formats::logical_counts(&synthesized),
+            "logicalCounts": logical_counts(&counts),
+            "synthesizedCounts": logical_counts(&synthesized),
             "tOfRotations": of_rotations,
             "trust": {
                 "a step": cost.evolution.toffoli_a_step.trust(),
@@ -57,7 +56,7 @@ impl Record {
             },
             "access": cost.access,
             "tOfRotation": self.t_of_rotation,
-            "note": format!("{}. {T_OF_ROTATION}: {SYNTHESIZED}", circuit::formats::NOTE),
+            "note": format!("{}. {T_OF_ROTATION}: {SYNTHESIZED}", NOTE),
         })
     }
 
@@ -162,26 +161,15 @@ fn routine(name: &str, kind: &str, ports: &[Value], figures: &[(&str, &LabelledN
     let known = || figures.iter().filter(|(_, figure)| figure.value().is_some());
     let labels: Map<String, Value> =
         known().map(|(name, figure)| ((*name).to_owned(), json!(figure.trust()))).collect();
+    // Qubits are a peak, since those of consecutive routines do not add up.
+    let of_figure = |(name, figure): &(&str, &LabelledNumber)| {
+        resource(name, figure.value(), if *name == "qubits" { "qubits" } else { "additive" })
+    };
     json!({
         "name": name,
         "type": kind,
         "ports": ports,
-        "resources": known().map(|(name, figure)| resource(name, figure)).collect::<Vec<_>>(),
+        "resources": known().map(of_figure).collect::<Vec<_>>(),
         "meta": { "labels": labels },
     })
-}
-
-/// The two ports of a register of `size` qubits.
-fn ports(register: &str, size: usize) -> [Value; 2] {
-    let port = |prefix: &str, direction: &str| {
-        let name = format!("{prefix}_{register}");
-        json!({"name": name, "size": size, "direction": direction})
-    };
-    [port("in", "input"), port("out", "output")]
-}
-
-/// A figure as a resource. Qubits are a peak, since those of consecutive routines do not add up.
-fn resource(name: &str, figure: &LabelledNumber) -> Value {
-    let kind = if name == "qubits" { "qubits" } else { "additive" };
-    json!({"name": name, "type": kind, "value": figure.value()})
 }

@@ -30,9 +30,7 @@ impl Comparison {
         let Some(unitary) = &self.unitary else { return false };
         unitary.costs == self.own.costs && unitary.costs == self.cheapest.costs
     }
-}
 
-impl Comparison {
     /// The reasons of what is missing in the comparison, one line each.
     fn reasons(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let of_unitary = self.unitary.as_ref().and_then(|unitary| unitary.no_circuit.clone());

@@ -173,8 +173,7 @@ impl Faces {
         let cells = space.x[a].cells;
         let mut faces =
             Self { jumps: vec![BTreeSet::new(); cells], pushed: vec![[false; 2]; cells] };
-        let ranges: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
-        for_each_cell(&ranges, |i| {
+        for_each_cell(&space.space_ranges(), |i| {
             let slope = potential.slope(i, a);
             let [up, down] = &mut faces.pushed[i[a]];
             *up |= slope < 0.0;

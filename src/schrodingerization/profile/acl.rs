@@ -32,8 +32,7 @@ pub struct Acl {
 impl Acl {
     /// The profile of `β` for `demand`, and its window.
     pub fn meeting(beta: f64, demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        let profile = Self::new(beta);
-        best_window(&profile, 0.0, demand).map(|window| (profile, window))
+        best_window(Self::new(beta), 0.0, demand)
     }
 
     /// The profile of `β`, within [`BETAS`](crate::problem::limits::BETAS).

@@ -38,8 +38,7 @@ impl Exponential {
     pub fn meeting(alpha: &Alpha, demand: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self { alpha: alpha.clone() };
         let round_off = demand.round_off * profile.excess();
-        best_window(&profile, 0.0, &ProfileRequirements { round_off, ..*demand })
-            .map(|window| (profile, window))
+        best_window(profile, 0.0, &ProfileRequirements { round_off, ..*demand })
     }
 
     /// Bound on `Σ|c_l|` as a multiple of 2, the value that plans assume.

@@ -89,10 +89,7 @@ impl Gaussian {
         Self::candidates(sigma, demand)
             .map(moved)
             .filter(|(profile, window)| demand.admits(profile, window))
-            .min_by(|(_, a), (_, b)| {
-                let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
-                a.total_cmp(&b)
-            })
+            .min_by(|(_, a), (_, b)| demand.rank(a).total_cmp(&demand.rank(b)))
     }
 }
 

@@ -48,12 +48,9 @@ impl LowSomma {
             let profile = Self::within(c, allowed)?;
             let point = demand.recovery.unwrap_or(demand.growth + c);
             let demand = ProfileRequirements { recovery: Some(point), ..*demand };
-            best_window(&profile, c, &demand).map(|w| (profile, w))
+            best_window(profile, c, &demand)
         });
-        planned.min_by(|(_, a), (_, b)| {
-            let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
-            a.total_cmp(&b)
-        })
+        planned.min_by(|(_, a), (_, b)| demand.rank(a).total_cmp(&demand.rank(b)))
     }
 
     /// The profile of the largest `σ` with `|e^p g − 1| ≤ allowed` for `p ≥ c`.

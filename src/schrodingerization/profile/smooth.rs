@@ -63,8 +63,7 @@ fn factorial(n: usize) -> f64 {
 impl Smooth {
     /// The profile of `r = order` for `demand`, and its window.
     pub fn meeting(order: usize, demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        let profile = Self::new(order);
-        best_window(&profile, 0.0, demand).map(|window| (profile, window))
+        best_window(Self::new(order), 0.0, demand)
     }
 
     /// The profile of `r = order`, between 1 and

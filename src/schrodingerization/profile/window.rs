@@ -56,7 +56,7 @@ impl ProfileRequirements {
     }
 
     /// The quantity that a plan minimises: the cost of a run, or the period.
-    pub fn rank(&self, period: f64, cutoff: f64) -> f64 {
+    pub fn rank(&self, &Window { period, cutoff, .. }: &Window) -> f64 {
         if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
     }
 
@@ -151,26 +151,24 @@ impl Window {
     }
 }
 
-/// The window of least cost for a profile that is `e^{−p}` from `edge` on. The domain of dependence
-/// of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
-/// `e` times larger, and the omitted modes of a profile with a corner cancel.
-pub fn best_window(
-    shape: &dyn ProfileShape,
+/// `profile`, which is `e^{−p}` from `edge` on, and its window of least cost. The domain of
+/// dependence of `p◇` is `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the
+/// amplification is `e` times larger, and the omitted modes of a profile with a corner cancel.
+pub fn best_window<P: ProfileShape>(
+    profile: P,
     edge: f64,
     demand: &ProfileRequirements,
-) -> Option<Window> {
+) -> Option<(P, Window)> {
     let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
     let points = match &demand.recovery {
         Some(point) => std::slice::from_ref(point),
         None => &planned[..],
     };
-    (points.iter())
-        .filter_map(|&point| window(shape, edge, demand, point))
-        .filter(|w| demand.admits(shape, w))
-        .min_by(|a, b| {
-            let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
-            a.total_cmp(&b)
-        })
+    let window = (points.iter())
+        .filter_map(|&point| window(&profile, edge, demand, point))
+        .filter(|w| demand.admits(&profile, w))
+        .min_by(|a, b| demand.rank(a).total_cmp(&demand.rank(b)))?;
+    Some((profile, window))
 }
 
 fn window(

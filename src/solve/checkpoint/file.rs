@@ -20,7 +20,7 @@ use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{Error, ErrorKind, Result, Write};
+use std::io::{BufWriter, Error, ErrorKind, Result, Write};
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -135,12 +135,8 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Fi
     let mut text = serde_json::to_vec(header)?;
     text.resize(text.len().next_multiple_of(8), b' ');
     let (words, _) = text.as_chunks::<8>();
-    let mut sink = FileWriter {
-        file: File::create(path)?,
-        waiting: Vec::with_capacity(8 * PIECE),
-        words: 0,
-        checksum: 0,
-    };
+    let file = BufWriter::with_capacity(8 * PIECE, File::create(path)?);
+    let mut sink = FileWriter { file, words: 0, checksum: 0 };
     sink.put([MARK, words.len() as u64].into_iter())?;
     sink.put(words.iter().map(|w| u64::from_le_bytes(*w)))?;
     for sum in &snapshot.sums {
@@ -157,15 +153,14 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Fi
     }
     let checksum = sink.checksum;
     sink.put(std::iter::once(checksum))?;
-    sink.flush()?;
-    sink.file.sync_all()?;
+    sink.file.flush()?;
+    sink.file.get_ref().sync_all()?;
     Ok(FileRecord { bytes: 8 * sink.words, checksum })
 }
 
 /// A file that is being written.
 struct FileWriter {
-    file: File,
-    waiting: Vec<u8>,
+    file: BufWriter<File>,
     words: u64,
     checksum: u64,
 }
@@ -173,19 +168,10 @@ struct FileWriter {
 impl FileWriter {
     fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
         for word in words {
-            if self.waiting.len() == 8 * PIECE {
-                self.flush()?;
-            }
             self.checksum = (self.checksum).wrapping_add(of_run(self.words, std::iter::once(word)));
             self.words += 1;
-            self.waiting.extend_from_slice(&word.to_le_bytes());
+            self.file.write_all(&word.to_le_bytes())?;
         }
-        Ok(())
-    }
-
-    fn flush(&mut self) -> Result<()> {
-        self.file.write_all(&self.waiting)?;
-        self.waiting.clear();
         Ok(())
     }
 }
@@ -299,51 +285,41 @@ impl RankFile {
     /// # Errors
     /// If the file cannot be read, or its contents do not fit `to`.
     pub fn read_into(&self, to: &mut ReadDestination<'_>, with_sums: bool) -> Result<()> {
-        if !self.header.suits(to) {
+        let header = &self.header;
+        if !header.suits(to) {
             return Err(not_a_checkpoint());
         }
         if with_sums {
-            self.add_sums(to)?;
+            let sums = to.sums.iter_mut().map(|sum| &mut **sum);
+            let sums = sums.zip(header.sums.iter().map(|numbers| 2 * numbers));
+            self.read_arrays(0, [&header.block, to.block], sums, |sum, word| *sum += word as i64)?;
         }
-        self.read_results(to)?;
+        let results = to.results.iter_mut().map(|result| &mut result[..]);
+        let results = results.zip(header.results.iter().copied());
+        let boxes = [&header.share[..], to.share];
+        self.read_arrays(self.starts.results, boxes, results, |x, word| *x = f64::from_bits(word))?;
         self.read_modes(to)
     }
 
-    /// Adds the sums of the common space cells to those of `to`.
-    fn add_sums(&self, to: &mut ReadDestination<'_>) -> Result<()> {
-        let header = &self.header;
-        let runs = common_runs(&header.block, to.block);
-        let mut first = 0;
-        for (sum, numbers) in to.sums.iter_mut().zip(&header.sums) {
-            let width = 2 * numbers;
+    /// Reads arrays on the box `from` of space cells, which follow each other from word `first` on,
+    /// where that overlaps with the box `to`. Each array comes with the count of its numbers at a
+    /// space cell; `put` puts a word into a number.
+    fn read_arrays<'v, T: 'v>(
+        &self,
+        mut first: usize,
+        [from, to]: [&[Range<usize>]; 2],
+        arrays: impl Iterator<Item = (&'v mut [T], usize)>,
+        put: impl Fn(&mut T, u64),
+    ) -> Result<()> {
+        let runs = common_runs(from, to);
+        for (array, width) in arrays {
             for run in &runs {
-                let into = &mut sum[run.to * width..(run.to + run.length) * width];
+                let into = &mut array[run.to * width..(run.to + run.length) * width];
                 self.read(first + run.from * width, into.len(), |at, words| {
-                    for (part, &word) in into[at..].iter_mut().zip(words) {
-                        *part += word as i64;
-                    }
+                    into[at..].iter_mut().zip(words).for_each(|(number, &word)| put(number, word));
                 })?;
             }
-            first += points(&header.block) * width;
-        }
-        Ok(())
-    }
-
-    /// Reads the results on the common space cells of the shares.
-    fn read_results(&self, to: &mut ReadDestination<'_>) -> Result<()> {
-        let header = &self.header;
-        let runs = common_runs(&header.share, to.share);
-        let mut first = self.starts.results;
-        for (result, width) in to.results.iter_mut().zip(&header.results) {
-            for run in &runs {
-                let into = &mut result[run.to * width..(run.to + run.length) * width];
-                self.read(first + run.from * width, into.len(), |at, words| {
-                    for (x, &word) in into[at..].iter_mut().zip(words) {
-                        *x = f64::from_bits(word);
-                    }
-                })?;
-            }
-            first += points(&header.share) * width;
+            first += points(from) * width;
         }
         Ok(())
     }

@@ -72,6 +72,18 @@ impl Manifest {
         }
         Ok(manifest)
     }
+
+    /// Writes it into `directory` and flushes it to disk, which completes the generation.
+    fn write(&self, directory: &Path) -> std::io::Result<()> {
+        let path = directory.join(MANIFEST);
+        let unfinished = path.with_extension(UNFINISHED);
+        fs::write(&unfinished, self.text()? + "\n")?;
+        File::open(&unfinished)?.sync_all()?;
+        fs::rename(&unfinished, &path)?;
+        File::open(directory)?.sync_all()?;
+        let parent = directory.parent().unwrap_or(directory);
+        File::open(parent)?.sync_all()
+    }
 }
 
 pub(super) fn rank_file(directory: &Path, rank: usize) -> PathBuf {
@@ -406,20 +418,6 @@ impl Generation {
     /// Directory of the generation.
     pub fn path(&self) -> &Path {
         &self.directory
-    }
-}
-
-impl Manifest {
-    /// Writes it into `directory` and flushes it to disk, which completes the generation.
-    fn write(&self, directory: &Path) -> std::io::Result<()> {
-        let path = directory.join(MANIFEST);
-        let unfinished = path.with_extension(UNFINISHED);
-        fs::write(&unfinished, self.text()? + "\n")?;
-        File::open(&unfinished)?.sync_all()?;
-        fs::rename(&unfinished, &path)?;
-        File::open(directory)?.sync_all()?;
-        let parent = directory.parent().unwrap_or(directory);
-        File::open(parent)?.sync_all()
     }
 }
 

@@ -9,7 +9,7 @@ use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, Goal, ReachedGrid, SchemeWithGrid, error_on, grid_near,
+    DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid, error_on,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
@@ -325,7 +325,7 @@ impl Study<'_> {
     ) -> Result<()> {
         let (start, accuracy) = (&known.shape, self.request.accuracy);
         let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
-        let why = match grid_near(&mut self.trials, goal, known) {
+        let why = match GridSearch::new(&mut self.trials, goal).near(known) {
             Ok(Some(reached)) if method == Method::Classical => {
                 return self.add_classical(scheme, &reached);
             }

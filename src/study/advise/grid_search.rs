@@ -161,31 +161,6 @@ impl ErrorSequence {
     }
 }
 
-/// The coarsest grid on which the goal's scheme meets the accuracy, or the grid that comes closest.
-/// Collective.
-///
-/// # Errors
-/// As [`Trials::run`].
-pub fn coarsest_grid(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<ReachedGrid> {
-    let used = trials.budget.used().min(goal.share);
-    GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.coarsest_grid()
-}
-
-/// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux of
-/// the same scheme. Order and grids are those of `known`. `None` if the budget does not hold the
-/// trials that show it. Collective.
-///
-/// # Errors
-/// As [`Trials::run`].
-pub fn grid_near(
-    trials: &mut Trials<'_>,
-    goal: Goal<'_>,
-    known: &ReachedGrid,
-) -> Result<Option<ReachedGrid>> {
-    let used = trials.budget.used().min(goal.share);
-    GridSearch { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.grid_near(known)
-}
-
 /// The error of `scheme` on `shape`, estimated from a grid twice as fine if there is no exact
 /// solution. `None` if the trials do not fit into the part `share` of the budget. Collective.
 ///
@@ -225,8 +200,8 @@ fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
     powers.exp2().clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
 }
 
-/// The search for the coarsest grid.
-struct GridSearch<'t, 'a> {
+/// The search for the coarsest grid on which a scheme meets an accuracy.
+pub struct GridSearch<'t, 'a> {
     trials: &'t mut Trials<'a>,
     goal: Goal<'t>,
     /// Part of the whole budget that was used before the search.
@@ -235,8 +210,19 @@ struct GridSearch<'t, 'a> {
     wanted: f64,
 }
 
-impl GridSearch<'_, '_> {
-    fn coarsest_grid(mut self) -> Result<ReachedGrid> {
+impl<'t, 'a> GridSearch<'t, 'a> {
+    /// The search for the grid of `goal`, before any trial.
+    pub fn new(trials: &'t mut Trials<'a>, goal: Goal<'t>) -> Self {
+        let used = trials.budget.used().min(goal.share);
+        Self { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }
+    }
+
+    /// The coarsest grid on which the goal's scheme meets the accuracy, or the grid that comes
+    /// closest. Collective.
+    ///
+    /// # Errors
+    /// As [`Trials::run`].
+    pub fn coarsest(mut self) -> Result<ReachedGrid> {
         let Goal { scheme, start, share, .. } = self.goal;
         let second = self.grids().twice(start);
         let part = self.part_of_space(&second, self.share(FOR_BALANCE))?;
@@ -286,14 +272,18 @@ impl GridSearch<'_, '_> {
         Ok(result)
     }
 
-    fn grid_near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
+    /// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux
+    /// of the same scheme. Order and grids are those of `known`. `None` if the budget does not hold
+    /// the trials that show it. Collective.
+    ///
+    /// # Errors
+    /// As [`Trials::run`].
+    pub fn near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
         let Some(found) = self.error_on(&known.shape, &known.order)? else { return Ok(None) };
         let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
-            self.beyond(
-                &MeasuredGrid { shape: known.shape.clone(), error: found.error },
-                &mut result,
-            )?;
+            let tried = MeasuredGrid { shape: known.shape.clone(), error: found.error };
+            self.beyond(&tried, &mut result)?;
         }
         self.trim(&mut result)?;
         let reaches = result.known != Evidence::Extrapolated && result.error <= self.wanted;

@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
 use crate::study::advise::grid_search::{
-    DISCRETISATION, Evidence, Goal, ReachedGrid, SchemeWithGrid, coarsest_grid,
+    DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
 };
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::cells;
@@ -181,7 +181,7 @@ impl Study<'_> {
     ) -> SearchResult {
         let own = self.trials.degree_case(scheme).base.space.elements();
         let goal = Goal { scheme, start, own: &own, accuracy: self.request.accuracy, share };
-        match coarsest_grid(&mut self.trials, goal) {
+        match GridSearch::new(&mut self.trials, goal).coarsest() {
             Ok(reached) => SearchResult::Found(reached),
             Err(error) => SearchResult::Failed(error),
         }

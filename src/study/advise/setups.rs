@@ -9,7 +9,7 @@ use crate::study::cost::application_weight;
 use serde::Serialize;
 
 /// Parts of the relative L1 error of the density.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorParts {
     /// Discretisation in space and velocity together.
     pub discretisation: f64,
@@ -34,9 +34,7 @@ impl ErrorParts {
             discretisation: error,
             space: part_of_space.map(|part| error * part),
             velocity: part_of_space.map(|part| error * (1.0 - part)),
-            schrodingerization: None,
-            step: None,
-            readout: None,
+            ..Self::default()
         }
     }
 }

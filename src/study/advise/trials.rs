@@ -4,7 +4,6 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{AllowedReductions, Case, Exact, Limiter};
-use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
@@ -31,6 +30,7 @@ const FOR_REDUCTION: f64 = 0.25;
 const UPDATES_PER_EXACT_VALUE: f64 = 200.0;
 
 /// The result of a trial.
+#[derive(Clone)]
 pub struct TrialResult {
     /// The density on all of space, averaged over equal cells, one for each unknown of space.
     pub density: Vec<f64>,
@@ -157,31 +157,31 @@ impl<'a> Trials<'a> {
     /// cells than the budget has updates.
     fn updates(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
-        let cells = all_cells(&case.space);
-        match self.budget.holds(cells, 1.0) {
-            true => Ok((self.cost.work(&case)? + UPDATES_TO_PREPARE) * cells),
+        match self.budget.holds(cells(&case.space.shape()), 1.0) {
+            true => self.updates_of_run(&case),
             false => Ok(f64::INFINITY),
         }
+    }
+
+    /// Updates that a run of `case`, whose axes are merged, counts as.
+    fn updates_of_run(&mut self, case: &Case) -> Result<f64> {
+        Ok((self.cost.work(case)? + UPDATES_TO_PREPARE) * cells(&case.space.shape()))
     }
 
     /// Updates that a comparison with the exact density on `shape` counts as. For degree 0 the
     /// exact density is computed once a grid; for higher degrees with each trial, at more points
     /// than nodes.
     fn updates_to_compare(&self, scheme: SchemeChoice, shape: &[usize]) -> f64 {
-        if self.exact.is_none() {
+        let known = match scheme.degree {
+            0 => self.exact_densities.contains_key(shape),
+            _ => self.has_run(scheme, shape),
+        };
+        if known || self.exact.is_none() {
             return 0.0;
         }
         if scheme.degree == 0 {
-            return match self.exact_densities.contains_key(shape) {
-                true => 0.0,
-                false => {
-                    let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
-                    UPDATES_PER_EXACT_VALUE * first_points(&case)
-                }
-            };
-        }
-        if self.has_run(scheme, shape) {
-            return 0.0;
+            let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
+            return UPDATES_PER_EXACT_VALUE * first_points(&case);
         }
         let points = (scheme.degree + 1 + MORE_POINTS) as f64;
         UPDATES_PER_EXACT_VALUE * cells(shape) * points.powi(shape.len() as i32)
@@ -222,9 +222,7 @@ impl<'a> Trials<'a> {
         let key = (scheme, shape.to_vec());
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.degree_case(scheme).base, shape);
-            let merged = self.merged(&case);
-            let mut updates =
-                (self.cost.work(&merged)? + UPDATES_TO_PREPARE) * all_cells(&merged.space);
+            let mut updates = self.updates_of_run(&self.merged(&case))?;
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }
@@ -264,12 +262,8 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`Trials::run`] and [`exact_density`].
     pub fn error(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<Option<f64>> {
-        let found = self.run(scheme, shape)?;
-        if scheme.degree > 0 {
-            return Ok(found.error);
-        }
-        let density = found.density.clone();
-        self.error_of_cells(scheme, &density, shape)
+        let found = self.run(scheme, shape)?.clone();
+        self.error_of(scheme, &found, shape)
     }
 
     /// The error as in [`error`](Self::error), of the trial `found` on `shape`. Collective.
@@ -282,19 +276,9 @@ impl<'a> Trials<'a> {
         found: &TrialResult,
         shape: &[usize],
     ) -> Result<Option<f64>> {
-        match scheme.degree {
-            0 => self.error_of_cells(scheme, &found.density, shape),
-            _ => Ok(found.error),
+        if scheme.degree > 0 {
+            return Ok(found.error);
         }
-    }
-
-    /// The relative L1 error of a density of degree 0. Collective.
-    fn error_of_cells(
-        &mut self,
-        scheme: SchemeChoice,
-        density: &[f64],
-        shape: &[usize],
-    ) -> Result<Option<f64>> {
         let Some(exact) = &self.exact else { return Ok(None) };
         if !self.exact_densities.contains_key(shape) {
             let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
@@ -302,7 +286,7 @@ impl<'a> Trials<'a> {
             let found = exact_density(self.budget.group(), &case, exact)?;
             self.exact_densities.insert(shape.to_vec(), found);
         }
-        Ok(Some(distance(density, &self.exact_densities[shape])))
+        Ok(Some(distance(&found.density, &self.exact_densities[shape])))
     }
 
     /// The relative L1 distance of the densities of `scheme` on two grids, the second one finer.
@@ -334,8 +318,4 @@ pub fn mode_updates(case: &Case, plan: &Plan) -> f64 {
 /// The product of `shape`, as a float: it may exceed every integer.
 pub fn cells(shape: &[usize]) -> f64 {
     shape.iter().map(|&n| n as f64).product()
-}
-
-fn all_cells(space: &PhaseSpace) -> f64 {
-    cells(&space.shape())
 }

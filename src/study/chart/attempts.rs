@@ -5,7 +5,6 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
-use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Limiter, Method, Reductions};
 use crate::problem::grid::PhaseSpace;
@@ -16,7 +15,7 @@ use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::choices::row_choices;
-use crate::study::cost::{CostModel, TrialSeconds};
+use crate::study::cost::{CostModel, GridKey, TrialSeconds};
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
@@ -40,30 +39,15 @@ const REDUCING: f64 = 1e-7;
 /// Shortest time in seconds from which this rate is measured.
 const MEASURABLE: f64 = 0.01;
 
-/// The properties of a case that its reduction depends on.
-#[derive(Clone, Debug, PartialEq)]
-struct ReductionKey {
-    shape: Vec<usize>,
-    scheme: String,
-}
-
-impl ReductionKey {
-    fn of(case: &Case) -> Self {
-        let slopes = case.limiter != Limiter::None;
-        Self {
-            shape: case.space.shape(),
-            scheme: format!("{} {:?} {slopes}", row_choices(case), case.method),
-        }
-    }
-
-    fn cells(&self) -> usize {
-        self.shape.iter().product()
-    }
+/// The key of the reduction of a case, which depends on its grid and its scheme.
+fn reduction_key(case: &Case) -> GridKey {
+    let slopes = case.limiter != Limiter::None;
+    GridKey::new(case, format!("{} {:?} {slopes}", row_choices(case), case.method))
 }
 
 /// The grid of a case after its reduction.
 struct ReducedGrid {
-    key: ReductionKey,
+    key: GridKey,
     space: PhaseSpace,
     reductions: Reductions,
 }
@@ -121,12 +105,19 @@ pub(crate) struct Attempts<'a> {
 }
 
 impl<'a> Attempts<'a> {
-    /// A chart of `case` within `budget`, before any attempt.
-    pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: Budget) -> Self {
+    /// A chart of `case`, and of the case with elements of other `degrees`, within `budget`, before
+    /// any attempt.
+    pub fn new(
+        world: &'a World,
+        case: &'a Case,
+        degrees: &'a [Case],
+        jumps: bool,
+        budget: Budget,
+    ) -> Self {
         Self {
             world,
             case,
-            degrees: &[],
+            degrees,
             jumps,
             budget,
             over: false,
@@ -139,11 +130,6 @@ impl<'a> Attempts<'a> {
             first_error: None,
             zero: None,
         }
-    }
-
-    /// These attempts, with the case with elements of other degrees too.
-    pub fn with_degrees(self, degrees: &'a [Case]) -> Self {
-        Self { degrees, ..self }
     }
 
     /// The case with elements of the degree of `space`.
@@ -249,7 +235,7 @@ impl<'a> Attempts<'a> {
             if !self.budget.decide(self.fits(setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
-            let bounds = self.measured_bounds(&reduced_case)?;
+            let Prepared { bounds, .. } = Prepared::here(self.world, &reduced_case)?;
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
             reduced_case.warp = case.warp.clone();
         }
@@ -311,9 +297,9 @@ impl<'a> Attempts<'a> {
     /// A lower bound on the seconds of a trial before its grid is reduced. It assumes the same part
     /// of needed cells as on the last reduced grid of this scheme.
     fn least_seconds(&self, case: &Case) -> f64 {
-        let scheme = ReductionKey::of(case).scheme;
+        let scheme = reduction_key(case).choices;
         let mut latest = self.reduced_grids.iter().rev();
-        let part = (latest.find(|grid| grid.key.scheme == scheme))
+        let part = (latest.find(|grid| grid.key.choices == scheme))
             .map_or(1.0, |grid| grid.space.cells() as f64 / grid.key.cells() as f64);
         self.cost.overhead(case, part * case.space.cells() as f64)
     }
@@ -355,7 +341,7 @@ impl<'a> Attempts<'a> {
 
     /// `case` reduced to the cells that it needs, if these are known.
     fn with_known_reduction(&self, case: &Case) -> Option<Case> {
-        let key = ReductionKey::of(case);
+        let key = reduction_key(case);
         let known = self.reduced_grids.iter().find(|grid| grid.key == key)?;
         Some(Case {
             space: known.space.clone(),
@@ -379,7 +365,7 @@ impl<'a> Attempts<'a> {
         }
         let found = found?;
         self.reduced_grids.push(ReducedGrid {
-            key: ReductionKey::of(case),
+            key: reduction_key(case),
             space: found.space.clone(),
             reductions: found.reductions.clone(),
         });
@@ -406,11 +392,6 @@ impl<'a> Attempts<'a> {
         let [result, solve, total] = least;
         let seconds = TrialSeconds { result, solve, total };
         Ok((trial, seconds))
-    }
-
-    /// Bounds of the case's matrix, with the growth measured if needed. Collective.
-    fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
-        Ok(Prepared::here(self.world, case)?.bounds)
     }
 
     /// The finest grid, up to the case's own, on which the budget holds the comparison of methods

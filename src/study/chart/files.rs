@@ -53,6 +53,27 @@ impl Chart {
         let (table, figure) = (csv(&self.entries), picture::figure(self));
         StudyFiles { name: "chart", found: self, table, figure }.write(directory)
     }
+
+    /// Prints the number of settings left out, by method.
+    fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut methods: Vec<(String, Vec<&ChartEntry>)> = Vec::new();
+        for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
+            let name = e.method_name();
+            match methods.iter_mut().find(|(other, _)| *other == name) {
+                Some((_, all)) => all.push(e),
+                None => methods.push((name, vec![e])),
+            }
+        }
+        if methods.is_empty() {
+            return Ok(());
+        }
+        writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
+        for (name, all) in methods {
+            let settings = counted(all.len(), "setting", "settings");
+            writeln!(f, "  {name}: {settings}, {}", expected_seconds_text(&all))?;
+        }
+        Ok(())
+    }
 }
 
 impl fmt::Display for Chart {
@@ -138,27 +159,4 @@ fn table(
          a  semi-discrete error against applications\n  \
          m  semi-discrete error against applications until the field is measured\n"
     )
-}
-
-impl Chart {
-    /// Prints the number of settings left out, by method.
-    fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut methods: Vec<(String, Vec<&ChartEntry>)> = Vec::new();
-        for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
-            let name = e.method_name();
-            match methods.iter_mut().find(|(other, _)| *other == name) {
-                Some((_, all)) => all.push(e),
-                None => methods.push((name, vec![e])),
-            }
-        }
-        if methods.is_empty() {
-            return Ok(());
-        }
-        writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
-        for (name, all) in methods {
-            let settings = counted(all.len(), "setting", "settings");
-            writeln!(f, "  {name}: {settings}, {}", expected_seconds_text(&all))?;
-        }
-        Ok(())
-    }
 }

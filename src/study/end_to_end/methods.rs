@@ -112,6 +112,11 @@ pub struct ClassicalMethod {
 }
 
 impl ClassicalMethod {
+    /// A method that cannot be compared, for this reason.
+    pub(super) fn unavailable(name: &'static str, why: &str) -> Self {
+        Self { name, degree: None, size: None, seconds: LabelledNumber::unavailable(why) }
+    }
+
     /// The method's size with a label. The size of a grid is extrapolated. Traces are counted,
     /// unless their seconds are extrapolated.
     pub(super) fn labelled_size(&self) -> LabelledNumber {

@@ -133,9 +133,7 @@ impl DensityTask<'_> {
         let mut grids = measured.grids.clone();
         grids.push(shape);
         Ok(QuantumMethod {
-            name,
             degree: Some(scheme.space.degree()),
-            degrees: Vec::new(),
             grids,
             errors: measured.errors.clone(),
             order: Some(measured.order.counted_on),
@@ -151,8 +149,8 @@ impl DensityTask<'_> {
             toffoli: cost.evolution.toffoli.clone(),
             gates_until_measured: cost.measured().clone(),
             physical: PhysicalCost::new(&all_qubits(&cost, register), cost.measured()),
-            segments: None,
             cost: Some(cost),
+            ..QuantumMethod::unavailable(name, "")
         })
     }
 

@@ -54,10 +54,7 @@ pub(super) fn verdict(
 /// A number of a quantum method; `None` if it has none.
 type NumberOf = fn(&QuantumMethod) -> Option<&LabelledNumber>;
 
-/// Makes the columns of a table: a row a way with a quantum computer, then one a classical method.
-struct MethodColumns<'a>(&'a EndToEnd);
-
-impl MethodColumns<'_> {
+impl EndToEnd {
     /// A column of values: `quantum` of each quantum method, then `classical` of each other one.
     fn values(
         &self,
@@ -65,51 +62,38 @@ impl MethodColumns<'_> {
         quantum: impl Fn(&QuantumMethod) -> Value,
         classical: impl Fn(&ClassicalMethod) -> Value,
     ) -> ColumnValues {
-        let quantum = self.0.quantum.iter().map(quantum);
-        ColumnValues::new(name, quantum.chain(self.0.classical.iter().map(classical)))
+        let quantum = self.quantum.iter().map(quantum);
+        ColumnValues::new(name, quantum.chain(self.classical.iter().map(classical)))
     }
 
-    /// A column of values of the quantum methods.
-    fn of_quantum(&self, name: &str, value: fn(&QuantumMethod) -> Value) -> ColumnValues {
-        self.values(name, value, |_| Value::Null)
-    }
-
-    /// A column of labelled numbers of the quantum methods. Without a number the label is empty.
-    fn numbers(&self, name: &str, number: NumberOf) -> ColumnValues {
+    /// A column of labelled numbers: `quantum` of each quantum method, then `classical` of each
+    /// other one. Without a number the label is empty.
+    fn numbers(
+        &self,
+        name: &str,
+        quantum: NumberOf,
+        classical: fn(&ClassicalMethod) -> LabelledNumber,
+    ) -> ColumnValues {
         let none = LabelledNumber::unavailable("");
-        let quantum = self.0.quantum.iter().map(|way| number(way).unwrap_or(&none));
-        LabelledNumber::column(name, quantum.chain(self.0.classical.iter().map(|_| &none)))
+        let quantum = self.quantum.iter().map(|way| quantum(way).unwrap_or(&none));
+        let classical: Vec<LabelledNumber> = self.classical.iter().map(classical).collect();
+        LabelledNumber::column(name, quantum.chain(&classical))
     }
 
-    /// The cells of the grids of classical methods, or their traces.
-    fn sizes(&self) -> ColumnValues {
-        let none = LabelledNumber::unavailable("");
-        let sizes: Vec<LabelledNumber> =
-            self.0.classical.iter().map(ClassicalMethod::labelled_size).collect();
-        let quantum = self.0.quantum.iter().map(|_| &none);
-        LabelledNumber::column("cells_or_traces", quantum.chain(&sizes))
-    }
-
-    /// The seconds of all methods.
-    fn seconds(&self) -> ColumnValues {
-        let quantum = self.0.quantum.iter().map(|way| &way.physical.seconds);
-        let classical = self.0.classical.iter().map(|method| &method.seconds);
-        LabelledNumber::column("seconds", quantum.chain(classical))
-    }
-}
-
-impl EndToEnd {
     /// The columns of a table: a row a way with a quantum computer, then one a classical method.
     pub fn columns(&self) -> Vec<ColumnValues> {
-        let columns = MethodColumns(self);
-        let words = |name: &str, word: fn(&QuantumMethod) -> Value| columns.of_quantum(name, word);
-        let quantum = |name: &str, number: NumberOf| columns.numbers(name, number);
+        let words = |name: &str, word: fn(&QuantumMethod) -> Value| {
+            self.values(name, word, |_| Value::Null)
+        };
+        let quantum = |name: &str, number: NumberOf| {
+            self.numbers(name, number, |_| LabelledNumber::unavailable(""))
+        };
         vec![
-            columns.values("way", |way| way.name.into(), |method| method.name.into()),
+            self.values("way", |way| way.name.into(), |method| method.name.into()),
             Trust::Estimate.of_column(words("grid", |way| {
                 way.grids.last().map(|grid| shape_text(grid)).into()
             })),
-            columns.values("degree", |way| way.degree.into(), |method| method.degree.into()),
+            self.values("degree", |way| way.degree.into(), |method| method.degree.into()),
             Trust::Estimate.of_column(words("order", |way| way.order.into())),
             words("profile", |way| way.profile.as_ref().map(profile_text).into()),
             quantum("recovery", |way| Some(&way.recovery)),
@@ -134,8 +118,12 @@ impl EndToEnd {
             }),
             quantum("physical_qubits", |way| Some(&way.physical.physical_qubits)),
             Trust::Model.of_column(words("code_distance", |way| way.physical.code_distance.into())),
-            columns.sizes(),
-            columns.seconds(),
+            self.numbers("cells_or_traces", |_| None, ClassicalMethod::labelled_size),
+            self.numbers(
+                "seconds",
+                |way| Some(&way.physical.seconds),
+                |method| method.seconds.clone(),
+            ),
             quantum("queries", |way| Some(&way.cost.as_ref()?.queries.as_ref()?.queries)),
         ]
     }

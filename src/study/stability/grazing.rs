@@ -77,9 +77,8 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
 
 /// Heights of the jumps of `V` across axis `a`, each once.
 fn jumps_across(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<f64> {
-    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
     let mut jumps: Vec<f64> = Vec::new();
-    for_each_cell(&ranges, |i| {
+    for_each_cell(&space.space_ranges(), |i| {
         let jump = potential.jump_below(i, a).abs();
         if jump > 0.0 && !jumps.contains(&jump) {
             jumps.push(jump);
@@ -188,7 +187,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 /// As [`assembled`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let PanelTask { world, case: whole, budget } = *task;
-    refuse_elements(whole.is_galerkin())?;
+    refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
         return Err(Error::input("V does not jump: no particle grazes a threshold"));

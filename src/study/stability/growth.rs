@@ -81,26 +81,18 @@ fn sentence(curve: &Curve) -> String {
     )
 }
 
-/// The growth `λ⁺` of a treatment on a grid, measured and by theory.
-struct TreatmentGrowth {
-    measured: f64,
-    theory: f64,
-}
-
-impl TreatmentGrowth {
-    /// The growth of `case` with this treatment. Collective.
-    fn of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
-        let mut found = assembled(task.world, case)?;
-        let measured = growth(&mut found)?;
-        let theory = match treatment {
-            // S ≤ 0.
-            treatment if !treatment.has_growing_law() => 0.0,
-            // The certificate is above λ⁺.
-            treatment if treatment.weights => found.system.weights.certificate,
-            _ => expected_growth(case)?.unwrap_or(f64::NAN),
-        };
-        Ok(Self { measured, theory })
-    }
+/// `λ⁺` of `case` with this treatment, measured and by theory. Collective.
+fn growth_of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<[f64; 2]> {
+    let mut found = assembled(task.world, case)?;
+    let measured = growth(&mut found)?;
+    let theory = match treatment {
+        // S ≤ 0.
+        treatment if !treatment.has_growing_law() => 0.0,
+        // The certificate is above λ⁺.
+        treatment if treatment.weights => found.system.weights.certificate,
+        _ => expected_growth(case)?.unwrap_or(f64::NAN),
+    };
+    Ok([measured, theory])
 }
 
 /// Measures the panel. Collective.
@@ -108,7 +100,7 @@ impl TreatmentGrowth {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
-    refuse_elements(task.case.is_galerkin())?;
+    refuse_elements(task.case)?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid without weights";
@@ -135,8 +127,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
-            let TreatmentGrowth { measured, theory } =
-                TreatmentGrowth::of(task, &case, *treatment)?;
+            let [measured, theory] = growth_of(task, &case, *treatment)?;
             let [measured_factor, by_theory] =
                 [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(CurvePoint { x, measured: measured_factor, theory: by_theory });

@@ -168,7 +168,7 @@ impl IntervalErrors {
 /// # Errors
 /// As [`ReferenceProblem::new`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
-    refuse_varying(task.case.varies())?;
+    refuse_varying(task.case)?;
     let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;
     let mut notes = grid_notes(task.case, &case);

@@ -14,6 +14,7 @@
 //! components, but they stay within the same bounds.
 
 use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::spectrum;
@@ -116,8 +117,8 @@ pub fn plateau(
 ///
 /// # Errors
 /// [`Error::Input`] if it does.
-pub fn refuse_varying(varies: bool) -> Result<()> {
-    if !varies {
+pub fn refuse_varying(case: &Case) -> Result<()> {
+    if !case.varies() {
         return Ok(());
     }
     Err(Error::input(

@@ -125,7 +125,7 @@ fn read(
 /// # Errors
 /// As [`ReferenceProblem::new`].
 pub fn panel(task: &PanelTask<'_>) -> PanelResult {
-    refuse_varying(task.case.varies())?;
+    refuse_varying(task.case)?;
     let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;
     let mut notes = grid_notes(task.case, &coarse);

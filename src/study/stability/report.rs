@@ -1,23 +1,19 @@
 //! A stability map as a table, as CSV, as JSON and as a figure.
 
 use crate::base::error::Result;
+use crate::base::text::word;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{self, Figure, PlotAxis};
 use crate::study::files::StudyFiles;
 use crate::study::grids::shape_text;
 use crate::study::stability::panel::{
-    AxisScale, Border, Curve, CurvePoint, PanelName, Stability, StabilityPanel,
+    AxisScale, Border, Curve, CurvePoint, Stability, StabilityPanel,
 };
 use std::fmt::Write as _;
 use std::path::Path;
 
 /// Largest width of a name in the table, in columns.
 const WIDEST_NAME: usize = 53;
-
-/// A name as `--only` takes it.
-fn word(name: PanelName) -> String {
-    crate::base::text::word(&name)
-}
 
 /// Six digits; a dash where there is no number.
 fn number(x: Option<f64>) -> String {
@@ -58,7 +54,7 @@ impl Stability {
             let _ = writeln!(
                 text,
                 "{} ({}, {})",
-                word(panel.name),
+                word(&panel.name),
                 panel.title,
                 self.grid_text(&panel.findings.shape)
             );
@@ -79,7 +75,7 @@ impl Stability {
             }
         }
         for left_out in &self.left_out {
-            let _ = writeln!(text, "{} left out: {}", word(left_out.name), left_out.reason);
+            let _ = writeln!(text, "{} left out: {}", word(&left_out.name), left_out.reason);
         }
         let _ = writeln!(text, "{:.1} s", self.seconds);
         text
@@ -96,7 +92,7 @@ impl Stability {
             for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
-                    let (name, kind) = (word(*name), kind(curve.bound));
+                    let (name, kind) = (word(name), kind(curve.bound));
                     let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
                 }
             }
@@ -124,7 +120,7 @@ impl Stability {
             self.title,
             self.left_out
                 .iter()
-                .map(|l| format!("Left out: {} ({}).", word(l.name), l.reason))
+                .map(|l| format!("Left out: {} ({}).", word(&l.name), l.reason))
                 .collect::<Vec<_>>()
                 .join(" ")
         );
@@ -175,7 +171,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::stability::panel::PanelContents;
+    use crate::study::stability::panel::{PanelContents, PanelName};
 
     /// A curve without a measured value is not in the legend.
     #[test]

@@ -30,6 +30,12 @@ const DIRECTORY: &str = "directory";
 /// The largest number of bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
 
+/// The value of a dotted key.
+pub fn value_of(tree: &Value, key: &str) -> Value {
+    let parts: Vec<&str> = key.split('.').map(str::trim).collect();
+    tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
+}
+
 /// A run in the table.
 #[derive(Debug)]
 pub struct SweepRow {
@@ -49,12 +55,6 @@ impl SweepRow {
     /// The error of the run, or that the run is not finished.
     pub fn problem(&self) -> Option<&str> {
         self.error.as_deref().or((!self.ended).then_some("not finished"))
-    }
-
-    /// An entry of the summary by its dotted key.
-    fn entry(&self, key: &str) -> Value {
-        let found = self.summary.pointer(&format!("/{}", key.replace('.', "/")));
-        found.cloned().unwrap_or_default()
     }
 
     /// All warnings as one text; null if there are none.
@@ -114,7 +114,7 @@ impl SweepTable {
     fn numbers(&self) -> Vec<ColumnValues> {
         let keys = self.keys.iter().enumerate();
         let keys = keys.map(|(i, key)| self.column(key, |row| row.values[i].clone()));
-        let entries = ENTRIES.iter().map(|key| self.column(key, |row| row.entry(key)));
+        let entries = ENTRIES.iter().map(|key| self.column(key, |row| value_of(&row.summary, key)));
         keys.chain(entries.filter(|column| !column.is_empty())).collect()
     }
 

@@ -14,7 +14,6 @@ use crate::problem::grid::{Axis, Cell, PhaseSpace, for_each_cell};
 use crate::problem::potential::{JumpKind, Potential};
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use std::collections::{BTreeSet, HashMap};
-use std::ops::Range;
 
 /// Number of points that are evaluated together.
 const BATCH: usize = 48;
@@ -80,8 +79,7 @@ impl<'a> Links<'a> {
         }
         let mut jumps = vec![Vec::new(); x.elements()];
         let mut pushed = vec![false; x.elements()];
-        let ranges: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
-        for_each_cell(&ranges, |i| {
+        for_each_cell(&space.space_ranges(), |i| {
             let (element, node) = x.split(i[a] as i64);
             let element = element as usize;
             pushed[element] |= potential.slope(i, a) != 0.0;
