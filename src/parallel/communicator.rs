@@ -20,7 +20,9 @@ use mpi::traits::{Communicator as _, CommunicatorCollectives};
 use num_complex::Complex64;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::ffi::OsStr;
 use std::ops::Range;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// MPI, from initialisation to the end of the process.
@@ -28,6 +30,8 @@ pub struct World {
     universe: mpi::environment::Universe,
     /// Dropped after MPI is finalised.
     _watch: Option<watch::RankWatch>,
+    /// Dropped after MPI is finalised.
+    _session: Option<SessionDirectory>,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
     /// The time at which MPI was started.
@@ -42,7 +46,7 @@ impl World {
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
         let started = Instant::now();
-        configure_open_mpi();
+        let session = configure_open_mpi();
         let universe = mpi::initialize()?;
         let start_seconds = started.elapsed().as_secs_f64();
         let hook = std::panic::take_hook();
@@ -56,7 +60,7 @@ impl World {
             }
         }));
         let watch = watch::RankWatch::start(&universe.world());
-        Some(Self { universe, _watch: watch, start_seconds, started })
+        Some(Self { universe, _watch: watch, _session: session, start_seconds, started })
     }
 
     /// All ranks, as one group.
@@ -86,17 +90,48 @@ impl Drop for World {
 ///   every opened file into 256 bytes, and longer names abort the program (version 4.1.4).
 /// - On one machine, messages use shared memory. The search for networks would take 0.2 s with the
 ///   library of Debian (`docs/performance.md`).
-fn configure_open_mpi() {
-    let mut settings = vec![("OMPI_MCA_sharedfp", "^lockedfile")];
-    if on_one_machine(|name| std::env::var(name).ok()) {
-        settings.push(("OMPI_MCA_pml", "ob1"));
-    }
-    for (name, value) in settings {
-        if std::env::var_os(name).is_none() {
+/// - A process without a launcher starts no daemon. The daemon takes longer to start than the
+///   program, and about one command in a thousand then waited for ever at its end, for a thread of
+///   PMIx (version 4.1.4). Without a daemon, each process needs a directory of its own for what
+///   Open MPI keeps in files. It is returned.
+fn configure_open_mpi() -> Option<SessionDirectory> {
+    let variable = |name: &str| std::env::var(name).ok();
+    let set = |name: &str, value: &OsStr| {
+        let is_free = std::env::var_os(name).is_none();
+        if is_free {
             // SAFETY: no other thread reads the environment; see `World::start`.
             unsafe { std::env::set_var(name, value) };
         }
+        is_free
+    };
+    set("OMPI_MCA_sharedfp", "^lockedfile".as_ref());
+    if on_one_machine(variable) {
+        set("OMPI_MCA_pml", "ob1".as_ref());
     }
+    if has_launcher(variable) {
+        return None;
+    }
+    set("OMPI_MCA_ess_singleton_isolated", "1".as_ref());
+    let directory = std::env::temp_dir().join(format!("phasewarp-{}", std::process::id()));
+    let is_ours = set("OMPI_MCA_orte_tmpdir_base", directory.as_os_str());
+    is_ours.then_some(SessionDirectory(directory))
+}
+
+/// The directory in which Open MPI keeps files of a process without a launcher. Open MPI makes it
+/// and empties it; this removes it.
+struct SessionDirectory(PathBuf);
+
+impl Drop for SessionDirectory {
+    fn drop(&mut self) {
+        // Other MPI libraries do not make it.
+        let _ = std::fs::remove_dir(&self.0);
+    }
+}
+
+/// Whether a launcher started this process.
+fn has_launcher(variable: impl Fn(&str) -> Option<String>) -> bool {
+    // Open MPI's own launcher, and those of Slurm and other batch systems.
+    ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"].iter().any(|name| variable(name).is_some())
 }
 
 /// Whether all ranks are on this machine: the launcher's variables count as many local ranks as
@@ -104,7 +139,7 @@ fn configure_open_mpi() {
 fn on_one_machine(variable: impl Fn(&str) -> Option<String>) -> bool {
     match (variable("OMPI_COMM_WORLD_SIZE"), variable("OMPI_COMM_WORLD_LOCAL_SIZE")) {
         (Some(all), Some(here)) => all == here,
-        _ => ["PMIX_RANK", "PMI_RANK"].iter().all(|name| variable(name).is_none()),
+        _ => !has_launcher(variable),
     }
 }
 
@@ -669,5 +704,13 @@ mod tests {
         // Slurm's launcher does not set Open MPI's variables: the ranks may be on any node.
         assert!(!ask(&[("PMIX_RANK", "1")]));
         assert!(!ask(&[("PMI_RANK", "0")]));
+    }
+
+    #[test]
+    fn launchers_are_recognised() {
+        let ask = |set: &str| has_launcher(|name| (name == set).then(|| "0".to_owned()));
+        assert!(["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"].into_iter().all(ask));
+        // A shell within a job of Slurm.
+        assert!(!ask("SLURM_JOB_ID"));
     }
 }

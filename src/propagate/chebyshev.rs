@@ -21,8 +21,8 @@
 //!
 //! This takes as many applications as forwards, but only two vectors a mode and none for the sum:
 //! the start `x` is mostly real and common to the modes of a batch. For moments at intermediate
-//! times the series is summed forwards (see [`crate::propagate::intermediate_moments`]). Each lane has its own
-//! degree, with zero coefficients above it, so its bits do not depend on other lanes.
+//! times the series is summed forwards (see [`crate::propagate::intermediate_moments`]). Each lane
+//! has its own degree, with zero coefficients above it, so its bits do not depend on other lanes.
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 

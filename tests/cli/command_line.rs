@@ -1,7 +1,8 @@
 //! All ranks refuse a wrong command line, and one of them prints the message. Help is printed once.
 
 use crate::support::{
-    Finished, Job, case, check_all, directory, plan, refused, require, run, text_of,
+    Finished, Job, case, check_all, directory, names_in, number_from_environment, plan, refused,
+    require, run, text_of,
 };
 use phasewarp::base::text::COLUMNS;
 use std::path::{Path, PathBuf};
@@ -227,6 +228,20 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
     assert_eq!(text_of(&file).unwrap(), "kept");
 }
 
+/// Processes without a launcher start no daemon. Many at once come to their ends, and leave nothing
+/// in the directory of temporary files.
+#[test]
+fn processes_without_a_launcher_do_not_disturb_each_other() {
+    let place = directory();
+    let text = place.path().display().to_string();
+    let trials = number_from_environment("PHASEWARP_TRIALS", 60);
+    check_all(&vec![(); trials as usize], |()| {
+        let job = Job::new(["help", "run"]).environment("TMPDIR", &text).within(60);
+        job.succeed().map(drop)
+    });
+    assert_eq!(names_in(place.path()), Vec::<String>::new());
+}
+
 /// A full disk behind the standard output is an error. A pipe closed by its reader is not.
 #[test]
 fn output_that_cannot_be_printed_is_an_error() {
@@ -236,12 +251,7 @@ fn output_that_cannot_be_printed_is_an_error() {
         let words =
             line.split(' ').map(|word| if word == "CASE" { example.as_str() } else { word });
         let mut command = std::process::Command::new(program);
-        // A separate session directory for Open MPI, as in `Job`.
-        let session = directory();
-        command
-            .args(words)
-            .env("OMPI_MCA_ess_singleton_isolated", "1")
-            .env("OMPI_MCA_orte_tmpdir_base", session.path());
+        command.args(words);
         let full = std::fs::File::create("/dev/full").map_err(|e| e.to_string())?;
         let failed = command.stdout(full).output().map_err(|e| e.to_string())?;
         let printed = String::from_utf8_lossy(&failed.stderr).into_owned();

@@ -226,8 +226,7 @@ impl Job {
     ) -> Result<Finished, String> {
         let fail =
             |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
-        // A process alone needs no daemon of Open MPI's, which takes as long to start as the
-        // program; without one, each needs a directory of its own for what Open MPI keeps in files.
+        // What a killed process alone leaves goes with this directory.
         let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
         let mut command = self.prepared(session.path());
         // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind
@@ -305,7 +304,8 @@ impl Job {
         words
     }
 
-    /// The command that starts it, with its environment; Open MPI keeps files in `session`.
+    /// The command that starts it, with its environment; a process alone keeps the files of Open
+    /// MPI in `session`.
     fn prepared(&self, session: &Path) -> Command {
         let words = self.words();
         let mut command = Command::new(&words[0]);
@@ -319,8 +319,7 @@ impl Job {
             // then.
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
-            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
-            .envs(self.environment.iter().cloned());
+            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
         if !self.plugins {
             // Nor does hwloc read the configuration of every device, which takes a fifth of a job.
             command.env("HWLOC_PLUGINS_PATH", "/nonexistent").env("HWLOC_COMPONENTS", "-linuxio");
@@ -330,10 +329,9 @@ impl Job {
             command.env("UCX_TLS", "tcp,self");
         }
         if self.ranks.is_none() {
-            command
-                .env("OMPI_MCA_ess_singleton_isolated", "1")
-                .env("OMPI_MCA_orte_tmpdir_base", session);
+            command.env("TMPDIR", session);
         }
+        command.envs(self.environment.iter().cloned());
         if let Some(directory) = &self.directory {
             command.current_dir(directory);
         }
