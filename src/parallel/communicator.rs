@@ -91,7 +91,7 @@ impl Drop for World {
 /// - On one machine, messages use shared memory. The search for networks would take 0.2 s with the
 ///   library of Debian (`docs/performance.md`).
 /// - A process without a launcher starts no daemon. The daemon takes longer to start than the
-///   program, and about one command in a thousand then waited for ever at its end, for a thread of
+///   program, and one command in some thousand then waited for ever at its end, for a thread of
 ///   PMIx (version 4.1.4). Without a daemon, each process needs a directory of its own for what
 ///   Open MPI keeps in files. It is returned.
 fn configure_open_mpi() -> Option<SessionDirectory> {
