@@ -113,7 +113,8 @@ mutants: setup ## faults in the core that no test notices, with cargo-mutants (A
 
 check-python: $(if $(BUILT),,build) python ## test the Python package, notebooks, lints and types
 	cd python && $(PYTHON) -m ruff format --check . && $(PYTHON) -m ruff check . && \
-	    $(PYTHON) -m mypy && PHASEWARP=$(abspath $(PROGRAM)) $(PYTHON) -m pytest
+	    $(PYTHON) -m mypy && PHASEWARP=$(abspath $(PROGRAM)) OMP_NUM_THREADS=1 \
+	    OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -n 3 --dist worksteal
 
 examples: build ## figures 2 to 5 of the paper, into docs/examples/ (ARGS=--paper: its own set-ups)
 	RANKS=$(RANKS) scripts/examples.sh --program $(PROGRAM) $(ARGS)

@@ -16,7 +16,8 @@ fn main() {
     machine::catch_file_size_signal();
     // From now on SIGUSR1 makes a run write a checkpoint and stop.
     machine::stop_flag();
-    // Parsed before MPI starts, which takes a tenth of a second: a stop signal may come meanwhile.
+    // Parsed before MPI starts, which takes up to a tenth of a second: a stop signal may come
+    // meanwhile.
     let parsed = Cli::try_parse();
     if parsed.as_ref().is_ok_and(|cli| cli.command.can_be_continued()) {
         machine::stop_when_terminated();

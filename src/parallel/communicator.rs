@@ -24,14 +24,15 @@ use std::ffi::OsStr;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
+use tempfile::TempDir;
 
 /// MPI, from initialisation to the end of the process.
 pub struct World {
     universe: mpi::environment::Universe,
     /// Dropped after MPI is finalised.
     _watch: Option<watch::RankWatch>,
-    /// Dropped after MPI is finalised.
-    _session: Option<SessionDirectory>,
+    /// Where Open MPI keeps files of a process without a launcher. Removed after MPI is finalised.
+    _session: Option<TempDir>,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
     /// The time at which MPI was started.
@@ -92,40 +93,33 @@ impl Drop for World {
 ///   library of Debian (`docs/performance.md`).
 /// - A process without a launcher starts no daemon. The daemon takes longer to start than the
 ///   program, and one command in some thousand then waited for ever at its end, for a thread of
-///   PMIx (version 4.1.4). Without a daemon, each process needs a directory of its own for what
-///   Open MPI keeps in files. It is returned.
-fn configure_open_mpi() -> Option<SessionDirectory> {
+///   PMIx (version 4.1.4). Without a daemon, processes do not know of each other, and each needs a
+///   directory of its own for what Open MPI keeps in files. It is made where the user's Open MPI
+///   has its own, and returned. If it cannot be made, there is a daemon.
+fn configure_open_mpi() -> Option<TempDir> {
+    const BASE: &str = "OMPI_MCA_orte_tmpdir_base";
     let variable = |name: &str| std::env::var(name).ok();
-    let set = |name: &str, value: &OsStr| {
-        let is_free = std::env::var_os(name).is_none();
-        if is_free {
-            // SAFETY: no other thread reads the environment; see `World::start`.
-            unsafe { std::env::set_var(name, value) };
+    // SAFETY: no other thread reads the environment; see `World::start`.
+    let set = |name: &str, value: &OsStr| unsafe { std::env::set_var(name, value) };
+    let propose = |name: &str, value: &str| {
+        if std::env::var_os(name).is_none() {
+            set(name, value.as_ref());
         }
-        is_free
     };
-    set("OMPI_MCA_sharedfp", "^lockedfile".as_ref());
+    propose("OMPI_MCA_sharedfp", "^lockedfile");
     if on_one_machine(variable) {
-        set("OMPI_MCA_pml", "ob1".as_ref());
+        propose("OMPI_MCA_pml", "ob1");
     }
-    if has_launcher(variable) {
+    // Ranks of Slurm without PMI, or a shell in a step.
+    let in_a_step = std::env::var_os("SLURM_STEP_ID").is_some();
+    if has_launcher(variable) || in_a_step {
         return None;
     }
-    set("OMPI_MCA_ess_singleton_isolated", "1".as_ref());
-    let directory = std::env::temp_dir().join(format!("phasewarp-{}", std::process::id()));
-    let is_ours = set("OMPI_MCA_orte_tmpdir_base", directory.as_os_str());
-    is_ours.then_some(SessionDirectory(directory))
-}
-
-/// The directory in which Open MPI keeps files of a process without a launcher. Open MPI makes it
-/// and empties it; this removes it.
-struct SessionDirectory(PathBuf);
-
-impl Drop for SessionDirectory {
-    fn drop(&mut self) {
-        // Other MPI libraries do not make it.
-        let _ = std::fs::remove_dir(&self.0);
-    }
+    let base = std::env::var_os(BASE).map_or_else(std::env::temp_dir, PathBuf::from);
+    let session = tempfile::Builder::new().prefix("phasewarp-").tempdir_in(base).ok()?;
+    propose("OMPI_MCA_ess_singleton_isolated", "1");
+    set(BASE, session.path().as_os_str());
+    Some(session)
 }
 
 /// Whether a launcher started this process.
@@ -386,7 +380,11 @@ impl Group {
         }
         self.max_into(&mut bounds);
         let fixed = bounds.map(|b| FixedPoint::new(if b.is_finite() { b } else { 0.0 }, count));
-        let sums = self.fixed_sums(fixed, terms);
+        // Terms without a finite bound have no integers.
+        let finite = |term: [f64; N]| -> [f64; N] {
+            std::array::from_fn(|l| if bounds[l].is_finite() { term[l] } else { 0.0 })
+        };
+        let sums = self.fixed_sums(fixed, terms.map(finite));
         std::array::from_fn(|l| if bounds[l].is_finite() { sums[l] } else { f64::NAN })
     }
 

@@ -79,7 +79,7 @@ impl TracedPath {
     /// The path that ends at its first point, with this time left.
     fn at_start(point: [f64; 6], remaining: f64) -> Self {
         let turns = [0; MAX_DIMENSION];
-        Self { point, remaining: Some(remaining), exit: None, history: 0, turns, segments: 0 }
+        Self { point, remaining: Some(remaining), exit: None, history: 0, turns, segments: 1 }
     }
 }
 

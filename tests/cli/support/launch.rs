@@ -27,14 +27,17 @@ fn launcher() -> Vec<String> {
 /// Address space of mpirun and of each rank where a job is capped.
 const MEMORY_CAP: u64 = 8 << 30;
 
-static TAKEN: Mutex<Taken> = Mutex::new(Taken { slots: 0, waiting: 0 });
+static TAKEN: Mutex<Taken> = Mutex::new(Taken { slots: 0, tickets: 0, started: 0 });
 
-static GIVEN_BACK: Condvar = Condvar::new();
+static CHANGED: Condvar = Condvar::new();
 
 struct Taken {
     slots: usize,
-    /// Jobs that wait for all slots: no other job starts before them.
-    waiting: usize,
+    /// Jobs that came. Each starts after those that came before it: otherwise jobs of few ranks
+    /// would keep those of many waiting.
+    tickets: usize,
+    /// Jobs that were started.
+    started: usize,
 }
 
 /// Slots taken until dropped.
@@ -44,12 +47,14 @@ impl Slots {
     fn take(ranks: usize, undisturbed: bool) -> Self {
         let wanted = if undisturbed { SLOTS } else { ranks.clamp(1, SLOTS) };
         let mut taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner);
-        taken.waiting += usize::from(undisturbed);
-        while taken.slots + wanted > SLOTS || (taken.waiting > 0 && !undisturbed) {
-            taken = GIVEN_BACK.wait(taken).unwrap_or_else(PoisonError::into_inner);
+        let ticket = taken.tickets;
+        taken.tickets += 1;
+        while taken.started != ticket || taken.slots + wanted > SLOTS {
+            taken = CHANGED.wait(taken).unwrap_or_else(PoisonError::into_inner);
         }
-        taken.waiting -= usize::from(undisturbed);
+        taken.started += 1;
         taken.slots += wanted;
+        CHANGED.notify_all();
         Self(wanted)
     }
 }
@@ -57,7 +62,7 @@ impl Slots {
 impl Drop for Slots {
     fn drop(&mut self) {
         TAKEN.lock().unwrap_or_else(PoisonError::into_inner).slots -= self.0;
-        GIVEN_BACK.notify_all();
+        CHANGED.notify_all();
     }
 }
 
