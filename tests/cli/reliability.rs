@@ -223,7 +223,7 @@ fn a_second_run_in_a_directory_is_refused() {
             return;
         }
         ranks.iter().for_each(|&rank| send("-STOP", rank));
-        refusal = Some(run().into(path).on(2).run());
+        refusal = Some(run().into(path).on(2).nested().run());
         ranks.iter().for_each(|&rank| send("-CONT", rank));
     });
     let first = first.expect("the first run");
@@ -252,7 +252,7 @@ fn runs_are_continued_while_ranks_of_a_killed_run_end() {
             .run_while(|mpirun, _| {
                 if second.is_none() && newest(path).is_some() {
                     send("-KILL", mpirun.id());
-                    second = Some(long_run().on(2).with(["--resume"]).solve(path));
+                    second = Some(long_run().on(2).nested().with(["--resume"]).solve(path));
                 }
             })
             .expect("the first run");
