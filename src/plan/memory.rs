@@ -50,11 +50,11 @@ const TIME_BYTES: u64 = 5 << 9;
 /// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
 
-/// Bytes of a kept mode in addition to its rows: its number and its progress.
+/// Bytes of a mode that a rank stores, in addition to its rows: its number and its progress.
 pub const RANK_MODE_BYTES: u64 = 48;
 
-/// Bytes that `modes` kept modes of `rows` rows each take.
-pub fn kept_modes_bytes(rows: u64, modes: u64) -> u64 {
+/// Bytes of `modes` modes that a rank stores, of `rows` rows each.
+pub fn rank_modes_bytes(rows: u64, modes: u64) -> u64 {
     modes * (rows * size_of::<Complex64>() as u64 + RANK_MODE_BYTES)
 }
 
@@ -246,7 +246,7 @@ impl<'a> FullestRank<'a> {
             let most = most as u64;
             let groups = self.mesh.groups as u64;
             buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
-            list.push(NamedBytes::new("kept modes", kept_modes_bytes(self.rows(), most)));
+            list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most)));
             list.push(NamedBytes::new("buffers of the transpose", buffers));
             if case.start.is_some() {
                 list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));

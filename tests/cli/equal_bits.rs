@@ -29,9 +29,9 @@ fn every_mesh_is_listed() {
 }
 
 /// A run that is repeated on the meshes.
-struct Scene {
+struct Scene<'a> {
     name: &'static str,
-    settings: &'static [&'static str],
+    settings: &'a [&'static str],
     axes: usize,
     datasets: &'static [&'static str],
 }
@@ -67,7 +67,7 @@ const MEASURE_PLANE: &[&str] = &[
 /// Compares a scene's results with those on one rank: on every mesh of 3 ranks, on the meshes of 4
 /// ranks that split two axes or an axis and the modes, and on 7 ranks with the mesh that the
 /// program chooses.
-fn same_bits_everywhere(scene: &Scene) {
+fn same_bits_everywhere(scene: &Scene<'_>) {
     let job = || run(scene.name).set(scene.settings);
     let place = directory();
     job().solve(place.path()).unwrap();
@@ -419,21 +419,24 @@ fn same_bits_of_elements() {
         axes: 1,
         datasets: LINE,
     });
+    let degree_0_along_vy = ["axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=0}"];
     same_bits_everywhere(&Scene {
         name: "quadrant2d.toml",
-        settings: &[
-            "axis.0.x.cells=5",
-            "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
-            "axis.0.v.cells=2",
-            "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=0}",
-            "scheme.degree=1",
-            "time.end=0.7",
-            "solver.tolerance=1e-3",
-        ],
+        settings: &[&ELEMENTS_IN_A_PLANE[..], &degree_0_along_vy].concat(),
         axes: 2,
         datasets: PLANE,
     });
 }
+
+/// `quadrant2d` by elements of two degrees, but for the second velocity axis.
+const ELEMENTS_IN_A_PLANE: [&str; 6] = [
+    "axis.0.x.cells=5",
+    "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
+    "axis.0.v.cells=2",
+    "scheme.degree=1",
+    "time.end=0.7",
+    "solver.tolerance=1e-3",
+];
 
 /// Elements on which a force acts, along one and along two velocity axes.
 #[test]
@@ -447,19 +450,14 @@ fn same_bits_of_elements_with_a_force() {
         axes: 1,
         datasets: LINE,
     });
+    let forces = [
+        "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=2}",
+        "potential.0.value=0.2 + 0.1*x - 0.05*y",
+        "potential.1.value=0.1*x + 0.05*y",
+    ];
     same_bits_everywhere(&Scene {
         name: "quadrant2d.toml",
-        settings: &[
-            "axis.0.x.cells=5",
-            "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
-            "axis.0.v.cells=2",
-            "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=2}",
-            "scheme.degree=1",
-            "potential.0.value=0.2 + 0.1*x - 0.05*y",
-            "potential.1.value=0.1*x + 0.05*y",
-            "time.end=0.7",
-            "solver.tolerance=1e-3",
-        ],
+        settings: &[&ELEMENTS_IN_A_PLANE[..], &forces].concat(),
         axes: 2,
         datasets: PLANE,
     });
