@@ -60,14 +60,18 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
-/// and are reported. Collective.
+/// Whether `directory` holds the finished results of `case`; if so, what is left of its checkpoints
+/// is removed. Damaged results count as unfinished, and are reported. Collective.
 pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     let found = finished::is_finished(&world.group(), directory, case);
-    if let (Err(damage), 0) = (&found, world.group().rank()) {
-        report(&format!(
-            "warning: --resume: {damage}: the finished run is damaged and is computed anew"
-        ));
+    if world.group().rank() == 0 {
+        match &found {
+            Ok(true) => checkpointing::remove_rest(directory),
+            Ok(false) => {}
+            Err(damage) => report(&format!(
+                "warning: --resume: {damage}: the finished run is damaged and is computed anew"
+            )),
+        }
     }
     matches!(found, Ok(true))
 }

@@ -1,9 +1,10 @@
 //! The checkpoints of a run: where they are, and the one that it continues from.
 
 use crate::base::error::{Error, Result};
+use crate::base::log::report;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
-use crate::solve::checkpoint::store::{Generation, Store};
+use crate::solve::checkpoint::store::{Generation, Store, remove_all};
 use crate::solve::checkpoint::watch::CheckpointTimes;
 use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
@@ -70,6 +71,17 @@ impl Checkpointing {
             let path = self.store.directory().display();
             log.line(&format!("warning: {path} could not be removed: {error}"));
         }
+    }
+}
+
+/// Deletes what a run that was killed as it ended left of its checkpoints in `results`. A symbolic
+/// link is not followed. On rank 0.
+pub(crate) fn remove_rest(results: &Path) {
+    let folder = results.join("checkpoint");
+    if refuse_link(&folder).is_ok()
+        && let Err(error) = remove_all(&folder)
+    {
+        report(&format!("warning: {} could not be removed: {error}", folder.display()));
     }
 }
 

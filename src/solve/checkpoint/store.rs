@@ -380,17 +380,12 @@ impl Store {
         serde_json::to_string(&(state, first.results)).map_err(|e| failure(&directory, &e))
     }
 
-    /// Removes all checkpoints at the end of the run. If that fails, they stay.
+    /// Removes all checkpoints at the end of the run, as [`remove_all`].
     ///
     /// # Errors
     /// The error of the file system.
     pub fn remove(&self) -> std::io::Result<()> {
-        let found = generations(&self.directory);
-        if found.is_empty() {
-            return Ok(());
-        }
-        (found.into_iter()).try_for_each(|number| remove(&self.generation(number)))?;
-        fs::remove_dir(&self.directory)
+        remove_all(&self.directory)
     }
 }
 
@@ -437,6 +432,21 @@ fn generations(directory: &Path) -> Vec<u64> {
 /// Whether `directory` holds a complete checkpoint, valid or not. Other files in it do not matter.
 pub fn is_begun(directory: &Path) -> bool {
     generations(directory).into_iter().any(|number| complete(directory, number))
+}
+
+/// Removes the checkpoints in `directory`, complete or not, and then the directory if nothing else
+/// is in it. What cannot be removed stays.
+///
+/// # Errors
+/// The error of the file system, if there was a checkpoint.
+pub fn remove_all(directory: &Path) -> std::io::Result<()> {
+    let found = generations(directory);
+    (found.iter()).try_for_each(|&number| remove(&generation(directory, number)))?;
+    match fs::remove_dir(directory) {
+        // An empty directory is that of a run that was killed as it ended.
+        Err(_) if found.is_empty() => Ok(()),
+        removed => removed,
+    }
 }
 
 fn complete(directory: &Path, number: u64) -> bool {

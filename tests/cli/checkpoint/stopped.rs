@@ -6,7 +6,7 @@ use super::{
 };
 use crate::support::{
     Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
-    directory_on_disk as directory, of_case,
+    directory_on_disk as directory, names_in, of_case,
 };
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -512,6 +512,29 @@ fn a_walltime_too_short_for_any_work_is_an_error() {
     let sweep = Job::new(["sweep", &case("example1.toml"), "--vary", "time.end=1,2"]).set(&LONG);
     let finished = sweep.into(directory.path()).with(["--walltime", "0.01"]).run().expect("a run");
     finished.ended(2, &["--walltime 0.01"]).unwrap();
+}
+
+/// A run that is killed while it removes its checkpoints leaves parts of them beside its finished
+/// results.
+#[test]
+fn rests_of_checkpoints_beside_finished_results_are_removed() {
+    let place = directory();
+    let path = place.path();
+    let job = || run().set(&["time.end=0.1", "solver.tolerance=0.01"]).into(path).on(2);
+    job().succeed().expect("a run");
+    let checkpoint = path.join("checkpoint");
+    let part = checkpoint.join("000003/rank-00001.bin");
+    // What is there, and whether it is removed.
+    let rows: [(&[&str], bool); 3] =
+        [(&[], true), (&["000003/rank-00001.bin"], true), (&["mine.txt"], false)];
+    for (names, removed) in rows {
+        fs::create_dir_all(part.parent().expect("a directory")).expect("a directory");
+        names.iter().for_each(|name| fs::write(checkpoint.join(name), "").expect("a file"));
+        let again = job().with(["--resume"]).succeed().expect("an end");
+        assert!(again.output.contains("the run is finished"), "{}", again.report("finished"));
+        assert_eq!(!checkpoint.exists(), removed, "{names:?}: {:?}", names_in(&checkpoint));
+        assert!(!checkpoint.join("000003").exists(), "{names:?}");
+    }
 }
 
 #[test]
