@@ -71,8 +71,8 @@ pub fn text(n: usize) -> String {
          [time]\n\
          end = 1.0\n\n\
          [scheme]\n\
-         interface = \"conservative\"   # keeps the mass where V jumps\n\
-         degree = {degree}                   # of the elements; 0: finite volumes, first order\n\n\
+         degree = {degree}                   # of the elements; 0: finite volumes, first order\n\
+         interface = \"conservative\"   # of degree 0 only: keeps the mass where V jumps\n\n\
          [solver]\n\
          method = \"schrodingerized\"   # or \"classical\"\n\
          tolerance = 1e-2             # relative l2 distance to the semi-discrete solution\n\n\

@@ -16,7 +16,8 @@
 use crate::base::error::Result;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
-use crate::problem::case::{Case, Delta, Method};
+use crate::problem::case::{Case, Delta, Exact, Method};
+use crate::problem::exact::traced_cells;
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::energy::check_axis;
@@ -95,6 +96,10 @@ pub struct Bounds {
     pub weighted: bool,
     /// Whether there may be inflow.
     pub inflow: bool,
+    /// Number of space cells in which every rank keeps `V` for the exact solution; 0 if none is
+    /// traced.
+    #[serde(skip)]
+    pub traced_cells: usize,
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
@@ -199,6 +204,10 @@ impl Bounds {
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
         let growth = allowed_growth(case, grows);
+        let traced_cells = match case.exact {
+            Some(Exact::Characteristics) => traced_cells(case)?,
+            _ => 0,
+        };
         Ok(Self {
             rate,
             growth,
@@ -213,6 +222,7 @@ impl Bounds {
             },
             jumps,
             kinds: kinds.len(),
+            traced_cells,
             stages: 0,
             assembled: None,
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
@@ -357,6 +367,7 @@ mod tests {
                 kinds: 1,
                 weighted: true,
                 inflow: false,
+                traced_cells: 0,
                 stages: 0,
                 assembled: None,
             };

@@ -7,17 +7,17 @@
 //!
 //! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the first
 //! space axis form a line, whose couplings to each other are a dense block of `K`. A kernel reads
-//! the nodes of a line once for all of its rows. Couplings along velocity axes are those of
-//! `VelocityLines` and are not stored.
+//! the nodes of a line once for all of its rows. Of the other entries, those of `K` alone come
+//! first: the nodes of the same element along the other space axes. Couplings along velocity axes
+//! are those of `VelocityLines` and are not stored.
 
 use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
 use crate::matrix::velocity_lines::VelocityLines;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::ops::Range;
 
 /// Rows in order, gathered into lines: of one row each, or of the rows of an element's nodes.
-/// Gathering keeps the order of a row's entries, and so the bits of products, but for couplings
-/// along velocity axes, which are summed by themselves.
 #[derive(Clone, Debug)]
 pub struct Rows {
     /// The lines that the rows of cells are gathered into.
@@ -29,6 +29,9 @@ pub struct Rows {
     dense: Vec<f64>,
     /// Entries `offsets[t]..offsets[t + 1]` are the other entries of template `t`.
     offsets: Vec<usize>,
+    /// Number of the first of these entries that have `s = 0`, by template; empty if a line is one
+    /// row.
+    skew: Vec<u32>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
     /// `[s, k]`.
@@ -51,6 +54,7 @@ pub(crate) struct RowSlices<'a> {
     pub template: &'a [u32],
     dense: &'a [f64],
     offsets: &'a [usize],
+    skew: &'a [u32],
     distances: &'a [u32],
     values: &'a [[f64; 2]],
 }
@@ -66,7 +70,31 @@ impl<'a> RowSlices<'a> {
     /// As [`Rows::others`].
     #[inline(always)]
     pub fn others(self, template: usize, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
-        let range = self.offsets[template]..self.offsets[template + 1];
+        self.entries(self.offsets[template]..self.offsets[template + 1], i)
+    }
+
+    /// The entries of a template of gathered rows as [`Rows::others`], those with `s = 0` by
+    /// themselves: `(column, k)`, then `(column, s, k)`.
+    #[inline(always)]
+    pub fn skew_and_others(
+        self,
+        template: usize,
+        i: usize,
+    ) -> (impl Iterator<Item = (usize, f64)> + 'a, impl Iterator<Item = (usize, f64, f64)> + 'a)
+    {
+        let (begin, end) = (self.offsets[template], self.offsets[template + 1]);
+        let middle = begin + self.skew[template] as usize;
+        let skew = self.entries(begin..middle, i).map(|(column, _, k)| (column, k));
+        (skew, self.entries(middle..end, i))
+    }
+
+    /// Some entries, with the columns for row `i`.
+    #[inline(always)]
+    fn entries(
+        self,
+        range: Range<usize>,
+        i: usize,
+    ) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
         let entries = self.distances[range.clone()].iter().zip(&self.values[range]);
         entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
     }
@@ -96,7 +124,8 @@ impl Rows {
     /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         let entries = 20 * self.distances.len() + 8 * self.dense.len();
-        let stored = 4 * self.template.len() + 8 * self.offsets.len() + entries;
+        let of_templates = 8 * self.offsets.len() + 4 * self.skew.len();
+        let stored = 4 * self.template.len() + of_templates + entries;
         stored + self.velocity_lines.bytes()
     }
 
@@ -165,6 +194,7 @@ impl Rows {
             template: &self.template,
             dense: &self.dense,
             offsets: &self.offsets,
+            skew: &self.skew,
             distances: &self.distances,
             values: &self.values,
         }
@@ -175,11 +205,13 @@ impl Rows {
         self.reach
     }
 
-    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry at a node of its line,
-    /// which only `K` has, four for any other entry, and seven more for a row.
+    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry that only `K` has, four
+    /// for any other entry, and seven more for a row.
     pub fn multiply_adds(&self) -> usize {
         let of_row = |template: usize, i: usize| {
-            7 + 2 * self.dense_row(template).len() + 4 * self.others(template, i).count()
+            let skew = self.skew.get(template).map_or(0, |&skew| skew as usize);
+            let others = self.others(template, i).count() - skew;
+            7 + 2 * (self.dense_row(template).len() + skew) + 4 * others
         };
         let of_line = |line: usize| {
             let rows = self.lines.rows(line).enumerate();
@@ -220,9 +252,9 @@ impl Rows {
     }
 
     /// Rows that are not gathered yet, gathered into `lines`, with the couplings of
-    /// `velocity_lines` taken out of their entries. Couplings between the nodes of a line whose `s`
-    /// is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element
-    /// is skew but for its ends.
+    /// `velocity_lines` taken out of their entries. Couplings between cells whose `s` is only
+    /// round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element is skew
+    /// but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
         if !velocity_lines.is_empty() {
             let unforced = |i: usize| velocity_lines.forced_at(i).next().is_none();
@@ -235,6 +267,7 @@ impl Rows {
             template: Vec::with_capacity(lines.of_cells() + self.len() - lines.cells),
             dense: Vec::new(),
             offsets: vec![0],
+            skew: Vec::new(),
             distances: Vec::new(),
             values: Vec::new(),
             velocity_lines,
@@ -261,6 +294,7 @@ impl Rows {
         }
         gathered.dense.shrink_to_fit();
         gathered.offsets.shrink_to_fit();
+        gathered.skew.shrink_to_fit();
         gathered.distances.shrink_to_fit();
         gathered.values.shrink_to_fit();
         gathered
@@ -272,15 +306,25 @@ impl Rows {
         let begin = self.dense.len();
         self.dense.resize(begin + nodes, 0.0);
         let (line, _) = self.lines.line_and_node(i);
+        let first = self.distances.len();
+        let mut others = Vec::new();
         for (column, s, k) in entries {
-            let inside = i < cells && column < cells && s.abs() <= 4.0 * f64::EPSILON * k.abs();
+            let distance = (column as u32).wrapping_sub(i as u32);
             let (other, node) = self.lines.line_and_node(column);
-            if inside && other == line {
+            let of_cells = i < cells && column < cells;
+            if !of_cells || s.abs() > 4.0 * f64::EPSILON * k.abs() {
+                others.push((distance, [s, k]));
+            } else if other == line {
                 self.dense[begin + node] = k;
             } else {
-                self.distances.push((column as u32).wrapping_sub(i as u32));
-                self.values.push([s, k]);
+                self.distances.push(distance);
+                self.values.push([0.0, k]);
             }
+        }
+        self.skew.push((self.distances.len() - first) as u32);
+        for (distance, value) in others {
+            self.distances.push(distance);
+            self.values.push(value);
         }
         self.offsets.push(self.distances.len());
     }
@@ -320,6 +364,7 @@ impl RowsBuilder {
                 template: Vec::with_capacity(rows),
                 dense: Vec::new(),
                 offsets: vec![0],
+                skew: Vec::new(),
                 distances: Vec::new(),
                 values: Vec::new(),
                 velocity_lines: VelocityLines::default(),

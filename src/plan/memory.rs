@@ -399,7 +399,8 @@ impl<'a> FullestRank<'a> {
         let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
         let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
-        Some(NamedBytes::new("exact solution", values + 80 * points + moments))
+        let traced = 80 * self.bounds.traced_cells as u64;
+        Some(NamedBytes::new("exact solution", values + traced + moments))
     }
 
     /// Numbers that are stored for a field at a point of space, at each output time: its moments,

@@ -193,7 +193,11 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
                 Some(format!("it holds a damaged result of another case: {error}; {instead}"))
             }
             StoredResult::Other(what) => {
-                Some(format!("it holds another result: {what}; {instead}"))
+                // A damaged attribute looks like another case or program.
+                let damage = if resume { file_checksums::damage(directory, RESULT) } else { None };
+                let damage = damage.map(|error| format!("; it is damaged, too: {error}"));
+                let damage = damage.unwrap_or_default();
+                Some(format!("it holds another result: {what}{damage}; {instead}"))
             }
             StoredResult::Foreign => {
                 Some(format!("it holds a result.h5 that is not phasewarp's; {instead}"))

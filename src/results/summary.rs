@@ -549,7 +549,12 @@ impl Summary {
         } else if of_density.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
         {
-            let what = "the accuracy of the density is met, but f needs a finer grid";
+            let what = match accuracy.goal_error {
+                Some(_) => "the accuracy of the density is met, but f needs a finer grid",
+                None => {
+                    "the trial runs expect the density to meet its accuracy; f needs a finer grid"
+                }
+            };
             accuracy.advice = Some(what.to_owned());
         }
     }

@@ -8,6 +8,7 @@ use crate::solve::checkpoint::store::{Generation, Store, remove_all};
 use crate::solve::checkpoint::watch::CheckpointTimes;
 use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -74,12 +75,13 @@ impl Checkpointing {
     }
 }
 
-/// Deletes what a run that was killed as it ended left of its checkpoints in `results`. A symbolic
-/// link is not followed. On rank 0.
+/// Deletes what a run that was killed as it ended left of its checkpoints in `results`. Other files
+/// stay, and a symbolic link is not followed. On rank 0.
 pub(crate) fn remove_rest(results: &Path) {
     let folder = results.join("checkpoint");
     if refuse_link(&folder).is_ok()
         && let Err(error) = remove_all(&folder)
+        && error.kind() != ErrorKind::DirectoryNotEmpty
     {
         report(&format!("warning: {} could not be removed: {error}", folder.display()));
     }

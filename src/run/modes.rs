@@ -322,11 +322,13 @@ struct StartModes {
 const MOST_UNEVEN: f64 = 1e-3;
 
 /// Refuses a start whose `e^p w` is not flat where `f` is read, and warns of one that varies by
-/// more than `case.tolerance`. Only warns if the case writes the warped field.
+/// more than `case.tolerance`. Only warns if the case writes the warped field. The points of the
+/// start lie in `interval`.
 fn refuse_uneven(
     start: &WarpedStart,
     case: &Case,
     domain: ReadingDomain,
+    interval: [f64; 2],
     uneven: f64,
 ) -> Result<Option<String>> {
     let [lower, upper] = domain.ends;
@@ -335,13 +337,19 @@ fn refuse_uneven(
          from p = {lower:.4} to {upper:.4}: f may be off by that",
         domain.point
     );
+    let [first, last] = interval;
+    let beyond = match lower < first || upper > last {
+        true => format!("; beyond its points, from {first:.4} to {last:.4}, the field is repeated"),
+        false => String::new(),
+    };
     let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
     if uneven <= bound || case.warped_field {
-        return Ok((uneven > case.tolerance).then(|| format!("initial.warped: {finding}")));
+        let warns = uneven > case.tolerance;
+        return Ok(warns.then(|| format!("initial.warped: {finding}{beyond}")));
     }
     Err(Error::Input(format!(
-        "{} = \"{}\": {finding}, at most {bound:.0e} is accepted; solver.warp.recovery reads f \
-         elsewhere, output.warped_field = true asks for w instead of f",
+        "{} = \"{}\": {finding}, at most {bound:.0e} is accepted{beyond}; solver.warp.recovery \
+         reads f elsewhere, output.warped_field = true asks for w instead of f",
         start.place,
         start.path.display()
     )))
@@ -373,7 +381,7 @@ fn read_start(
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });
     }
-    let warning = refuse_uneven(start, case, domain, unevenness)?;
+    let warning = refuse_uneven(start, case, domain, warp.interval, unevenness)?;
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {

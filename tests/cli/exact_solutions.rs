@@ -239,3 +239,36 @@ fn conservative_interface_keeps_the_mass() {
     let hat = change(&["scheme.interface=hat", "solver.method=classical"]).unwrap();
     assert!(hat > 1e-5, "hat: change of mass {hat:e}; the well's walls were not met");
 }
+
+/// A box that empties: of the particles with 0.5 < v < 1 those with v < x/T are left, so that the
+/// density is x/T − ½ between 0 and ½. Its front lies within the first cell or the first cells.
+#[test]
+fn exact_densities_are_averages_over_cells_with_a_front() {
+    const TEXT: &str = "[[axis]]\nx = { lower = 0, upper = 1, cells = 8 }\n\
+        v = { lower = 0.5, upper = 1, cells = 10 }\n[[potential]]\nvalue = \"0\"\n\
+        [initial]\nf = \"1\"\n[time]\nend = 0.02\n[solver]\ntolerance = 1e-2\n\
+        [exact]\nkind = \"characteristics\"\n";
+    // ∫₀ˣ of the density.
+    let integral = |x: f64, time: f64| {
+        let (rising, full) = ((x - 0.5 * time).clamp(0.0, 0.5 * time), (x - time).max(0.0));
+        0.5 * rising * rising / time + 0.5 * full
+    };
+    for (cells, time) in [(8, 0.02), (32, 0.005), (8, 0.1), (7, 0.3)] {
+        let place = directory();
+        let path = place.path().join("case.toml");
+        std::fs::write(&path, TEXT).expect("a case");
+        let job = Job::new(["run", &path.display().to_string()]).on(2);
+        let job = job.set(&[&format!("axis.0.x.cells={cells}"), &format!("time.end={time}")]);
+        let results = place.path().join("results");
+        let summary = job.solve(&results).unwrap();
+        let found = datasets(&results).unwrap()["/density_exact"].numbers();
+        let width = 1.0 / f64::from(cells);
+        for (i, found) in found.iter().enumerate() {
+            let faces = [i as f64 * width, (i + 1) as f64 * width];
+            let expected = (integral(faces[1], time) - integral(faces[0], time)) / width;
+            near(&format!("cell {i} of {cells}, T = {time}"), *found, expected, 1e-4).unwrap();
+        }
+        near("mass_exact", summary.number("mass_exact").unwrap(), integral(1.0, time), 1e-4)
+            .unwrap();
+    }
+}

@@ -57,6 +57,7 @@ fn runs_take_the_planned_memory() {
         ("example1.toml", &elements, &quick, 1, CLOSE),
         ("inflow_barrier.toml", &elements, &quick, 1, CLOSE),
         ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
+        ("barrier2d.toml", &element_plane, &["potential=[{value='0.1*(x^2+y^2)'}]"], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
         ("example1.toml", &small, &chunks, 1, CLOSE),
         ("example1.toml", &small, &chunks, 2, CLOSE),

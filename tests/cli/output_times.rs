@@ -1,7 +1,8 @@
 //! Fields and moments before the end equal those of shorter runs.
 
 use crate::support::{
-    at_most, check_all, datasets, directory, distance, near, parsed, run, text_of,
+    Job, at_most, check_all, datasets, directory, distance, near, parsed, run, text_of,
+    tolerance_is_met,
 };
 
 /// Fields and moments at output times equal those of runs that end at these times, by modes and by
@@ -65,6 +66,32 @@ fn results_before_the_end_equal_those_of_shorter_runs() {
         }
         let mass = long["/history/mass"].numbers();
         near("mass", mass[last], summary.number("mass")?, 1e-15)
+    });
+}
+
+/// `solver.verify` compares the fields at each output time with the exact ones at that time. The
+/// start may be among the output times.
+#[test]
+fn the_error_is_that_of_fields_at_their_own_times() {
+    let at: [&[&str]; 3] = [
+        &["output.fields_every=0.25"],
+        &["output.field_times=[0]"],
+        &["output.moment_times=[0]", "output.field_times=[0.3]"],
+    ];
+    let methods = ["solver.tolerance=1e-6", "solver.method=classical"];
+    let rows: Vec<_> = at.iter().flat_map(|at| methods.map(|method| (*at, method))).collect();
+    check_all(&rows, |(at, method)| {
+        let (first, second) = (directory(), directory());
+        let grid = ["axis.0.x.cells=23", "axis.0.v.cells=18", "solver.verify=true", method];
+        let job = run("example1.toml").set(&grid).set(at);
+        tolerance_is_met(&job.on(2).solve(first.path())?)?;
+        // A later part, whose start is at another time.
+        let from = first.path().display().to_string();
+        let later = Job::new(["run", "--continue", &from, "--until", "1.75"]);
+        let later = later.set(&["output.fields_every=0.25"]).solve(second.path())?;
+        tolerance_is_met(&later)?;
+        let total = later.value["continued"]["error_total"].as_f64().unwrap_or(f64::NAN);
+        later.require(total <= 1e-4, || format!("error_total {total:e}"))
     });
 }
 

@@ -248,7 +248,7 @@ const OUTPUT: &[Row] = &[
     (
         "recovery_points = 2",
         "recovery_points = 2\nmoments_every = 0",
-        &["output.moments_every", "above 0"],
+        &["output.moments_every", "at least 0.0001 expected"],
     ),
     (
         "recovery_points = 2",
@@ -277,7 +277,10 @@ const OUTPUT: &[Row] = &[
 const INVALID: &[Row] = &[
     ("end = 1.0", "end = = 1.0", &[]),
     ("end = 1.0", "end = 1.0 2.0", &[]),
+    ("end = 1.0", "end = 1.0 s", &["numbers have no units"]),
+    ("end = 1.0", "end = 1,0", &["decimal point"]),
     ("interface = \"hat\"", "interface = \"hat", &[]),
+    ("interface = \"hat\"", "interface = hat", &["texts are in quotes"]),
     ("recovery_points = 2", "recovery_points = 2\n[time]", &["time"]),
 ];
 

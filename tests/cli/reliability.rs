@@ -3,9 +3,10 @@
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
-    Finished, Job, RESULT_FILES, case, check_all, contents, copy, datasets, differences, directory,
-    directory_on_disk, names_in, of_case, on_results,
+    Finished, Job, RESULT_FILES, case, change_hdf5, check_all, contents, copy, datasets,
+    differences, directory, directory_on_disk, names_in, of_case, on_results,
 };
+use hdf5::types::VarLenUnicode;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -76,6 +77,21 @@ fn undamaged_results_are_finished_whatever_their_dates() {
     continued.into(later.path()).succeed().expect("a later part");
     fs::remove_dir_all(path.join("checkpoint")).expect("a directory");
     assert!(contents(path) == before, "the results were changed");
+}
+
+/// A damaged attribute looks like a result of another program.
+#[test]
+fn damage_is_named_beside_another_result() {
+    let place = directory();
+    let path = place.path();
+    run().into(path).succeed().expect("a run");
+    let damage = |file: &hdf5::File| {
+        file.attr("git")?.write_scalar(&"0123456".parse::<VarLenUnicode>().unwrap_or_default())
+    };
+    change_hdf5(&path.join("result.h5"), damage).expect("a changed file");
+    let again = run().into(path).with(["--resume"]);
+    let printed = ["git 0123456", "it is damaged, too: ", "its checksum differs", "--force"];
+    again.is_refused(&printed).unwrap();
 }
 
 #[test]

@@ -4,8 +4,8 @@
 use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
 use crate::launcher::by_hydra;
 use crate::support::{
-    Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory, names_in,
-    number_from_environment, on_results,
+    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
+    names_in, number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -212,8 +212,15 @@ impl FaultKind {
         code == 0
             || launcher_failed(faulty)
             || (faulty.injected && codes.contains(&code))
-            || (!faulty.begun && code == by_default)
+            || (!faulty.begun && (code == by_default || launch_failed(faulty)))
     }
+}
+
+/// Whether mpirun ended without starting the program: a signal to a child of it that was not yet the
+/// program ended that child.
+fn launch_failed(faulty: &Faulty) -> bool {
+    let Finished { shell_code, output, errors, .. } = &faulty.finished;
+    *shell_code == 1 && output.is_empty() && errors.is_empty()
 }
 
 fn launcher_failed(faulty: &Faulty) -> bool {

@@ -1,4 +1,4 @@
-//! No two types of `src/` have the same name.
+//! No two types of `src/` have the same name; the table of planted faults names its functions.
 
 use crate::size::files;
 use std::collections::BTreeMap;
@@ -25,6 +25,27 @@ fn type_names_are_found() {
     let text = "/// struct No;\npub(crate) struct Row<'a> {\nenum Kind {\npub type Sum = f64;\n    \
                 type Error = E;\npub unsafe trait Work {\npub fn f() {\n";
     assert_eq!(type_names(text).collect::<Vec<_>>(), ["Row", "Kind", "Sum", "Work"]);
+}
+
+/// Each fault of docs/planted-faults.md can be planted again in the function that it names.
+#[test]
+fn functions_of_planted_faults_are_there() {
+    let table = std::fs::read_to_string("docs/planted-faults.md").expect("the table");
+    let mut rows = 0;
+    for line in table.lines() {
+        // | `file` `Type::function` | …
+        let mut quoted = line.split('`').skip(1).step_by(2);
+        let (Some(file), Some(function)) = (quoted.next(), quoted.next()) else { continue };
+        if !line.starts_with("| `") || !file.ends_with(".rs") {
+            continue;
+        }
+        rows += 1;
+        let text = std::fs::read_to_string(Path::new("src").join(file)).expect(file);
+        let name = function.rsplit("::").next().unwrap_or(function);
+        let is_there = ["(", "<"].iter().any(|end| text.contains(&format!("fn {name}{end}")));
+        assert!(is_there, "{file} has no function {function}");
+    }
+    assert_eq!(rows, 130);
 }
 
 /// Names of the types and traits that are defined outside functions, implementations and inline

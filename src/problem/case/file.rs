@@ -41,6 +41,30 @@ struct FoundKey<'f> {
     key: Option<Range<usize>>,
 }
 
+/// What the line of a syntax error at `place` probably should be, where the parser does not say so.
+fn hint(text: &str, place: usize) -> &'static str {
+    let line = position(text, place).content;
+    let line = line.split('#').next().unwrap_or_default().trim();
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    let is_number = |text: &str| text.parse::<f64>().is_ok();
+    let digit = |byte: &u8| byte.is_ascii_digit();
+    let has_comma = !line.contains('[')
+        && line.as_bytes().windows(3).any(|w| digit(&w[0]) && w[1] == b',' && digit(&w[2]));
+    if line.starts_with("[potential]") {
+        "; each region of V begins with [[potential]]"
+    } else if line.starts_with("[axis]") {
+        "; each dimension of space begins with [[axis]]"
+    } else if has_comma {
+        "; a number has a decimal point, no comma"
+    } else if value.split_once(' ').is_some_and(|(number, _)| is_number(number)) {
+        "; numbers have no units"
+    } else if value.starts_with(|c: char| c.is_alphabetic()) {
+        "; formulas and other texts are in quotes"
+    } else {
+        ""
+    }
+}
+
 impl<'t> CaseFile<'t> {
     /// Parses `text` (the file `name`) and applies `--set` overrides in order.
     ///
@@ -50,7 +74,10 @@ impl<'t> CaseFile<'t> {
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
         let root = DeValue::Table(DeTable::new());
         let mut file = CaseFile { name, text, overrides, root, constants: Constants::new() };
-        let table = DeTable::parse(text).map_err(|e| file.error_at(e.span(), e.message()))?;
+        let table = DeTable::parse(text).map_err(|e| {
+            let hint = e.span().map_or("", |span| hint(text, span.start));
+            file.error_at(e.span(), &format!("{}{hint}", e.message()))
+        })?;
         file.root = DeValue::Table(table.into_inner());
         for (number, text) in overrides.iter().enumerate() {
             file.set(number, text)?;

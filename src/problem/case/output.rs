@@ -130,8 +130,8 @@ impl OutputTable {
         for (key, List(list), fields) in lists {
             if let Some(time) = list.iter().find(|time| !inside(**time)) {
                 let message = format!(
-                    "{time} given; times from {start} on and below time.end = {end} expected; \
-                     results at time.end are always written"
+                    "the time {time} given; times from {start} on and below time.end = {end} \
+                     expected; results at time.end are always written"
                 );
                 return file.refuse(key, message);
             }
@@ -149,8 +149,9 @@ impl OutputTable {
         for (key, every, fields) in intervals {
             let Some(every) = every else { continue };
             if !(every > 0.0 && (end - start) / every <= MOST_TIMES as f64) {
+                let least = (end - start) / MOST_TIMES as f64;
                 let message = format!(
-                    "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
+                    "{every} given; at least {least} expected, a {MOST_TIMES}th of the run's time"
                 );
                 return file.refuse(key, message);
             }

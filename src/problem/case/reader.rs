@@ -213,6 +213,9 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         match self.value.as_integer().and_then(integer) {
             Some(number) => visitor.visit_i64(number),
+            None if matches!(self.value, DeValue::String(_)) => {
+                self.wrong("a whole number without quotes")
+            }
             None => self.wrong("a whole number"),
         }
     }

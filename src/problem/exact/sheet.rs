@@ -38,6 +38,9 @@ pub const ROUND: usize = 1 << 15;
 /// Most halvings of a box along an axis, by the number of dimensions. In one dimension tears are
 /// located to round-off.
 const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
+/// Boxes that were halved more often, at a tear, are no part of the curve in one dimension: their
+/// images are so short that round-off would decide their density.
+const FINEST_DRAWN: i32 = 18;
 /// A box whose image bends by more than this fraction of a cell is halved.
 const BENDING: f64 = 0.01;
 /// A box whose density deviates from a linear one by more than this fraction is halved.
@@ -466,7 +469,7 @@ impl<'a> Sheets<'a> {
         let half = shape.half();
         let mass = shape.density * volume;
         self.deposit(mass, &shape.middle, &half);
-        if n == 1 {
+        if n == 1 && piece.depth[0] <= FINEST_DRAWN {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             let (number, density) = (self.number, mass / (2.0 * half[0]));

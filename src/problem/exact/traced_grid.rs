@@ -66,6 +66,26 @@ const ENOUGH_CELLS: usize = 512;
 /// two reasons: if `V` is curved in an element, into as many as `most` space cells allow; and if an
 /// edge of a region lies inside of an element, so that it comes to lie on a face.
 pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
+    Ok(cut_elements(case, most, is_curved(case)?))
+}
+
+/// Number of space cells in which [`Tracer::new`](super::Tracer::new) keeps `V`, without an
+/// evaluation of `V` on a large grid.
+///
+/// # Errors
+/// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
+pub fn traced_cells(case: &Case) -> Result<usize> {
+    /// Elements along an axis in which curvature is looked for.
+    const SAMPLED: usize = 64;
+    let mut sample = case.clone();
+    for axis in &mut sample.space.x {
+        axis.cells = axis.elements().min(SAMPLED) * axis.nodes.count();
+    }
+    Ok(cut_elements(case, MOST_TRACED_CELLS, is_curved(&sample)?).space_cells())
+}
+
+/// The elements of the case, cut into parts.
+fn cut_elements(case: &Case, most: usize, is_curved: bool) -> PhaseSpace {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
     let room = |most: usize| {
@@ -73,7 +93,6 @@ pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
         (parts as usize).clamp(1, MOST_PARTS)
     };
     let enough = room(most);
-    let is_curved = is_curved(case)?;
     for (axis, edges) in space.x.iter_mut().zip(region_edges(case)) {
         let least = match (is_curved, case.space.degree()) {
             (false, _) => 1,
@@ -90,7 +109,7 @@ pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
         }
     }
-    Ok(space)
+    space
 }
 
 /// Whether `V` is curved within any element of the case.

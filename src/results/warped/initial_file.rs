@@ -36,12 +36,14 @@ pub struct ReadField {
     pub largest: f64,
     /// The distance of `e^p w` from a constant, relative to its largest value: the largest `e^{p◇}
     /// |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with `u = e^p w`
-    /// at the point next to `p◇`. Places are the points of the file, and the middles between them,
-    /// where the trigonometric interpolant is taken. It bounds the error of `f`.
+    /// at the point next to `p◇`. Places are the points of the file and of the periods beside it,
+    /// and the middles between them, where the trigonometric interpolant is taken. It bounds the
+    /// error of `f`.
     pub unevenness: f64,
 }
 
-/// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading.
+/// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading. It may
+/// go beyond the points of a file, where the field is periodic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingDomain {
     /// The recovery point `p◇`.
@@ -61,17 +63,18 @@ impl ReadingDomain {
 
 /// The flatness of a field on a [`ReadingDomain`]: at the points of a file and at the middles
 /// between them, as the run evolves the trigonometric interpolant, which may oscillate between flat
-/// points.
+/// points. Beyond the ends of the file the field is periodic. There at most one more period on
+/// either side is compared: further ones have the same values.
 struct Flatness {
     /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
     /// ones are points of the file, odd ones lie between.
-    first: usize,
+    first: i64,
     /// The factor `e^{p◇}`.
     amplification: f64,
     /// `e^{−p}` at the places of the domain.
     decay: Vec<f64>,
     /// Number of the place of the point next to `p◇`.
-    reference: usize,
+    reference: i64,
     /// The largest distance so far.
     distance: f64,
     /// The largest `|u|` so far.
@@ -81,14 +84,15 @@ struct Flatness {
 impl Flatness {
     fn new(domain: ReadingDomain, interval: [f64; 2], points: usize) -> Self {
         let half = 0.5 * (interval[1] - interval[0]) / points as f64;
-        let last = 2 * points - 1;
-        let place = |p: f64| ((p - interval[0]) / half).clamp(0.0, last as f64);
+        let period = 2 * points as i64;
+        let place = |p: f64| (p - interval[0]) / half;
         // The point next to p◇ and the next middle always belong to the domain.
-        let reference = 2 * ((0.5 * place(domain.point)).round() as usize).min(points - 1);
-        let between = 2 * ((0.5 * place(domain.point)).floor() as usize) + 1;
+        let point = place(domain.point).clamp(0.0, (period - 1) as f64);
+        let reference = 2 * ((0.5 * point).round() as i64).min(points as i64 - 1);
+        let between = 2 * ((0.5 * point).floor() as i64) + 1;
         let slack = 1e-9;
-        let first = (place(domain.ends[0]) - slack).ceil().max(0.0) as usize;
-        let last = (place(domain.ends[1]) + slack).floor() as usize;
+        let first = ((place(domain.ends[0]) - slack).ceil() as i64).max(-period);
+        let last = ((place(domain.ends[1]) + slack).floor() as i64).min(2 * period - 1);
         let (first, last) = (first.min(reference.min(between)), last.max(reference.max(between)));
         Self {
             first,
@@ -102,11 +106,14 @@ impl Flatness {
 
     /// Adds a cell: its values at all points, and half a step after each.
     fn add(&mut self, values: &[f64], between: &[f64]) {
-        let u = values[self.reference / 2] / self.decay[self.reference - self.first];
+        let at = |k: i64| {
+            let place = k.rem_euclid(2 * values.len() as i64) as usize;
+            if place.is_multiple_of(2) { values[place / 2] } else { between[place / 2] }
+        };
+        let u = at(self.reference) / self.decay[(self.reference - self.first) as usize];
         self.largest = self.largest.max(u.abs());
         for (k, decay) in (self.first..).zip(&self.decay) {
-            let w = if k.is_multiple_of(2) { values[k / 2] } else { between[k / 2] };
-            self.distance = self.distance.max(self.amplification * (w - decay * u).abs());
+            self.distance = self.distance.max(self.amplification * (at(k) - decay * u).abs());
         }
     }
 }

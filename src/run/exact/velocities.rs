@@ -15,6 +15,10 @@
 //! Both rules use the same points, so that the error costs nothing, and halves reuse points of the
 //! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
+//! Averages over a cell of degree 0 are means of integrals at Gauss points. In one dimension the
+//! integrals at the faces are compared with the line through those at the Gauss points. Where they
+//! differ, a front crosses the cell, which is then cut into panels itself, by the same rules.
+//!
 //! If `V` has one formula and the data are smooth, sums over the velocities of the grid are as
 //! accurate with fewer points. In two and three dimensions they are used if they agree with
 //! integrals by panels at some positions.
@@ -92,6 +96,13 @@ const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 const ACROSS: usize = 2;
+/// In one dimension a cell in which the density at a face deviates from a line by more than this
+/// part of the largest density is cut into panels.
+const BENT_CELL: f64 = 5e-3;
+/// Least number of positions that such a cell may take, and largest.
+const POSITIONS: [usize; 2] = [12, 64];
+/// A face is approached up to this part of a cell, as the exact density may jump there.
+const BEFORE_FACE: f64 = 1e-9;
 /// Tolerance of the integrals with which sums over the grid are compared, as a part of the usual
 /// tolerance.
 const TRIAL_TOLERANCE: f64 = 0.01;
@@ -107,6 +118,44 @@ pub struct VelocityIntegral {
     pub moments: [f64; MOMENTS],
     /// An estimate of the density's error.
     pub error: f64,
+}
+
+impl VelocityIntegral {
+    /// Adds `weight` times another integral.
+    fn add(&mut self, weight: f64, other: &Self) {
+        self.error += weight * other.error;
+        for (sum, moment) in self.moments.iter_mut().zip(other.moments) {
+            *sum += weight * moment;
+        }
+    }
+
+    /// The mean over an interval of integrals at [`POINTS`] equal steps, by `rule`.
+    fn mean(values: &[Self; POINTS], rule: [f64; POINTS]) -> Self {
+        let mut mean = Self::default();
+        values.iter().zip(rule).for_each(|(value, weight)| mean.add(weight, value));
+        mean
+    }
+}
+
+/// A part of a cell in one dimension.
+struct CellPanel {
+    lower: f64,
+    upper: f64,
+    /// Integrals at its points.
+    values: [VelocityIntegral; POINTS],
+}
+
+impl CellPanel {
+    /// The difference of two rules, as a mean over the panel.
+    fn error(&self) -> f64 {
+        let [boole, simpson] =
+            [BOOLE, SIMPSON].map(|rule| VelocityIntegral::mean(&self.values, rule).moments[0]);
+        (boole - simpson).abs()
+    }
+
+    fn width(&self) -> f64 {
+        self.upper - self.lower
+    }
 }
 
 /// A part of the velocity box.
@@ -326,15 +375,90 @@ impl<'a> VelocityIntegrals<'a> {
             }
             let mut mean = VelocityIntegral::default();
             for (position, weight) in positions {
-                let here = self.at(&position);
-                mean.error += weight * here.error;
-                for (sum, moment) in mean.moments.iter_mut().zip(here.moments) {
-                    *sum += weight * moment;
-                }
+                mean.add(weight, &self.at(&position));
             }
             mean
         };
+        if self.space.dimension() == 1 && self.space.x[0].nodes.degree == 0 {
+            return self.on_line(cells);
+        }
         cells.iter().map(average).collect()
+    }
+
+    /// Averages over cells of degree 0 in one dimension.
+    fn on_line(&self, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
+        let axis = &self.space.x[0];
+        let rule = gauss_legendre(ACROSS);
+        let at = |x: f64| self.at(&[x, 0.0, 0.0]);
+        // The integral at the upper face of the last cell, from above.
+        let mut known: Option<(usize, VelocityIntegral)> = None;
+        let average = |&[j, ..]: &[usize; MAX_DIMENSION]| {
+            let faces = [j, j + 1].map(|j| axis.face(j as i64));
+            let lower = known.filter(|(i, _)| *i == j).map_or_else(|| at(faces[0]), |(_, f)| f);
+            let upper = at(faces[1]);
+            known = Some((j + 1, upper));
+            let points: Vec<(f64, VelocityIntegral)> =
+                rule.iter().map(|p| (p.node, at(axis.at(j as i64, p.node)))).collect();
+            let [(a, first), (b, last)] = points[..] else {
+                unreachable!("a rule of {ACROSS} points")
+            };
+            let [at_first, at_last] = [first.moments[0], last.moments[0]];
+            let line = |node: f64| at_first + (at_last - at_first) * (node - a) / (b - a);
+            let bend = [(lower, -1.0), (upper, 1.0)]
+                .map(|(found, node)| (found.moments[0] - line(node)).abs());
+            let allowed = BENT_CELL * self.tolerance / EFFORTS[0].tolerance;
+            if bend[0].max(bend[1]) > allowed {
+                return self.over_cell(faces, lower);
+            }
+            let mut mean = VelocityIntegral::default();
+            points.iter().zip(&rule).for_each(|((_, f), p)| mean.add(0.5 * p.weight, f));
+            mean
+        };
+        cells.iter().map(average).collect()
+    }
+
+    /// The average over the interval between `faces`, by subdivision of panels. `first` is the
+    /// integral at the lower face.
+    fn over_cell(&self, faces: [f64; 2], first: VelocityIntegral) -> VelocityIntegral {
+        let [lower, upper] = faces;
+        let whole = upper - lower;
+        let at = |x: f64| self.at(&[x.min(upper - BEFORE_FACE * whole), 0.0, 0.0]);
+        let step = 0.25 * whole;
+        let values = [1, 2, 3, 4].map(|k| at(lower + f64::from(k) * step));
+        let values = [first, values[0], values[1], values[2], values[3]];
+        let mut panels = vec![CellPanel { lower, upper, values }];
+        let share = allowance(self.space) / (self.space.x[0].cells * points_of(&self.panels));
+        let most = share.clamp(POSITIONS[0], POSITIONS[1]);
+        let mut used = POINTS - 1;
+        while used + POINTS - 1 <= most {
+            let part = |panel: &CellPanel| panel.error() * panel.width() / whole;
+            let error: f64 = panels.iter().map(part).sum();
+            let worst =
+                (0..panels.len()).max_by(|&a, &b| part(&panels[a]).total_cmp(&part(&panels[b])));
+            let Some(worst) = worst.filter(|_| error > self.tolerance) else { break };
+            let CellPanel { lower, upper, values: v } = panels.swap_remove(worst);
+            let step = 0.125 * (upper - lower);
+            let new = [1, 3, 5, 7].map(|k| at(lower + f64::from(k) * step));
+            let middle = lower + 4.0 * step;
+            panels.push(CellPanel {
+                lower,
+                upper: middle,
+                values: [v[0], new[0], v[1], new[1], v[2]],
+            });
+            panels.push(CellPanel {
+                lower: middle,
+                upper,
+                values: [v[2], new[2], v[3], new[3], v[4]],
+            });
+            used += POINTS - 1;
+        }
+        let mut mean = VelocityIntegral::default();
+        for panel in &panels {
+            let share = panel.width() / whole;
+            mean.add(share, &VelocityIntegral::mean(&panel.values, BOOLE));
+            mean.error += share * panel.error();
+        }
+        mean
     }
 
     /// The integral at a position of space.

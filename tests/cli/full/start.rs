@@ -194,17 +194,19 @@ fn write_field(path: &Path, case: &Case, p: &[f64], w: &[f64]) {
 }
 
 /// `e^p w` of `e^{−|p|}` is flat at points above 0. With few points, the trigonometric interpolant
-/// oscillates between them, and `e^{p◇}` amplifies this.
+/// oscillates between them, and `e^{p◇}` amplifies this. Beyond the last point the field is
+/// repeated, so that an interval that is too short is refused, too.
 #[test]
 fn a_start_that_oscillates_between_its_points_is_refused() {
     let grid = ["axis.0.x.cells=14", "axis.0.v.cells=11"];
     let case = dense::case("example1.toml", &grid);
     let place = directory();
-    let start = |points: usize| {
+    let start = |[lower, upper]: [f64; 2], points: usize| {
         // A new file each time: a job that another test starts may hold the lock of the last one.
         let own = directory();
         let (written, path) = (own.path().join("written.h5"), place.path().join("start.h5"));
-        let p: Vec<f64> = (0..points).map(|j| -12.0 + 24.0 * j as f64 / points as f64).collect();
+        let step = (upper - lower) / points as f64;
+        let p: Vec<f64> = (0..points).map(|j| lower + step * j as f64).collect();
         let cells = 0..case.space.cells();
         let f = cells.map(|i| {
             let point = case.space.point(&case.space.cell(i));
@@ -216,12 +218,21 @@ fn a_start_that_oscillates_between_its_points_is_refused() {
         let from = format!("initial={{warped='{}'}}", path.display());
         small(&["time.end=0.5", "solver.tolerance=1e-4"]).set(&[&from])
     };
-    for (points, recovery, varies) in [(128, 1, "e-2 of"), (128, 8, "e0 of"), (512, 8, "e-2 of")] {
+    let (long, repeated) = ([-12.0, 24.0], "to 4.0000, the field is repeated");
+    let rows = [
+        (long, 192, 1, ["e-2 of"; 2]),
+        (long, 192, 8, ["e0 of"; 2]),
+        (long, 768, 8, ["e-2 of"; 2]),
+        ([-4.0, 4.0], 512, 1, ["e0 of", repeated]),
+    ];
+    for (interval, points, recovery, printed) in rows {
         let read = format!("solver.warp.recovery={recovery}");
-        let refused = start(points).set(&[&read]).into(directory().path()).on(2).run().unwrap();
-        refused.ended(2, &["initial.warped", "e^p w varies by", varies]).unwrap();
+        let job = start(interval, points).set(&[&read]);
+        let refused = job.into(directory().path()).on(2).run().unwrap();
+        let printed = ["initial.warped", "e^p w varies by", printed[0], printed[1]];
+        refused.ended(2, &printed).unwrap();
     }
-    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).summary().unwrap();
+    let summary = start(long, 6144).set(&["solver.warp.recovery=1"]).on(3).summary().unwrap();
     assert!(!summary.warnings().contains("e^p w varies by"), "{}", summary.warnings());
 }
 

@@ -206,6 +206,21 @@ fn constant_force() {
     }
 }
 
+/// The curve of a beam that spreads, `v = a + bx`, and leaves the box: `ρ = 1/(1 + bt)` up to the
+/// point that has just left.
+#[test]
+fn densities_beside_an_exit_are_those_of_the_beam() {
+    for velocity in ["0.1*x", "0.3 + 0.1*x", "-0.2 + 0.1*x"] {
+        let velocity = &[velocity][..];
+        let beam = Scene { velocity, cells: 20, inflow: "0", end: 0.5, ..BEAM }.case();
+        let curve = exact(&beam).curve.expect("one dimension");
+        assert!(curve.density.len() > 300, "{} points", curve.density.len());
+        for (x, density) in curve.x.iter().zip(&curve.density) {
+            assert!((density * 1.05 - 1.0).abs() < 1e-3, "{velocity:?}: {density} at {x}");
+        }
+    }
+}
+
 /// Folds: masses of cells against ten million particles counted one by one, in free flight.
 #[test]
 fn folds_hold_the_mass_that_is_counted() {
