@@ -55,7 +55,7 @@ use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::phases::{NoPhases, Phases};
-use crate::quantum::resources::Record;
+use crate::quantum::resources::ResourceCounts;
 use crate::solve::prepared::Prepared;
 use num_complex::Complex64;
 use serde_json::json;
@@ -96,7 +96,7 @@ pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "q
 
 /// The modes of the circuit of `case`: one of the wavenumber of `choice`, the one mode of the
 /// unitary scheme, or a register of all modes of `record`.
-fn circuit_modes(case: &Case, record: &Record, choice: &CircuitChoice) -> CircuitModes {
+fn circuit_modes(case: &Case, record: &ResourceCounts, choice: &CircuitChoice) -> CircuitModes {
     match choice.wavenumber {
         Some(mu) => CircuitModes::One(mu),
         // The unitary scheme: H = iK.
@@ -114,7 +114,11 @@ impl CompiledCircuit {
     ///
     /// # Errors
     /// As [`CircuitCase::new`]; [`Error::Input`] for a check that is too large.
-    pub fn new(prepared: &Prepared, record: &Record, choice: CircuitChoice) -> Result<Self> {
+    pub fn new(
+        prepared: &Prepared,
+        record: &ResourceCounts,
+        choice: CircuitChoice,
+    ) -> Result<Self> {
         let Prepared { case, system, .. } = prepared;
         let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
         let CircuitCase { transport, rounded, change } = CircuitCase::new(case, bins)?;

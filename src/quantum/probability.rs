@@ -39,7 +39,7 @@ pub const WINDOW: f64 = 10.0;
 
 /// The postselections in order, and their cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Chain {
+pub struct PostselectionChain {
     /// `P_p`.
     pub in_p: LabelledNumber,
     /// `P_f`: the probability of the block of `f`, given the slice or window of `p`.
@@ -73,9 +73,9 @@ pub struct Probabilities {
     /// profile is planned for. A bound below 1 is within that tolerance.
     pub window_error: Option<f64>,
     /// Probabilities of the slice at `p◇`; they halve with every doubling of `N_p`.
-    pub at_slice: Chain,
+    pub at_slice: PostselectionChain,
     /// Probabilities of the window.
-    pub in_window: Chain,
+    pub in_window: PostselectionChain,
     /// `C_f` from the probability of the slice: the norm of the field as a quantum computer finds
     /// it.
     pub norm_of_field: LabelledNumber,
@@ -241,7 +241,7 @@ pub fn amplification_rounds(probability: f64) -> f64 {
     (std::f64::consts::FRAC_PI_4 / angle - 0.5 - ROUND_OFF).ceil().max(0.0)
 }
 
-impl Chain {
+impl PostselectionChain {
     fn new(in_p: f64, norms: &StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let state = norms.weighted.hypot(norms.auxiliary);
         let square = |a: f64, b: f64| (a / b) * (a / b);
@@ -323,14 +323,14 @@ impl<'a> PlannedState<'a> {
     /// modes only, since others add to the norm of the state.
     pub fn most_probable(&self, norms: &StateNorms) -> f64 {
         let in_p = self.in_slice(norms) * self.in_slices(f64::INFINITY);
-        let all = Chain::new(in_p, norms, &LabelledNumber::bound).all;
+        let all = PostselectionChain::new(in_p, norms, &LabelledNumber::bound).all;
         all.value().unwrap_or(f64::NAN)
     }
 }
 
 impl Probabilities {
     /// The probabilities of the window, or of the slice where there is none.
-    pub fn nearest(&self) -> &Chain {
+    pub fn nearest(&self) -> &PostselectionChain {
         match self.window {
             Some(_) => &self.in_window,
             None => &self.at_slice,
@@ -357,7 +357,11 @@ impl Probabilities {
     /// postselected.
     fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
-        let at_slice = Chain::new(1.0, &norms, if whole { &LabelledNumber::exact } else { label });
+        let at_slice = PostselectionChain::new(
+            1.0,
+            &norms,
+            if whole { &LabelledNumber::exact } else { label },
+        );
         Self {
             points: 1,
             recovery: 0.0,
@@ -367,7 +371,7 @@ impl Probabilities {
             window_error: None,
             norm_of_field: label(norm * at_slice.all.value().map_or(f64::NAN, f64::sqrt)),
             at_slice,
-            in_window: Chain::unavailable("one mode has no register of p"),
+            in_window: PostselectionChain::unavailable("one mode has no register of p"),
         }
     }
 
@@ -382,7 +386,7 @@ impl Probabilities {
         let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
         let decayed = (!slice.is_finite()).then_some("the field has decayed to zero");
         if let Some(why) = norms.no_field().or(decayed) {
-            let none = Chain::unavailable(why);
+            let none = PostselectionChain::unavailable(why);
             return Self {
                 points,
                 recovery: point,
@@ -406,9 +410,9 @@ impl Probabilities {
         let end = found.map(|[end, _]| end);
         let in_window = end.map(|end| {
             let slices = ((end - point) / planned.width()).floor() + 1.0;
-            Chain::new(slice * planned.in_slices(slices), &norms, label)
+            PostselectionChain::new(slice * planned.in_slices(slices), &norms, label)
         });
-        let at_slice = Chain::new(slice, &norms, label);
+        let at_slice = PostselectionChain::new(slice, &norms, label);
         let all = at_slice.all.value().unwrap_or(f64::NAN);
         Self {
             points,
@@ -418,7 +422,7 @@ impl Probabilities {
             window: end.map(|end| [point, end]),
             window_error: found.map(|[_, error]| error / state_tolerance),
             in_window: in_window.unwrap_or_else(|| {
-                Chain::unavailable("the profile is e^{-p} at the recovery point only")
+                PostselectionChain::unavailable("the profile is e^{-p} at the recovery point only")
             }),
             norm_of_field: label(point.exp() * norm * all.sqrt()),
             at_slice,

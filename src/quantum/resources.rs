@@ -8,7 +8,7 @@
 //! empty. The factor `O(n + m polylog m)` of other gates (the paper's lemma in section 3.2, for `n`
 //! qubits and values of `m` bits) is an estimate with constants 1.
 //!
-//! **Set-ups.** [`Comparison`] has two: the one that is cheapest on a quantum computer
+//! **Set-ups.** [`SetupComparison`] has two: the one that is cheapest on a quantum computer
 //! ([`crate::quantum::optimise`]), and the case's own, which is planned to be emulated.
 //!
 //! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of
@@ -188,7 +188,7 @@ impl ErrorBudget {
 
 /// The resources of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Record {
+pub struct ResourceCounts {
     /// Title of the case.
     pub title: String,
     /// Cells along each axis, `(x1..xn, v1..vn)`.
@@ -264,7 +264,7 @@ pub struct Record {
 
 /// The cost of the unitary scheme on the same grid: one mode, no `p`, no postselection.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Unitary {
+pub struct UnitaryCosts {
     /// The tolerance of the evolution. It is that of the field, since `‖u(0)‖/‖f(T)‖` is 1.
     pub tolerance: f64,
     /// T gates of a rotation.
@@ -287,17 +287,17 @@ const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid doe
 /// The set-up that is cheapest on a quantum computer, and the case's own and the unitary scheme
 /// beside it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct SetupComparison {
     /// The cheapest.
     #[serde(flatten)]
-    pub cheapest: Record,
+    pub cheapest: ResourceCounts,
     /// The settings that make the cheapest set-up the case's own; `None` where it is the case's
     /// own.
     pub cheapest_settings: Option<SetUpSettings>,
     /// The set-up of the case file, or the one that is planned for emulation.
-    pub own: Record,
+    pub own: ResourceCounts,
     /// The cost of the unitary scheme on the same grid, where there is one.
-    pub unitary: Option<Unitary>,
+    pub unitary: Option<UnitaryCosts>,
     /// Why there is no unitary scheme; `None` where there is one.
     pub not_unitary: Option<String>,
     /// Why the cheapest set-up is the case's own, where it is.
@@ -309,7 +309,7 @@ pub struct Comparison {
     pub not_compared: Option<String>,
 }
 
-impl Unitary {
+impl UnitaryCosts {
     /// The cost of the unitary scheme by `accesses`, whose matrix is skew. `no_start` is why there
     /// is no state to be prepared.
     pub fn new(accesses: &Accesses, tolerance: f64, no_start: Option<&str>) -> Self {
@@ -351,7 +351,7 @@ pub fn qubits_of(case: &Case) -> usize {
 /// The source of the norms.
 const NORMS: &str = "norms of the classical solution, 3 digits";
 
-impl Record {
+impl ResourceCounts {
     /// Gates until the field is measured, by the access that takes the fewest; infinite where there
     /// is no number.
     pub fn least_gates(&self) -> f64 {

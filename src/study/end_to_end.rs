@@ -19,9 +19,8 @@
 //! **Characteristics.** `ρ = ∫ f₀(foot(x, v)) dv` takes no grid of `f`. Classically it is
 //! quadrature or Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀`
 //! over all `v`, with a reversible trace, compute and uncompute, in each evaluation (a model). A
-//! trace has a segment for each part of `V` that is linear: of a curved `V` the more,
-//! the smaller `ε`.
-//! Where `V` reflects in part, characteristics branch, and none of these ways exists.
+//! trace has a segment for each part of `V` that is linear: of a curved `V` the more, the smaller
+//! `ε`. Where `V` reflects in part, characteristics branch, and none of these ways exists.
 
 mod measured;
 mod methods;

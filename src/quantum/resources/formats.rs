@@ -3,7 +3,7 @@
 use crate::quantum::circuit::formats::{LogicalCounts, NOTE, logical_counts, ports, resource};
 use crate::quantum::cost::{Access, Cost};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::resources::Record;
+use crate::quantum::resources::ResourceCounts;
 use serde_json::{Map, Value, json};
 
 /// The use of the T gates of rotations.
@@ -13,7 +13,7 @@ const T_OF_ROTATION: &str = "The estimator makes rotations of logicalCounts of T
 /// The note that counts have no rotations.
 const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotations";
 
-impl Record {
+impl ResourceCounts {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
     /// whose rotations are computed.
     fn least(&self) -> Option<&Cost> {

@@ -4,16 +4,16 @@ use crate::base::text::{counted, rounded, short, word};
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::cost::{JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::probability::Chain;
+use crate::quantum::probability::PostselectionChain;
 use crate::quantum::resources::regime::Regime;
-use crate::quantum::resources::{Comparison, Record};
-use crate::quantum::sparsity::{Count, Sparsity};
+use crate::quantum::resources::{ResourceCounts, SetupComparison};
+use crate::quantum::sparsity::{LargestCount, Sparsity};
 use std::fmt;
 
 /// Columns of the name of a figure.
 const WIDTH: usize = 32;
 
-impl Comparison {
+impl SetupComparison {
     /// Writes the costs of all set-ups. Those that are one mode and cost what the unitary scheme
     /// does appear once, by its name.
     pub fn costs(&self) -> CostTable<'_> {
@@ -51,7 +51,7 @@ impl Comparison {
     }
 }
 
-impl fmt::Display for Comparison {
+impl fmt::Display for SetupComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
@@ -96,13 +96,13 @@ impl fmt::Display for Comparison {
             write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)?;
         }
         // They are of the case, whatever its set-up.
-        let Record { regimes, tolerance, .. } = &self.own;
+        let ResourceCounts { regimes, tolerance, .. } = &self.own;
         writeln!(f, "\nTHE PAPER'S REGIMES")?;
         regimes.iter().try_for_each(|regime| regime_table(f, regime, *tolerance))
     }
 }
 
-impl fmt::Display for Record {
+impl fmt::Display for ResourceCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.heading(f)?;
         if let Some(why) = &self.measure_valued {
@@ -120,7 +120,7 @@ impl fmt::Display for Record {
     }
 }
 
-impl Record {
+impl ResourceCounts {
     /// The grid and the matrix.
     fn heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let p = match self.points {
@@ -237,7 +237,7 @@ fn line(f: &mut fmt::Formatter<'_>, name: &str, number: &LabelledNumber) -> fmt:
 /// Nonzeros of each matrix beside the paper's bounds, and where a bound does not hold.
 fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
     writeln!(f, "\n{:<6}{:>6}{:>8}{:>8}{:>8}", "", "s_r", "bound", "s_c", "bound")?;
-    let bound = |c: &Count| c.bound.map_or("-".to_owned(), |b| b.to_string());
+    let bound = |c: &LargestCount| c.bound.map_or("-".to_owned(), |b| b.to_string());
     for c in &sparsity.counts {
         writeln!(
             f,
@@ -276,7 +276,7 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
 }
 
 /// Probabilities of the postselections, and their cost.
-fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
+fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &PostselectionChain) -> fmt::Result {
     writeln!(f, "\nprobability of {what}")?;
     let rows = [
         ("  p is in range", &c.in_p),

@@ -22,6 +22,7 @@ use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
 use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod};
 use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
 use crate::study::grids::on_grid;
+use crate::study::quantum_setups::ProbedCase;
 use std::cell::RefCell;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
@@ -109,8 +110,8 @@ impl DensityTask<'_> {
     ) -> Result<QuantumMethod> {
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        let mut prepared = Prepared::here(self.world, &scheme)?;
-        let RoughSolution { ratio, norms } = prepared.rough_solution();
+        let ProbedCase { prepared, rough } = ProbedCase::new(self.world, &scheme)?;
+        let RoughSolution { ratio, norms } = rough;
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
@@ -208,8 +209,8 @@ impl DensityTask<'_> {
         })
     }
 
-    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
-    /// A trace has `segments` segments at most.
+    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities. A trace has `segments`
+    /// segments at most.
     pub fn over_characteristics(
         &self,
         space: &PhaseSpace,
